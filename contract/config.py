@@ -1,0 +1,193 @@
+"""One tree of settings for every room. Each default is the paper's number unless its comment says otherwise.
+
+Lengths in W, times in t_c, actions a = jet flow rate in U_inf W. A value is checked where it is built, so a
+`Config` that exists is valid. `contract.config_loading` reads trees from TOML and applies overrides.
+"""
+
+from dataclasses import dataclass, field, fields
+from typing import Literal
+
+from contract.errors import ConfigError
+from contract.operating_point import OperatingPoint
+
+
+def _require(holds: bool, owner: object, name: str, rule: str) -> None:
+    if not holds:
+        raise ConfigError(f"{type(owner).__name__}.{name} = {getattr(owner, name)!r}: must be {rule}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlowConfig:
+    """The plant and its clock (paper, section 2.1)."""
+
+    reynolds: float = 500.0
+    control_period: float = 0.2
+    substeps: int = 30
+    """Time steps of the solver in a control period: dt = 1/150, set by the jets at full amplitude (ours)."""
+    action_limit: float = 0.075
+
+    def __post_init__(self) -> None:
+        _require(self.reynolds > 0, self, "reynolds", "positive")
+        _require(self.control_period > 0, self, "control_period", "positive")
+        _require(self.substeps >= 1, self, "substeps", "at least 1")
+        _require(self.action_limit > 0, self, "action_limit", "positive")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForcingConfig:
+    """The open-loop training waveform and the chirp (paper, section 2.1). Frequencies in 1/t_c."""
+
+    base_frequency: float = 0.2
+    modulation_cutoff: float = 0.05
+    modulation_index: float = 0.25
+    envelope_frequency: float = 0.005
+    envelope_depth: float = 0.45
+    chirp_start: float = 0.1
+    chirp_end: float = 0.4
+
+    def __post_init__(self) -> None:
+        for name in ("base_frequency", "modulation_cutoff", "envelope_frequency", "chirp_start", "chirp_end"):
+            _require(getattr(self, name) > 0, self, name, "positive")
+        _require(self.modulation_index >= 0, self, "modulation_index", "non-negative")
+        _require(0 <= self.envelope_depth < 1, self, "envelope_depth", "in [0, 1)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """Shapes of the three networks (paper, table 1)."""
+
+    window: int = 32
+    latent: int = 8
+    lstm_width: int = 64
+    dynamics_width: int = 256
+    decoder_width: int = 128
+    decoder_blocks: int = 2
+    dropout: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in ("window", "latent", "lstm_width", "dynamics_width", "decoder_width", "decoder_blocks"):
+            _require(getattr(self, name) >= 1, self, name, "at least 1")
+        _require(0 <= self.dropout < 1, self, "dropout", "in [0, 1)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
+
+    unroll: int = 5
+    force_weight: float = 0.25
+    variance_weight: float = 0.02
+    covariance_weight: float = 0.02
+    batch_size: int = 512
+    learning_rate: float = 1e-3
+    epochs: float = 300.0
+    """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
+    schedule: Literal["constant", "one_cycle"] = "constant"
+    distil_epochs: float = 300.0
+    sensors: int = 4
+    shap_background: int = 100
+    shap_explained: int = 500
+    shap_repeats: int = 10
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("unroll", "batch_size", "sensors", "shap_background", "shap_explained", "shap_repeats"):
+            _require(getattr(self, name) >= 1, self, name, "at least 1")
+        for name in ("learning_rate", "epochs", "distil_epochs"):
+            _require(getattr(self, name) > 0, self, name, "positive")
+        for name in ("force_weight", "variance_weight", "covariance_weight"):
+            _require(getattr(self, name) >= 0, self, name, "non-negative")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostWeights:
+    """Weights of the MPC cost J (paper, equations 9-11); forces and actions in physical units."""
+
+    drag_mean: float = 1.0
+    drag_fluctuation: float = 0.1
+    lift: float = 0.01
+    lift_mean: float = 0.0
+    """On the square of the horizon's mean C_l. Ours: the horizon is one shedding cycle, so this mean is the
+    steady deflection of the wake, which the paper's terms let the optimiser trade for drag."""
+    smoothness: float = 8.0
+    effort: float = 0.0
+    rate: float = 0.0
+    """On the squared step from the action in force to the first planned one."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            _require(getattr(self, item.name) >= 0, self, item.name, "non-negative")
+
+    def as_tuple(self) -> tuple[float, ...]:
+        """Weights in declaration order, the order of the controller's `weights` input."""
+        return tuple(float(getattr(self, item.name)) for item in fields(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MpcConfig:
+    """The fixed-iteration optimiser (paper, section 2.4)."""
+
+    horizon: int = 25
+    iterations: int = 5
+    learning_rate: float = 1e-3
+    drag_reference: float = 1.051
+    weights: CostWeights = field(default_factory=CostWeights)
+
+    def __post_init__(self) -> None:
+        _require(self.horizon >= 2, self, "horizon", "at least 2")
+        _require(self.iterations >= 1, self, "iterations", "at least 1")
+        _require(self.learning_rate > 0, self, "learning_rate", "positive")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusConfig:
+    """CAN FD bit rates in bit/s (ours)."""
+
+    nominal_bitrate: int = 500_000
+    data_bitrate: int = 2_000_000
+
+    def __post_init__(self) -> None:
+        for name in ("nominal_bitrate", "data_bitrate"):
+            _require(getattr(self, name) > 0, self, name, "positive")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuConfig:
+    """Timing and fail-safe behaviour of the ECU (ours)."""
+
+    compute_time_ms: float = 8.0
+    """Time between frame and command that the virtual ECU charges for its control step. It is a stated
+    budget share, not a measurement; measured latency is reported beside it."""
+    hold_periods: int = 1
+    """Missed periods during which the last command is held."""
+    decay_periods: int = 2
+    """Missed periods after that during which the command is halved each period, before zero and latch."""
+    rearm_frames: int = 5
+    """Consecutive good frames, together with an enable edge, that end a latched fault."""
+    delay_steps: int = 0
+    """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
+
+    def __post_init__(self) -> None:
+        _require(self.compute_time_ms >= 0, self, "compute_time_ms", "non-negative")
+        for name in ("hold_periods", "decay_periods", "delay_steps"):
+            _require(getattr(self, name) >= 0, self, name, "non-negative")
+        _require(self.rearm_frames >= 1, self, "rearm_frames", "at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """All settings. Sub-trees are named as in TOML."""
+
+    operating_point: OperatingPoint = field(default_factory=OperatingPoint)
+    flow: FlowConfig = field(default_factory=FlowConfig)
+    forcing: ForcingConfig = field(default_factory=ForcingConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    train: TrainConfig = field(default_factory=TrainConfig)
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    bus: BusConfig = field(default_factory=BusConfig)
+    ecu: EcuConfig = field(default_factory=EcuConfig)
+
+    @property
+    def period_ns(self) -> int:
+        """Control period in ns at the operating point; also the latency budget."""
+        return self.operating_point.period_ns(self.flow.control_period)

@@ -1,0 +1,70 @@
+"""Configuration from TOML files and `key.path=value` overrides."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import dacite
+
+from contract.config import Config
+from contract.errors import ConfigError
+
+RELEASE = "release"
+"""Name of the packaged settings the shipped bundle was made with; the bare defaults are the paper's."""
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+    """The packaged release settings, or the TOML file at `path`, with overrides applied.
+
+    Args:
+        path: a TOML file; None for the release settings.
+        overrides: `section.key=value` strings, the value in TOML syntax.
+
+    Raises:
+        ConfigError: unreadable file, unknown key, wrong type or value out of range.
+    """
+    source = files("contract").joinpath(f"{RELEASE}.toml") if path is None else path
+    try:
+        tree = tomllib.loads(source.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"configuration {path}: {error}") from error
+    for text in overrides:
+        _apply(tree, text)
+    return from_tree(tree)
+
+
+def from_tree(tree: Mapping[str, Any]) -> Config:
+    """A validated Config from nested mappings; missing keys take the paper's values."""
+    try:
+        return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: _as_float}))
+    except dacite.DaciteError as error:
+        raise ConfigError(f"configuration: {error}") from error
+
+
+def to_tree(config: Config) -> dict[str, Any]:
+    """Nested plain values, accepted back by `from_tree`."""
+    return asdict(config)
+
+
+def _as_float(value: object) -> object:
+    # TOML writes 1 where a float of 1.0 is meant; booleans must not slip through as numbers.
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _apply(tree: dict[str, Any], text: str) -> None:
+    key, separator, value = text.partition("=")
+    if not separator or not key.strip():
+        raise ConfigError(f"override {text!r}: write section.key=value")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"override {text!r}: {value!r} is not a TOML value") from error
+    *sections, leaf = key.strip().split(".")
+    for section in sections:
+        tree = tree.setdefault(section, {})
+        if not isinstance(tree, dict):
+            raise ConfigError(f"override {text!r}: {section!r} is a value, not a section")
+    tree[leaf] = parsed

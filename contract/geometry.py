@@ -1,0 +1,23 @@
+"""The truck and its domain, in lengths of the body width W (paper, section 2.1).
+
+The front of the body is at x = 0, its axis of symmetry at y = 0. Velocities are in U_inf, times in
+t_c = W / U_inf, pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).
+"""
+
+from typing import Final
+
+LENGTH: Final = 7.647
+HALF_WIDTH: Final = 0.5
+LEADING_EDGE_RADIUS: Final = 0.118
+
+JET_WIDTH: Final = 0.05
+"""Width of each slot; the slots take the outermost parts of the base, |y| in [0.45, 0.5]."""
+
+DOMAIN_X: Final = (-7.0, 23.0)
+DOMAIN_Y: Final = (-7.5, 7.5)
+
+WAKE_PROBE: Final = (10.0, 0.0)
+"""Where the paper watches the transverse velocity U_y."""
+
+REYNOLDS: Final = 500.0
+"""U_inf W / nu. The paper's regime, three to four orders of magnitude below a truck on a road."""

@@ -1,0 +1,62 @@
+"""The 90 wall-pressure sensors: order, names, positions and mirror image (paper, figure 1).
+
+Order: 0-39 upper side front to rear, 40-79 lower side front to rear, 80-89 base from top to bottom.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.errors import ConfigError
+from contract.geometry import HALF_WIDTH, LENGTH
+
+PER_SIDE: Final = 40
+ON_BASE: Final = 10
+COUNT: Final = 2 * PER_SIDE + ON_BASE
+
+# 0.204555 is the paper's own value; its mirror image there is 0.204545.
+_BASE_Y: Final = (
+    0.368182, 0.286364, 0.204555, 0.122727, 0.040909,
+    -0.040909, -0.122727, -0.204545, -0.286364, -0.368182,
+)  # fmt: skip
+
+NAMES: Final[tuple[str, ...]] = (
+    *(f"upper_{i:02d}" for i in range(PER_SIDE)),
+    *(f"lower_{i:02d}" for i in range(PER_SIDE)),
+    *(f"base_{i}" for i in range(ON_BASE)),
+)
+
+BASE: Final = slice(2 * PER_SIDE, COUNT)
+"""The base sensors; the mean base Cp is the mean over these."""
+
+
+def positions() -> npt.NDArray[np.float64]:
+    """Sensor coordinates in W, shape (90, 2), on the body's surface."""
+    side_x = np.round(np.linspace(0.301634, 7.463366, PER_SIDE), 6)
+    upper = np.column_stack([side_x, np.full(PER_SIDE, HALF_WIDTH)])
+    lower = upper * (1.0, -1.0)
+    base = np.column_stack([np.full(ON_BASE, LENGTH), _BASE_Y])
+    return np.vstack([upper, lower, base])
+
+
+def mirror_permutation() -> npt.NDArray[np.intp]:
+    """Indices m, shape (90,), with Cp_mirrored = Cp[m] for the flow reflected in y = 0."""
+    upper, lower = np.arange(PER_SIDE), np.arange(PER_SIDE, 2 * PER_SIDE)
+    base = np.arange(2 * PER_SIDE, COUNT)
+    return np.concatenate([lower, upper, base[::-1]])
+
+
+def indices(names: Sequence[str]) -> npt.NDArray[np.intp]:
+    """Positions of named sensors in the order above.
+
+    Raises:
+        ConfigError: for a name that does not exist or is given twice.
+    """
+    for name in names:
+        if name not in NAMES:
+            raise ConfigError(f"unknown sensor {name!r}: use upper_00..upper_39, lower_00..lower_39, base_0..base_9")
+    if len(set(names)) != len(names):
+        raise ConfigError(f"sensor named twice in {list(names)}")
+    return np.array([NAMES.index(name) for name in names], dtype=np.intp)
