@@ -1,0 +1,211 @@
+"""Weights of the three networks as float64 arrays (paper, table 1), and the gate they pass to get in.
+
+Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks are read
+off the arrays; the gate refuses arrays that do not fit each other.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.errors import ExportError
+
+Array = npt.NDArray[np.float64]
+State = Mapping[str, npt.NDArray[Any]]
+"""Tensors by name, as in a PyTorch state dict."""
+
+LAYER_NORM_EPSILON: Final = 1e-5
+"""Added to the variance in every layer norm; PyTorch's default."""
+
+FORCES: Final = 2
+"""(Cd, Cl)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linear:
+    """y = W x + b; W (outputs, inputs), b (outputs,)."""
+
+    weight: Array
+    bias: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Norm:
+    """Gain and offset of a layer norm, both (width,)."""
+
+    weight: Array
+    bias: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lstm:
+    """Gates stacked in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,)."""
+
+    weight_input: Array
+    weight_recurrent: Array
+    bias_input: Array
+    bias_recurrent: Array
+
+    @property
+    def width(self) -> int:
+        """h, the size of the hidden state."""
+        return int(self.weight_recurrent.shape[1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EncoderWeights:
+    """LSTM, layer norm of its last hidden state, then two linear layers with an ELU between them."""
+
+    lstm: Lstm
+    norm: Norm
+    hidden: Linear
+    output: Linear
+
+    @classmethod
+    def from_state(cls, state: State) -> "EncoderWeights":
+        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        tensors = _Tensors("encoder", state)
+        width = tensors.size("lstm.weight_hh_l0", axis=1)
+        inputs = tensors.size("lstm.weight_ih_l0", axis=1)
+        hidden = tensors.size("hidden.weight", axis=0)
+        latent = tensors.size("output.weight", axis=0)
+        weights = cls(
+            lstm=Lstm(
+                weight_input=tensors.take("lstm.weight_ih_l0", (4 * width, inputs)),
+                weight_recurrent=tensors.take("lstm.weight_hh_l0", (4 * width, width)),
+                bias_input=tensors.take("lstm.bias_ih_l0", (4 * width,)),
+                bias_recurrent=tensors.take("lstm.bias_hh_l0", (4 * width,)),
+            ),
+            norm=tensors.norm("norm", width),
+            hidden=tensors.linear("hidden", hidden, width),
+            output=tensors.linear("output", latent, hidden),
+        )
+        tensors.refuse_leftovers()
+        return weights
+
+    @property
+    def inputs(self) -> int:
+        """S + 1: the sensors and the action."""
+        return int(self.lstm.weight_input.shape[1])
+
+    @property
+    def latent(self) -> int:
+        return int(self.output.weight.shape[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DynamicsWeights:
+    """f(z, a): three linear layers, layer norm and ELU after the first two. The input is [z, a / action_std]."""
+
+    input: Linear
+    norm_in: Norm
+    hidden: Linear
+    norm_hidden: Norm
+    output: Linear
+
+    @classmethod
+    def from_state(cls, state: State) -> "DynamicsWeights":
+        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        tensors = _Tensors("dynamics", state)
+        latent = tensors.size("output.weight", axis=0)
+        first = tensors.size("input.weight", axis=0)
+        second = tensors.size("hidden.weight", axis=0)
+        weights = cls(
+            input=tensors.linear("input", first, latent + 1),
+            norm_in=tensors.norm("norm_in", first),
+            hidden=tensors.linear("hidden", second, first),
+            norm_hidden=tensors.norm("norm_hidden", second),
+            output=tensors.linear("output", latent, second),
+        )
+        tensors.refuse_leftovers()
+        return weights
+
+    @property
+    def latent(self) -> int:
+        return int(self.output.weight.shape[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResidualBlock:
+    """x + ELU(LayerNorm(W x + b)); dropout is inactive at inference."""
+
+    linear: Linear
+    norm: Norm
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DecoderWeights:
+    """Linear, residual blocks, linear to the scaled forces."""
+
+    input: Linear
+    blocks: tuple[ResidualBlock, ...]
+    output: Linear
+
+    @classmethod
+    def from_state(cls, state: State) -> "DecoderWeights":
+        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        tensors = _Tensors("decoder", state)
+        width = tensors.size("input.weight", axis=0)
+        latent = tensors.size("input.weight", axis=1)
+        count = len({name.split(".")[1] for name in state if name.startswith("blocks.")})
+        weights = cls(
+            input=tensors.linear("input", width, latent),
+            blocks=tuple(
+                ResidualBlock(
+                    linear=tensors.linear(f"blocks.{i}.linear", width, width),
+                    norm=tensors.norm(f"blocks.{i}.norm", width),
+                )
+                for i in range(count)
+            ),
+            output=tensors.linear("output", FORCES, width),
+        )
+        tensors.refuse_leftovers()
+        return weights
+
+    @property
+    def latent(self) -> int:
+        return int(self.input.weight.shape[1])
+
+
+class _Tensors:
+    """Hands out the tensors of one network once each, checked, and remembers what is left."""
+
+    def __init__(self, network: str, state: State) -> None:
+        self._network = network
+        self._state = state
+        self._left = set(state)
+
+    def size(self, name: str, *, axis: int) -> int:
+        shape = self._find(name).shape
+        if len(shape) != 2 or 0 in shape:
+            raise ExportError(f"{self._network}.{name}: shape {shape}, must be a matrix with no empty side")
+        return int(shape[axis])
+
+    def take(self, name: str, shape: tuple[int, ...]) -> Array:
+        array = np.array(self._find(name), dtype=np.float64)
+        if array.shape != shape:
+            raise ExportError(f"{self._network}.{name}: shape {array.shape}, must be {shape}")
+        if not np.isfinite(array).all():
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            raise ExportError(f"{self._network}.{name}: {array[where]} at {where}, must be finite")
+        array.flags.writeable = False
+        self._left.discard(name)
+        return array
+
+    def linear(self, name: str, outputs: int, inputs: int) -> Linear:
+        return Linear(weight=self.take(f"{name}.weight", (outputs, inputs)), bias=self.take(f"{name}.bias", (outputs,)))
+
+    def norm(self, name: str, width: int) -> Norm:
+        return Norm(weight=self.take(f"{name}.weight", (width,)), bias=self.take(f"{name}.bias", (width,)))
+
+    def refuse_leftovers(self) -> None:
+        if self._left:
+            raise ExportError(f"{self._network}.{min(self._left)}: unknown tensor, this version cannot lower it")
+
+    def _find(self, name: str) -> npt.NDArray[Any]:
+        if name not in self._state:
+            raise ExportError(f"{self._network}.{name}: tensor is missing")
+        return self._state[name]
