@@ -1,0 +1,132 @@
+"""The paper's recipe in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
+
+It shares no formula with the reference (gates, norms, derivatives and optimiser are all PyTorch's), so it is
+the independent truth of the parity tests, and the time the benchmark compares with.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from export.program import ControllerProgram
+from export.weights import Array, Linear, Norm
+
+
+class EagerController:
+    """`controller.onnx`'s control step, differentiated by autograd at the precision asked for."""
+
+    def __init__(self, program: ControllerProgram, dtype: torch.dtype) -> None:
+        self._program = program
+        self._dtype = dtype
+        encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
+        self._lstm = nn.LSTM(encoder.inputs, encoder.lstm.width, batch_first=True, dtype=dtype)
+        self._lstm.load_state_dict(
+            {
+                "weight_ih_l0": self._tensor(encoder.lstm.weight_input),
+                "weight_hh_l0": self._tensor(encoder.lstm.weight_recurrent),
+                "bias_ih_l0": self._tensor(encoder.lstm.bias_input),
+                "bias_hh_l0": self._tensor(encoder.lstm.bias_recurrent),
+            }
+        )
+        self._encoder_head = nn.Sequential(
+            self._norm(encoder.norm), self._linear(encoder.hidden), nn.ELU(), self._linear(encoder.output)
+        )
+        self._dynamics = nn.Sequential(
+            self._linear(dynamics.input), self._norm(dynamics.norm_in), nn.ELU(),
+            self._linear(dynamics.hidden), self._norm(dynamics.norm_hidden), nn.ELU(),
+            self._linear(dynamics.output),
+        )  # fmt: skip
+        self._decoder_input = self._linear(decoder.input)
+        self._blocks = [
+            nn.Sequential(self._linear(block.linear), self._norm(block.norm), nn.ELU()) for block in decoder.blocks
+        ]
+        self._decoder_output = self._linear(decoder.output)
+        for module in (self._lstm, self._encoder_head, self._dynamics, self._decoder_input, self._decoder_output):
+            module.requires_grad_(False)
+        for block in self._blocks:
+            block.requires_grad_(False)
+        self._force_mean = self._tensor(program.scaling.force_mean)
+        self._force_std = self._tensor(program.scaling.force_std)
+
+    def encode(self, window: Array) -> Tensor:
+        """Latent state (n_z,) of a window (L, S+1)."""
+        scaling = self._program.scaling
+        mean = self._tensor([*scaling.pressure_mean, 0.0])
+        std = self._tensor([*scaling.pressure_std, scaling.action_std])
+        _, (hidden, _) = self._lstm(((self._tensor(window) - mean) / std)[None])
+        z: Tensor = self._encoder_head(hidden[-1, 0])
+        return z
+
+    def predict(self, z: Tensor, plan: Tensor) -> Tensor:
+        """Forces (H, 2) under a plan (H,)."""
+        latents = []
+        for a in plan / self._program.scaling.action_std:
+            z = z + self._dynamics(torch.cat([z, a[None]]))
+            latents.append(z)
+        x = self._decoder_input(torch.stack(latents))
+        for block in self._blocks:
+            x = x + block(x)
+        forces: Tensor = self._decoder_output(x) * self._force_std + self._force_mean
+        return forces
+
+    def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor) -> Tensor:
+        """The unweighted cost terms (7,)."""
+        cd, cl = forces.unbind(dim=-1)
+        return torch.stack(
+            [
+                cd.mean() - self._program.mpc.drag_reference,
+                cd.max() - cd.min(),
+                cl.abs().mean(),
+                cl.mean().square(),
+                plan.diff().square().mean(),
+                plan.square().mean(),
+                (plan[0] - previous_action).square(),
+            ]
+        )
+
+    def control_step(
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None
+    ) -> tuple[Array, Array, Array, float]:
+        """(new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.bundle`."""
+        limit = self._program.action_limit
+        w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
+        previous_action = self._tensor(window[-1, -1])
+        chosen = torch.tensor(free > 0.5)
+        with torch.no_grad():
+            z = self.encode(window)
+        committed = torch.roll(self._tensor(plan), -1)
+        committed[-1] = float(plan[-1])
+        # Only the free actions are parameters, so the optimiser cannot know the committed ones.
+        free_actions = committed[chosen].clone().requires_grad_(True)
+        optimiser = torch.optim.Adam([free_actions], lr=self._program.mpc.learning_rate)
+        for _ in range(self._program.mpc.iterations if chosen.any() else 0):
+            optimiser.zero_grad()
+            whole = committed.masked_scatter(chosen, free_actions)
+            cost = w @ self.terms(self.predict(z, whole), whole, previous_action)
+            torch.autograd.backward(cost)
+            optimiser.step()
+            with torch.no_grad():
+                free_actions.clamp_(-limit, limit)
+        with torch.no_grad():
+            whole = committed.masked_scatter(chosen, free_actions)
+            forces = self.predict(z, whole)
+            terms = self.terms(forces, whole, previous_action)
+        return _array(whole), _array(forces), _array(terms), float(w @ terms)
+
+    def _tensor(self, values: object) -> Tensor:
+        return torch.tensor(np.asarray(values), dtype=self._dtype)
+
+    def _linear(self, layer: Linear) -> nn.Linear:
+        outputs, inputs = layer.weight.shape
+        module = nn.Linear(inputs, outputs, dtype=self._dtype)
+        module.load_state_dict({"weight": self._tensor(layer.weight), "bias": self._tensor(layer.bias)})
+        return module
+
+    def _norm(self, norm: Norm) -> nn.LayerNorm:
+        module = nn.LayerNorm(norm.weight.shape, dtype=self._dtype)
+        module.load_state_dict({"weight": self._tensor(norm.weight), "bias": self._tensor(norm.bias)})
+        return module
+
+
+def _array(tensor: Tensor) -> Array:
+    return tensor.detach().numpy().astype(np.float64)
