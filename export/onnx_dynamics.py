@@ -1,0 +1,117 @@
+"""The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
+
+What the recursion does not need leaves the Scans: the action's share of the first layer and every factor of
+the activations' slopes are computed for all H steps at once. Both layer norms get centred inputs
+(`onnx_weights.centred`), so that the adjoint of norm and ELU is, with xhat, r, and gain g of the norm and
+slope = ELU'(g xhat + b), a product with p = slope g r and one projection:
+
+    t = p d,    v = t - xhat (t . xhat) / n.
+"""
+
+from dataclasses import dataclass
+
+from export.graph_builder import Graph
+from export.onnx_weights import NormNames, Store, centred, centred_bias, transposed
+from export.program import ControllerProgram
+from export.weights import Linear
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollout:
+    """Values of a forward pass: latents (H, 1, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm
+    and ELU, (H, 1, width)."""
+
+    latents: str
+    before: tuple[str, str]
+    after: tuple[str, str]
+
+
+class Dynamics:
+    """f_dyn in a graph: matrices prepared once, used by any number of roll-outs and adjoints."""
+
+    def __init__(self, graph: Graph, program: ControllerProgram, store: Store) -> None:
+        weights = program.dynamics
+        latent = weights.latent
+        self._latent, self._horizon = latent, program.mpc.horizon
+        first = centred(graph, store(graph, weights.input.weight, "dynamics.input.weight"))
+        second = centred(graph, store(graph, weights.hidden.weight, "dynamics.hidden.weight"))
+        third = store(graph, weights.output.weight, "dynamics.output.weight")
+        # Columns of the first layer: the latent state, then the action.
+        by_state = graph.op("Slice", first, graph.index([0]), graph.index([latent]), graph.index([1]))
+        by_action = graph.op("Slice", first, graph.index([latent]), graph.index([latent + 1]), graph.index([1]))
+        action_std = graph.constant(program.scaling.action_std, "action_std")
+        self._by_action = graph.op("Div", by_action, action_std)
+        self._by_action_row = transposed(graph, self._by_action)
+        self._forward = tuple(transposed(graph, matrix) for matrix in (by_state, second, third))
+        self._backward = (by_state, second, third)
+        self._bias = _biases(graph, weights.input, weights.hidden, weights.output)
+        self._norms = (
+            NormNames(graph, weights.norm_in, "dynamics.norm_in"),
+            NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden"),
+        )
+        self._column = graph.index([self._horizon, 1, 1])
+
+    def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
+        """Latent states under a plan (H,) in U_inf W, from z (1, n_z)."""
+        actions = graph.op("Reshape", plan, self._column)
+        drive = graph.op("Add", graph.op("Mul", actions, self._by_action_row), self._bias[0])
+
+        body = graph.body()
+        widths = [norm.width for norm in self._norms]
+        state = body.input("z", (1, self._latent))
+        driven = body.input("drive", (1, widths[0]))
+        u1 = body.op("Gemm", state, self._forward[0], driven)
+        h1 = body.op("Elu", self._norms[0].apply(body, u1))
+        u2 = body.op("Gemm", h1, self._forward[1], self._bias[1])
+        h2 = body.op("Elu", self._norms[1].apply(body, u2))
+        after = body.op("Add", state, body.op("Gemm", h2, self._forward[2], self._bias[2]))
+        body.output(after, (1, self._latent))
+        body.output(after, (1, self._latent))
+        for value, width in ((u1, widths[0]), (h1, widths[0]), (u2, widths[1]), (h2, widths[1])):
+            body.output(value, (1, width))
+
+        _, latents, u1s, h1s, u2s, h2s = graph.scan(body, states=[z], sequences=[drive])
+        return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
+
+    def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str) -> str:
+        """dJ/da_k through the latent states, (H,), from dJ/dz_{k+1} through the forces alone, (H, 1, n_z)."""
+        xhat1, slope1 = self._linearise(graph, 0, rollout)
+        xhat2, slope2 = self._linearise(graph, 1, rollout)
+
+        body = graph.body()
+        widths = [norm.width for norm in self._norms]
+        later = body.input("adjoint", (1, self._latent))
+        own = body.input("own", (1, self._latent))
+        x1, p1 = body.input("xhat1", (1, widths[0])), body.input("slope1", (1, widths[0]))
+        x2, p2 = body.input("xhat2", (1, widths[1])), body.input("slope2", (1, widths[1]))
+        total = body.op("Add", later, own)
+        v2 = _through_norm(body, body.op("MatMul", total, self._backward[2]), x2, p2, widths[1])
+        v1 = _through_norm(body, body.op("MatMul", v2, self._backward[1]), x1, p1, widths[0])
+        body.output(body.op("Gemm", v1, self._backward[0], total), (1, self._latent))
+        body.output(v1, (1, widths[0]))
+
+        zero = graph.constant([[0.0] * self._latent])
+        _, v1s = graph.scan(body, states=[zero], sequences=[through_forces, xhat1, slope1, xhat2, slope2], reverse=True)
+        return graph.op("Reshape", graph.op("MatMul", v1s, self._by_action), graph.index([self._horizon]))
+
+    def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
+        norm = self._norms[layer]
+        xhat, inverse_std = norm.normalise(graph, rollout.before[layer])
+        # ELU' from ELU itself: 1 above zero, exp(x) = elu + 1 below.
+        zero, one = graph.constant(0.0), graph.constant(1.0)
+        slope = graph.op("Add", graph.op("Min", rollout.after[layer], zero), one)
+        return xhat, graph.op("Mul", graph.op("Mul", slope, norm.gain), inverse_std)
+
+
+def _biases(graph: Graph, first: Linear, second: Linear, third: Linear) -> tuple[str, str, str]:
+    return (
+        graph.constant(centred_bias(first.bias)[None], "dynamics.input.bias"),
+        graph.constant(centred_bias(second.bias)[None], "dynamics.hidden.bias"),
+        graph.constant(third.bias[None], "dynamics.output.bias"),
+    )
+
+
+def _through_norm(body: Graph, d: str, xhat: str, p: str, width: int) -> str:
+    t = body.op("Mul", d, p)
+    along = body.op("Gemm", t, xhat, transB=1, alpha=1.0 / width)
+    return body.op("Gemm", along, xhat, t, alpha=-1.0)

@@ -1,0 +1,80 @@
+"""How a weight matrix is stored in the graph: as float32, or as int8 with a DequantizeLinear behind it.
+
+Everything derived from a matrix (its transpose, its centred form) is computed from it in the outermost graph,
+never inside a Scan: for float weights ONNX Runtime folds these nodes when the session is built, for int8
+weights they run once per control step.
+"""
+
+from collections.abc import Callable
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from contract.errors import ExportError
+from export.graph_builder import Graph
+from export.quantise import quantise_matrix
+from export.weights import LAYER_NORM_EPSILON, Array, Norm
+
+Precision = Literal["float32", "int8"]
+Store = Callable[[Graph, Array, str], str]
+"""Puts a matrix (outputs, inputs) into the graph and returns the name of its float32 value."""
+
+
+def store_float32(graph: Graph, weight: Array, name: str) -> str:
+    """The matrix rounded to float32."""
+    return graph.constant(weight, name)
+
+
+def store_int8(graph: Graph, weight: Array, name: str) -> str:
+    """The matrix as `export.quantise` rounds it: a byte a weight and a scale a row."""
+    matrix = quantise_matrix(weight)
+    scales = graph.stored(matrix.scales, f"{name}.scale")
+    return graph.op("DequantizeLinear", graph.stored(matrix.values, f"{name}.int8"), scales, axis=0)
+
+
+_STORES: Final[dict[str, Store]] = {"float32": store_float32, "int8": store_int8}
+
+
+def store_for(precision: str) -> Store:
+    """The way to store matrices at a precision; raises ExportError for one that does not exist."""
+    if precision not in _STORES:
+        raise ExportError(f"precision {precision!r}: must be one of {', '.join(get_args(Precision))}")
+    return _STORES[precision]
+
+
+def centred(graph: Graph, weight: str) -> str:
+    """C W with C = I - 11^T / n: the matrix whose product has mean zero over the outputs.
+
+    A layer norm does not see the difference, and its adjoint, which ends in a product with C, gets that
+    product for nothing: (W^T C) v = (C W)^T v.
+    """
+    return graph.op("Sub", weight, graph.op("ReduceMean", weight, graph.index([0]), keepdims=1))
+
+
+def centred_bias(bias: Array) -> Array:
+    """C b, to go with `centred`."""
+    return np.asarray(bias - bias.mean())
+
+
+def transposed(graph: Graph, weight: str) -> str:
+    """The (inputs, outputs) form that a row vector is multiplied by."""
+    return graph.op("Transpose", weight, perm=[1, 0])
+
+
+class NormNames:
+    """A layer norm's constants in the graph."""
+
+    def __init__(self, graph: Graph, norm: Norm, name: str) -> None:
+        self.width = len(norm.weight)
+        self.gain = graph.constant(norm.weight, f"{name}.weight")
+        self.offset = graph.constant(norm.bias, f"{name}.bias")
+
+    def apply(self, graph: Graph, x: str) -> str:
+        """LN(x) over the last axis."""
+        return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
+
+    def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
+        """xhat and r = 1 / sqrt(var x + eps): the operator with unit gain and its third output."""
+        one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
+        xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
+        return xhat, inverse_std
