@@ -1,0 +1,94 @@
+"""Release bundles: lower a program, prove the graph against the reference, write it with its manifest."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contract import bundle
+from contract.operating_point import OperatingPoint
+from export.onnx_graph import build_controller
+from export.onnx_weights import Precision
+from export.parity import ParityReport, check_parity
+from export.program import ControllerProgram
+from export.quantisation_gate import QuantisationLimits, QuantisationReport, check_quantisation, compare_quantised
+from export.quantise import quantise
+from export.random_program import random_window
+from export.weights import Array
+
+_RANDOM_WINDOWS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleaseReport:
+    """What the gates measured, also found in the manifest's provenance under `export`.
+
+    Attributes:
+        controller_bytes: size of `controller.onnx`.
+        parity: ONNX graph against the reference at the same weights.
+        quantisation: int8 against float weights; None for a float release.
+    """
+
+    controller_bytes: int
+    parity: ParityReport
+    quantisation: QuantisationReport | None
+
+
+def write_release(
+    path: Path,
+    program: ControllerProgram,
+    *,
+    precision: Precision,
+    name: str,
+    operating_point: OperatingPoint,
+    budget_ms: float,
+    control_period: float,
+    provenance: Mapping[str, Any],
+    windows: Sequence[Array] | None = None,
+    limits: QuantisationLimits | None = None,
+) -> ReleaseReport:
+    """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all.
+
+    Args:
+        precision: "float32" or "int8" (weights).
+        name: of the release, for people.
+        budget_ms: latest answer after a pressure frame.
+        control_period: in t_c.
+        provenance: of the training; the gates' figures are added under `export`.
+        windows: recorded windows (L, S+1), consecutive ones, for the gates; random ones if None.
+        limits: what int8 weights may change.
+
+    Raises:
+        ExportError: the program cannot be lowered, the graph does not compute what the reference does, or int8
+            weights change the controller by more than the limits.
+        StillwakeError: the path cannot be written.
+    """
+    if windows is None:
+        rng = np.random.default_rng(0)
+        windows = [random_window(program, rng) for _ in range(_RANDOM_WINDOWS)]
+    model = build_controller(program, precision).SerializeToString()
+    effective, quantisation = program, None
+    if precision == "int8":
+        effective = quantise(program)
+        quantisation = compare_quantised(program, effective, windows)
+        check_quantisation(quantisation, QuantisationLimits() if limits is None else limits)
+    report = ReleaseReport(
+        controller_bytes=len(model), parity=check_parity(effective, model, windows), quantisation=quantisation
+    )
+    manifest = bundle.Manifest(
+        name=name,
+        precision=precision,
+        sensors=program.sensors,
+        window=program.window,
+        control_period=control_period,
+        action_limit=program.action_limit,
+        operating_point=operating_point,
+        mpc=program.mpc,
+        scaling=program.scaling,
+        budget_ms=budget_ms,
+        provenance={**provenance, "export": asdict(report)},
+    )
+    bundle.write(path, manifest, {bundle.CONTROLLER: model})
+    return report
