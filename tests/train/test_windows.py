@@ -1,0 +1,142 @@
+"""Windows against brute force, scaling against its mirror image, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from contract import sensors
+from contract.dataset import Dataset, Episode
+from contract.errors import DatasetError
+from train.windows import Rows, SegmentSampler, fit_scaling, prepare
+
+WINDOW, AHEAD = 8, 5
+
+
+@pytest.fixture
+def rows(small_recording: Dataset) -> Rows:
+    episodes = small_recording.with_role("train")
+    return prepare(episodes, fit_scaling(episodes), mirrored=True)
+
+
+def sampler(rows: Rows, segment: int, *, batch_size: int = 64, seed: int = 0) -> SegmentSampler:
+    return SegmentSampler(rows, window=WINDOW, ahead=AHEAD, segment=segment, batch_size=batch_size, seed=seed)
+
+
+def with_series(episode: Episode, **series: np.ndarray) -> Episode:
+    return replace(episode, series={**episode.series, **series})
+
+
+def test_rows_are_standardised_over_the_recording_and_its_mirror_image(rows: Rows) -> None:
+    for values in (rows.inputs[:, : sensors.COUNT], rows.actions[:, None], rows.forces):
+        torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), rtol=0, atol=1e-5)
+        torch.testing.assert_close(values.std(dim=0, correction=0), torch.ones(values.shape[1]), rtol=1e-5, atol=0)
+
+
+def test_scaling_commutes_with_mirroring(small_recording: Dataset) -> None:
+    scaling = fit_scaling(small_recording.with_role("train"))
+    (episode,) = small_recording.with_role("test")
+    reflected = replace(
+        with_series(
+            episode,
+            action=-episode.series["action"],
+            Cl=-episode.series["Cl"],
+            Cp=episode.series["Cp"][:, sensors.mirror_permutation()],
+        ),
+        initial_action=-episode.initial_action,
+    )
+    both = prepare([episode], scaling, mirrored=True)
+    direct = prepare([reflected], scaling, mirrored=False)
+    half = len(episode)
+    for name in ("inputs", "actions", "forces"):
+        torch.testing.assert_close(getattr(both, name)[half:], getattr(direct, name), rtol=1e-5, atol=1e-5)
+    assert scaling.force_mean[1] == 0.0
+    mirror = sensors.mirror_permutation()
+    np.testing.assert_array_equal(np.array(scaling.pressure_mean)[mirror], scaling.pressure_mean)
+
+
+def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode) -> None:
+    episode = replace(make_episode("one", "train", 20, 1), initial_action=0.03)
+    scaling = fit_scaling([episode])
+    rows = prepare([episode], scaling, mirrored=False)
+    for k in (0, 1, 13):
+        before = 0.03 if k == 0 else episode.series["action"][k - 1]
+        assert rows.inputs[k, -1].item() == pytest.approx(before / scaling.action_std, rel=1e-6)
+        assert rows.actions[k].item() == pytest.approx(episode.series["action"][k] / scaling.action_std, rel=1e-6)
+        physical = rows.inputs[k, 55].item() * scaling.pressure_std[55] + scaling.pressure_mean[55]
+        assert physical == pytest.approx(episode.series["Cp"][k, 55], rel=1e-5)
+
+
+@pytest.mark.parametrize("segment", [1, 4, 7])
+def test_one_pass_holds_every_sample_and_none_across_a_boundary(rows: Rows, segment: int) -> None:
+    drawn = sampler(rows, segment)
+    wanted = {
+        end
+        for span in rows.spans()
+        for end in range(span.start, span.stop)
+        if end - WINDOW + 1 >= span.start and end + AHEAD < span.stop
+    }
+    assert drawn.samples == len(wanted)
+    steps_in_pass = -(-len(wanted) // (64 // segment * segment))
+    # Ragged ends overlap, so segments can need a few batches more than samples do.
+    seen = {int(end) for step in range(steps_in_pass) for end in drawn.batch(step).ends[:, :segment].flatten()}
+    assert seen <= wanted
+    assert len(seen) >= (1.0 if segment == 1 else 0.9) * len(wanted)
+
+
+def test_a_batch_agrees_with_brute_force(rows: Rows) -> None:
+    drawn = sampler(rows, 3)
+    batch = drawn.batch(5)
+    for segment, first in enumerate(drawn.first_rows(5)):
+        for w in range(3 + AHEAD):
+            end = int(first) + WINDOW - 1 + w
+            window = batch.inputs[segment, w : w + WINDOW]
+            assert torch.equal(window, rows.inputs[end - WINDOW + 1 : end + 1])
+            assert batch.ends[segment, w] == end
+            assert batch.actions[segment, w] == rows.actions[end]
+            assert torch.equal(batch.forces[segment, w], rows.forces[end])
+
+
+def test_batches_depend_on_seed_and_step_alone(rows: Rows) -> None:
+    one, two = sampler(rows, 4, seed=3), sampler(rows, 4, seed=3)
+    later = one.first_rows(40)
+    for step in (0, 17):
+        two.first_rows(step)
+    np.testing.assert_array_equal(two.first_rows(40), later)
+    assert not np.array_equal(sampler(rows, 4, seed=4).first_rows(40), later)
+    assert not np.array_equal(one.first_rows(0), later)
+
+
+def test_the_shortest_episode_that_fits(make_episode) -> None:
+    episode = make_episode("short", "train", WINDOW - 1 + 4 + AHEAD, 1)
+    fits = prepare([episode], fit_scaling([episode]), mirrored=False)
+    assert sampler(fits, 4).samples == 4
+    with pytest.raises(DatasetError, match=r"episode 0 has 16 steps, too short.*need 17"):
+        sampler(fits, 5)
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [
+        ("Cp", "sensor upper_03 is constant at 0.25"),
+        ("action", "action is constant at 0 "),
+        ("Cl", "Cl is constant"),
+    ],
+)
+def test_a_signal_that_never_changes_is_refused(small_recording: Dataset, series: str, message: str) -> None:
+    def stuck(episode: Episode) -> Episode:
+        values = episode.series[series].copy()
+        if series == "Cp":
+            values[:, 3] = 0.25
+        else:
+            values[:] = 0.0
+        return with_series(episode, **{series: values})
+
+    with pytest.raises(DatasetError, match=message):
+        fit_scaling([stuck(episode) for episode in small_recording.with_role("train")])
+
+
+def test_chosen_sensors_keep_their_order_and_the_action(rows: Rows) -> None:
+    slim = rows.with_sensors(sensors.indices(["base_9", "upper_02"]))
+    assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])

@@ -1,0 +1,192 @@
+"""The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
+
+A run is a function of configuration and recording: batches depend on the seed and the step alone, initial
+weights and dropout on a generator that is seeded here and stored in the checkpoint. A run that is interrupted
+and resumed therefore ends with the weights of one that was not (same machine and number of threads; the order
+of sums may differ elsewhere).
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import torch
+from torch import Tensor, nn
+
+from contract.config import Config
+from contract.errors import ConfigError
+from train import checkpoint
+from train.loss import joint_loss
+from train.model import WakeModel
+from train.windows import Rows, SegmentSampler
+
+REPORT_EVERY = 10
+"""Steps between progress reports: reading the loss waits for the device."""
+
+
+class Progress(Protocol):
+    """Called with the phase ("fit", "rank" or "distil"), steps done, steps in all and the latest loss terms."""
+
+    def __call__(self, phase: str, step: int, total: int, terms: Mapping[str, float]) -> None: ...
+
+
+def silent(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+    """A Progress that does nothing."""
+    del phase, step, total, terms
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoints:
+    """Where a phase keeps its state.
+
+    Attributes:
+        folder: of the checkpoint files, one a phase.
+        identity: settings and recording the run belongs to.
+        resume: continue from what is there instead of starting over.
+        every: steps between checkpoints.
+    """
+
+    folder: Path
+    identity: checkpoint.Identity
+    resume: bool = False
+    every: int = 100
+
+    def path(self, phase: str) -> Path:
+        return self.folder / f"{phase}.pt"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """Adam's learning rate over the run: constant, or one cycle (warm-up, then cosine to zero; Smith 2017)."""
+
+    steps: int
+    learning_rate: float
+    shape: Literal["constant", "one_cycle"]
+
+
+def device_named(name: str) -> torch.device:
+    """The device called "cpu" or "cuda"; raises ConfigError for another name or if CUDA is absent."""
+    if name not in ("cpu", "cuda"):
+        raise ConfigError(f"device {name!r}: must be 'cpu' or 'cuda'")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device 'cuda' was asked for, but this machine or this build of torch has no CUDA")
+    return torch.device(name)
+
+
+@contextmanager
+def seeded(seed: int, device: torch.device) -> Iterator[None]:
+    """Torch's random numbers from `seed` inside the block; the caller's generators are left as they were."""
+    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
+        torch.manual_seed(seed)
+        yield
+
+
+def optimise(
+    module: nn.Module,
+    loss: Callable[[int], Mapping[str, Tensor]],
+    schedule: Schedule,
+    *,
+    phase: str,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> None:
+    """Minimise `loss(step)["total"]` over the module's parameters with Adam, in place.
+
+    Call inside `seeded`: the generator's state is saved and restored with the checkpoint.
+
+    Raises:
+        ConfigError, DatasetError, StillwakeError: from a checkpoint that does not fit (`train.checkpoint`).
+    """
+    optimiser = torch.optim.Adam(module.parameters(), lr=schedule.learning_rate)
+    rate = _rate(optimiser, schedule)
+    first = 0
+    if checkpoints is not None and checkpoints.resume:
+        state = checkpoint.load(checkpoints.path(phase), checkpoints.identity)
+        if state is not None:
+            module.load_state_dict(state["module"])
+            optimiser.load_state_dict(state["optimiser"])
+            rate.load_state_dict(state["rate"])
+            _set_generators(state["generators"])
+            first = state["step"]
+    module.train()
+    for step in range(first, schedule.steps):
+        terms = loss(step)
+        optimiser.zero_grad()
+        torch.autograd.backward(terms["total"])
+        optimiser.step()
+        rate.step()
+        done = step + 1
+        if done % REPORT_EVERY == 0 or done == schedule.steps:
+            progress(phase, done, schedule.steps, {name: value.item() for name, value in terms.items()})
+        if checkpoints is not None and (done % checkpoints.every == 0 or done == schedule.steps):
+            state = {
+                "module": module.state_dict(),
+                "optimiser": optimiser.state_dict(),
+                "rate": rate.state_dict(),
+                "generators": _generators(),
+                "step": done,
+            }
+            checkpoint.save(checkpoints.path(phase), checkpoints.identity, state)
+    module.eval()
+
+
+def fit_joint(
+    rows: Rows,
+    config: Config,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> WakeModel:
+    """Train encoder, dynamics and decoder together on standardised rows; the result is in evaluation mode.
+
+    Runs on the device that holds `rows`.
+
+    Raises:
+        DatasetError: if an episode is too short for a window and the unroll.
+    """
+    settings, device = config.train, rows.inputs.device
+    sampler = SegmentSampler(
+        rows,
+        window=config.model.window,
+        ahead=settings.unroll,
+        segment=settings.segment,
+        batch_size=settings.batch_size,
+        seed=settings.seed,
+    )
+    schedule = Schedule(
+        steps=sampler.steps(settings.epochs), learning_rate=settings.learning_rate, shape=settings.schedule
+    )
+    with seeded(settings.seed, device):
+        model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
+        optimise(
+            model,
+            lambda step: joint_loss(model, sampler.batch(step), settings).as_dict(),
+            schedule,
+            phase="fit",
+            progress=progress,
+            checkpoints=checkpoints,
+        )
+    return model
+
+
+def _rate(optimiser: torch.optim.Optimizer, schedule: Schedule) -> torch.optim.lr_scheduler.LRScheduler:
+    if schedule.shape == "constant":
+        return torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: 1.0)
+    return torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, max_lr=schedule.learning_rate, total_steps=max(2, schedule.steps)
+    )
+
+
+def _generators() -> dict[str, Tensor]:
+    states = {"cpu": torch.get_rng_state()}
+    if torch.cuda.is_available():
+        states["cuda"] = torch.cuda.get_rng_state()
+    return states
+
+
+def _set_generators(states: Mapping[str, Tensor]) -> None:
+    torch.set_rng_state(states["cpu"])
+    if "cuda" in states and torch.cuda.is_available():
+        torch.cuda.set_rng_state(states["cuda"])
