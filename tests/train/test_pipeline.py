@@ -1,0 +1,179 @@
+"""Recording in, model directory out; interrupted, damaged and unsuitable ones too."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from contract import dataset, sensors
+from contract.config import Config
+from contract.dataset import Dataset
+from contract.errors import ConfigError, DatasetError, StillwakeError
+from train import model_store
+from train.distil import encode_all
+from train.evaluate import evaluate
+from train.model_store import ModelError
+from train.pipeline import train_all
+from train.windows import prepare
+
+
+@pytest.fixture
+def recording(small_recording: Dataset, tmp_path: Path) -> Path:
+    path = tmp_path / "recording.h5"
+    dataset.write(path, small_recording)
+    return path
+
+
+@pytest.fixture
+def stored(recording: Path, small_config: Config, tmp_path: Path) -> Path:
+    train_all(recording, small_config, tmp_path / "model")
+    return tmp_path / "model"
+
+
+def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, small_config: Config) -> None:
+    assert sorted(item.name for item in stored.iterdir()) == ["model.json", "model.safetensors"]
+    assert not stored.with_name("model.checkpoints").exists()
+    model = model_store.load(stored)
+    assert model.config == small_config
+    assert len(model.sensors) == 4
+    assert list(model.sensors) == model.ranking["order"][:4]
+    assert set(model.ranking["stable"]) == {"2", "4", "6", "8"}
+    assert not model.teacher.training
+    rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
+    again = evaluate(model.teacher.encoder, model.dynamics, model.decoder, rows).as_tree()
+    assert again == model.metrics["teacher"]
+    slim_rows = rows.with_sensors(sensors.indices(model.sensors))
+    assert evaluate(model.slim, model.dynamics, model.decoder, slim_rows).as_tree() == model.metrics["slim"]
+    assert encode_all(model.slim, slim_rows).shape == (200, 8)
+
+
+def test_the_description_is_plain_json_with_the_fields_the_export_reads(stored: Path) -> None:
+    body = json.loads((stored / "model.json").read_text())
+    assert body["schema"] == "stillwake-model/1"
+    assert len(body["scaling"]["pressure_mean"]) == len(body["scaling"]["pressure_std"]) == 90
+    assert len(body["scaling"]["force_mean"]) == len(body["scaling"]["force_std"]) == 2
+    assert set(body) == {
+        *("schema", "config", "scaling", "sensors", "dataset_sha256", "weights_sha256"),
+        *("metrics", "ranking", "versions"),
+    }
+
+
+@pytest.mark.parametrize("phase", ["rank", "distil"])
+def test_an_interrupted_run_goes_on_to_the_same_model(
+    stored: Path, recording: Path, small_config: Config, tmp_path: Path, phase: str
+) -> None:
+    def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if now == phase:
+            raise KeyboardInterrupt
+
+    output = tmp_path / "resumed"
+    with pytest.raises(KeyboardInterrupt):
+        train_all(recording, small_config, output, progress=interrupt)
+    assert not output.exists()
+    phases = []
+    train_all(recording, small_config, output, resume=True, progress=lambda *args: phases.append(args[0]))
+    assert "fit" not in phases
+    assert ("rank" in phases) == (phase == "rank")
+    assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
+
+
+def test_a_resume_under_other_settings_is_refused(recording: Path, small_config: Config, tmp_path: Path) -> None:
+    def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if now == "rank":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_all(recording, small_config, tmp_path / "model", progress=interrupt)
+    other = replace(small_config, train=replace(small_config.train, seed=5))
+    with pytest.raises(ConfigError, match="made with other settings"):
+        train_all(recording, other, tmp_path / "model", resume=True)
+
+
+def test_chosen_sensors_replace_the_ranking_s(recording: Path, small_config: Config, tmp_path: Path) -> None:
+    model = train_all(recording, small_config, tmp_path / "model", chosen=["base_9", "upper_00"])
+    assert model.sensors == ("base_9", "upper_00")
+    assert model.slim.lstm.input_size == 3
+
+
+def test_what_cannot_be_trained_is_refused_before_training(
+    recording: Path, small_recording: Dataset, small_config: Config, tmp_path: Path
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("training started")
+
+    def refused(error: type[StillwakeError], message: str, path: Path, config: Config, **more: object) -> None:
+        with pytest.raises(error, match=message) as caught:
+            train_all(path, config, tmp_path / "model", progress=never, **more)
+        assert "\n" not in str(caught.value)
+        assert not (tmp_path / "model").exists()
+
+    def settings(**changes: object) -> Config:
+        return replace(small_config, train=replace(small_config.train, **changes))
+
+    refused(ConfigError, "sensor named twice", recording, small_config, chosen=["base_1", "base_1"])
+    refused(ConfigError, "unknown sensor 'roof_1'", recording, small_config, chosen=["roof_1"])
+    refused(ConfigError, "train.sensors = 91: must be from 1 to 90", recording, settings(sensors=91))
+    refused(DatasetError, "too few for 5000 samples", recording, settings(shap_explained=5000))
+    refused(DatasetError, "too short", recording, settings(unroll=70))
+    if not torch.cuda.is_available():
+        refused(ConfigError, "no CUDA", recording, small_config, device="cuda")
+
+    waveform, _, chirp = small_recording.episodes
+    stuck = waveform.series["Cp"].copy()
+    stuck[:, 85] = -0.5
+    broken = tmp_path / "broken.h5"
+    for episodes, message in (
+        ((replace(waveform, series={**waveform.series, "Cp": stuck}), chirp), "sensor base_5 is constant"),
+        ((waveform,), "no episode with role 'test'"),
+        ((waveform, replace(chirp, series={k: v[:30] for k, v in chirp.series.items()})), "too short"),
+    ):
+        dataset.write(broken, Dataset(episodes=episodes))
+        refused(DatasetError, message, broken, small_config)
+
+
+def test_nan_in_the_recording_is_refused_by_its_field(recording: Path, small_config: Config, tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(recording, "r+") as file:
+        file["episodes/waveform/Cl"][7] = np.nan
+    with pytest.raises(DatasetError, match="field 'Cl' holds a value that is not finite, first at step 7"):
+        train_all(recording, small_config, tmp_path / "model")
+
+
+def test_what_is_not_a_model_is_not_overwritten(recording: Path, small_config: Config, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("five years")
+    with pytest.raises(StillwakeError, match="not a model directory"):
+        train_all(recording, small_config, tmp_path / "mine")
+    assert (tmp_path / "mine" / "thesis.txt").exists()
+
+
+def test_an_altered_or_incomplete_model_is_refused(stored: Path) -> None:
+    weights, text = (stored / "model.safetensors").read_bytes(), (stored / "model.json").read_text()
+
+    def refused(message: str) -> None:
+        with pytest.raises(ModelError, match=message):
+            model_store.load(stored)
+        (stored / "model.safetensors").write_bytes(weights)
+        (stored / "model.json").write_text(text)
+
+    (stored / "model.safetensors").write_bytes(weights[:-1] + bytes([weights[-1] ^ 1]))
+    refused("was altered")
+    (stored / "model.json").write_text(text.replace("stillwake-model/1", "stillwake-model/9"))
+    refused("schema 'stillwake-model/9'")
+    (stored / "model.json").write_text(text.replace('"latent": 8', '"latent": 6'))
+    refused(r"has shape .*, the configuration needs")
+    (stored / "model.json").write_text(text.replace('"decoder_blocks": 2', '"decoder_blocks": 1'))
+    refused("decoder.blocks.1.* is not expected")
+    body = json.loads(text)
+    body["scaling"]["pressure_mean"].pop()
+    (stored / "model.json").write_text(json.dumps(body))
+    refused("pressure_mean has 89 values")
+    (stored / "model.json").write_text(text.replace('"ranking"', '"rating"'))
+    refused("lacks 'ranking'")
+    (stored / "model.json").unlink()
+    refused("cannot be read")

@@ -1,0 +1,114 @@
+"""The ranking finds the sensors a model listens to, and agrees with Shapley values known exactly."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from contract import sensors
+from contract.config import Config
+from contract.dataset import Dataset
+from contract.errors import ConfigError, DatasetError
+from train.model import WakeModel
+from train.rank_sensors import Ranking, ShapRanker, rank
+from train.windows import Rows, fit_scaling, prepare
+
+
+@pytest.fixture
+def rows(small_recording: Dataset) -> Rows:
+    episodes = small_recording.with_role("train")
+    return prepare(episodes, fit_scaling(episodes), mirrored=True)
+
+
+class Linear(nn.Module):
+    """z = sum over rows and features of w x: its Shapley values are w (x - mean of the background)."""
+
+    def __init__(self, window: int) -> None:
+        super().__init__()
+        self.window = window
+        generator = torch.Generator().manual_seed(0)
+        self.weight = nn.Parameter(torch.randn(3, window, sensors.COUNT + 1, generator=generator))
+
+    def forward(self, windows: Tensor) -> Tensor:
+        return torch.einsum("blf,zlf->bz", windows, self.weight)
+
+
+@pytest.mark.parametrize("count", [20, 50, 57])
+def test_scores_of_a_linear_encoder_are_its_shapley_values(rows: Rows, count: int) -> None:
+    window = 4
+    few = Rows(
+        inputs=rows.inputs[: count + window - 1],
+        actions=rows.actions[: count + window - 1],
+        forces=rows.forces[: count + window - 1],
+        lengths=(count + window - 1,),
+    )
+    encoder = Linear(window)
+    # Every window is explained against every window, so only the choice of points on the paths is random.
+    scores = ShapRanker(background=count, explained=count, samples=300)(encoder, few, 0)  # type: ignore[arg-type]
+    windows = few.inputs.unfold(0, window, 1).transpose(1, 2)
+    exact = encoder.weight.detach()[:, None] * (windows - windows.mean(dim=0))  # (Z, n, L, F)
+    expected = exact.abs().sum(dim=0).mean(dim=(0, 1))[: sensors.COUNT].double().numpy()
+    np.testing.assert_allclose(scores, expected, rtol=0.03)
+
+
+def test_only_sensors_the_encoder_listens_to_score(rows: Rows, small_config: Config) -> None:
+    torch.manual_seed(0)
+    encoder = WakeModel(90, small_config.model).encoder
+    strong, weak = sensors.indices(["base_2", "upper_30"]), sensors.indices(["lower_11"])
+    with torch.no_grad():
+        weights = encoder.lstm.weight_ih_l0
+        heard = weights[:, strong].clone()
+        weights[:, : sensors.COUNT] = 0.0
+        weights[:, strong] = heard
+        weights[:, weak] = heard[:, :1] * 0.01
+    ranker = ShapRanker(background=20, explained=30, samples=5)
+    ranking = rank(ranker, encoder, rows, repeats=3, seed=0)
+    assert set(ranking.top(2)) == {"base_2", "upper_30"}
+    assert ranking.top(3)[2] == "lower_11"
+    assert ranking.is_stable(2)
+    assert ranking.is_stable(3)
+    assert np.count_nonzero(ranking.mean) == 3
+
+
+def test_repeats_differ_a_seed_repeats_and_numpy_is_left_alone(rows: Rows, small_config: Config) -> None:
+    encoder = WakeModel(90, small_config.model).encoder
+    ranker = ShapRanker(background=5, explained=6, samples=2)
+    np.random.seed(1)
+    expected = np.random.rand()
+    np.random.seed(1)
+    one = rank(ranker, encoder, rows, repeats=2, seed=0)
+    assert np.random.rand() == expected
+    np.testing.assert_array_equal(one.scores, rank(ranker, encoder, rows, repeats=2, seed=0).scores)
+    assert not np.array_equal(one.scores[0], one.scores[1])
+    assert all(parameter.requires_grad for parameter in encoder.parameters())
+
+
+def scored(*best: Sequence[int]) -> Ranking:
+    scores = np.zeros((len(best), sensors.COUNT))
+    for repeat, order in enumerate(best):
+        for place, index in enumerate(order):
+            scores[repeat, index] = 10.0 - place
+    return Ranking(scores=scores)
+
+
+def test_sets_are_compared_without_their_order() -> None:
+    ranking = scored([3, 5, 7], [5, 3, 8])
+    assert ranking.is_stable(2)
+    assert not ranking.is_stable(3)
+    assert ranking.top_sets(3)[1] == {"upper_05", "upper_03", "upper_08"}
+    np.testing.assert_allclose(ranking.mean[[3, 5]], 9.5)
+    np.testing.assert_allclose(ranking.std[[3, 7]], [np.sqrt(0.5), 8 / np.sqrt(2)])
+
+
+@pytest.mark.parametrize("count", [0, 91])
+def test_more_sensors_than_there_are_is_refused(count: int) -> None:
+    with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
+        scored([1]).top(count)
+
+
+def test_too_few_windows_to_draw_from(rows: Rows, small_config: Config) -> None:
+    encoder = WakeModel(90, small_config.model).encoder
+    with pytest.raises(DatasetError, match="716 windows, too few to draw 800 explanation samples"):
+        ShapRanker(background=5, explained=800, samples=1)(encoder, rows, 0)

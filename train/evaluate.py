@@ -1,0 +1,125 @@
+"""Held-out figures (paper, section 3.1): forces read from the latents, and open-loop prediction.
+
+R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test
+episodes; sigma is the reference signal's. Neither depends on the scaling, so scaled forces serve.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import torch
+from torch import Tensor
+
+from contract.errors import DatasetError
+from train.distil import encode_all
+from train.model import Decoder, Dynamics, Encoder
+from train.windows import Rows
+
+HORIZONS: Final = (5, 10, 25)
+"""Control steps ahead at which open-loop prediction is judged; 25 is one shedding cycle, the MPC's horizon."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceError:
+    """One force, decoded from the encoder's latents without prediction."""
+
+    r2: float
+    l1_over_sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutError:
+    """L1/sigma after `horizon` steps of the dynamics under the true actions.
+
+    `latent` is against the same encoder's own latents at that time, averaged over dimensions with each one's
+    sigma; `drag` and `lift` are the decoded forces against the recorded ones.
+    """
+
+    horizon: int
+    latent: float
+    drag: float
+    lift: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderMetrics:
+    """How an encoder does together with the shared dynamics and decoder."""
+
+    drag: ForceError
+    lift: ForceError
+    rollout: tuple[RolloutError, ...]
+
+    def as_tree(self) -> dict[str, Any]:
+        """Nested plain values for JSON."""
+        return {**asdict(self), "rollout": [asdict(item) for item in self.rollout]}
+
+
+def evaluate(
+    encoder: Encoder, dynamics: Dynamics, decoder: Decoder, rows: Rows, *, horizons: Sequence[int] = HORIZONS
+) -> EncoderMetrics:
+    """Figures of an encoder on test rows that hold its sensors' columns.
+
+    Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    """
+    latents = encode_all(encoder, rows)
+    longest = max(horizons)
+    with torch.no_grad():
+        full = ~latents[:, 0].isnan()
+        decoded = decoder(latents[full])
+        reference = rows.forces[full]
+        starts = rollout_starts(rows, encoder.window, longest)
+        actions = rows.actions[starts[:, None] + torch.arange(longest, device=starts.device)]
+        predicted = dynamics.rollout(latents[starts], actions)
+        force_sigma, latent_sigma = _sigma(reference), _sigma(latents[full])
+        rollout = []
+        for horizon in horizons:
+            after = starts + horizon
+            latent_error = (predicted[horizon - 1] - latents[after]).abs().mean(dim=0) / latent_sigma
+            force_error = (decoder(predicted[horizon - 1]) - rows.forces[after]).abs().mean(dim=0) / force_sigma
+            drag, lift = force_error.tolist()
+            rollout.append(RolloutError(horizon=horizon, latent=latent_error.mean().item(), drag=drag, lift=lift))
+    drag_error, lift_error = (_force_error(decoded[:, i], reference[:, i]) for i in range(2))
+    return EncoderMetrics(drag=drag_error, lift=lift_error, rollout=tuple(rollout))
+
+
+def latent_error(latents: Tensor, reference: Tensor) -> float:
+    """L1/sigma of one encoder's latents (n, N_z) against another's, averaged over dimensions; NaN rows skipped."""
+    full = ~reference[:, 0].isnan()
+    error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
+    return error.mean().item()
+
+
+def _force_error(decoded: Tensor, reference: Tensor) -> ForceError:
+    residual = reference - decoded
+    spread = reference - reference.mean()
+    return ForceError(
+        r2=1.0 - (residual.square().sum() / spread.square().sum()).item(),
+        l1_over_sigma=(residual.abs().mean() / spread.square().mean().sqrt()).item(),
+    )
+
+
+def _sigma(values: Tensor) -> Tensor:
+    sigma = values.std(dim=0, correction=0)
+    if not bool((sigma > 0).all()):
+        raise DatasetError("test episodes: a force or latent is constant, errors cannot be normalised")
+    return sigma
+
+
+def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
+    """Ends of the windows that have `longest` rows of the same episode after them, (m,) indices.
+
+    Raises:
+        DatasetError: if there is none.
+    """
+    starts = [
+        torch.arange(span.start + window - 1, span.stop - longest)
+        for span in rows.spans()
+        if span.stop - span.start >= window + longest
+    ]
+    if not starts:
+        raise DatasetError(f"test episodes are too short: a window of {window} and {longest} steps ahead are needed")
+    return torch.cat(starts).to(rows.inputs.device)

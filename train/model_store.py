@@ -1,0 +1,174 @@
+"""A trained model on disk: a directory of `model.safetensors` and `model.json`, whole or not there.
+
+`model.safetensors` holds the weights under `encoder.`, `slim.`, `dynamics.` and `decoder.`; `model.json` holds
+what they assume and where they come from:
+
+    schema, config (all settings), scaling (contract.bundle.Scaling), sensors (the slim encoder's inputs in order),
+    dataset_sha256, weights_sha256, metrics, ranking, versions
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import dacite
+import safetensors
+import safetensors.torch
+from torch import Tensor
+
+from contract import sensors as sensor_facts
+from contract.atomic import replacing
+from contract.bundle import Scaling
+from contract.config import Config
+from contract.config_loading import from_tree, to_tree
+from contract.errors import ConfigError, StillwakeError
+from train.model import Decoder, Dynamics, Encoder, WakeModel
+
+SCHEMA: Final = "stillwake-model/1"
+WEIGHTS: Final = "model.safetensors"
+DESCRIPTION: Final = "model.json"
+
+
+class ModelError(StillwakeError):
+    """A model directory that is incomplete, of another schema, or altered."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainedModel:
+    """Networks on the CPU in evaluation mode, and their provenance.
+
+    Attributes:
+        teacher: encoder on all 90 sensors, dynamics and decoder.
+        slim: encoder on `sensors`, used with the teacher's dynamics and decoder.
+        sensors: names, in the order of the slim encoder's inputs.
+        scaling: of all 90 pressures, the action and the forces.
+        metrics: "teacher" and "slim" (`train.evaluate.EncoderMetrics`), "slim_latent" (L1/sigma against the teacher).
+        ranking: method, mean and std of every sensor's score, stability of the best sets.
+        versions: of the software.
+    """
+
+    config: Config
+    scaling: Scaling
+    teacher: WakeModel
+    slim: Encoder
+    sensors: tuple[str, ...]
+    dataset_sha256: str
+    metrics: Mapping[str, Any]
+    ranking: Mapping[str, Any]
+    versions: Mapping[str, str]
+
+    @property
+    def dynamics(self) -> Dynamics:
+        return self.teacher.dynamics
+
+    @property
+    def decoder(self) -> Decoder:
+        return self.teacher.decoder
+
+
+def save(path: Path, model: TrainedModel) -> None:
+    """Write the directory, replacing a model that is there.
+
+    Raises:
+        StillwakeError: if the place cannot be written or holds something that is not a model.
+    """
+    check_free(path)
+    weights = safetensors.torch.save(_tensors(model))
+    body = {
+        "schema": SCHEMA,
+        "config": to_tree(model.config),
+        "scaling": asdict(model.scaling),
+        "sensors": model.sensors,
+        "dataset_sha256": model.dataset_sha256,
+        "weights_sha256": hashlib.sha256(weights).hexdigest(),
+        "metrics": model.metrics,
+        "ranking": model.ranking,
+        "versions": model.versions,
+    }
+    with replacing(path) as temporary:
+        temporary.mkdir()
+        (temporary / WEIGHTS).write_bytes(weights)
+        (temporary / DESCRIPTION).write_text(json.dumps(body, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def check_free(path: Path) -> None:
+    """Raise StillwakeError if writing a model to `path` would replace anything but a model."""
+    if path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir())):
+        return
+    if path.exists():
+        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+
+
+def load(path: Path) -> TrainedModel:
+    """Read and verify a model directory.
+
+    Raises:
+        ModelError: if a file is missing, damaged, altered or of another schema, or the weights are not those of
+            the networks the description configures; the message names it.
+    """
+    try:
+        body = json.loads((path / DESCRIPTION).read_text(encoding="utf-8"))
+        raw = (path / WEIGHTS).read_bytes()
+    except (OSError, ValueError) as error:
+        raise ModelError(f"model {path}: cannot be read ({error})") from error
+    if not isinstance(body, dict) or body.get("schema") != SCHEMA:
+        found = body.get("schema") if isinstance(body, dict) else None
+        raise ModelError(f"model {path}: schema {found!r}, this version reads {SCHEMA!r}")
+    try:
+        if hashlib.sha256(raw).hexdigest() != body["weights_sha256"]:
+            raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
+        config = from_tree(body["config"])
+        names = tuple(body["sensors"])
+        sensor_facts.indices(names)
+        scaling = dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple]))
+        _check_lengths(path, scaling)
+        teacher, slim = WakeModel(sensor_facts.COUNT, config.model), Encoder(len(names), config.model)
+        _fill(path, teacher, slim, safetensors.torch.load(raw))
+        return TrainedModel(
+            config=config,
+            scaling=scaling,
+            teacher=teacher,
+            slim=slim,
+            sensors=names,
+            dataset_sha256=body["dataset_sha256"],
+            metrics=body["metrics"],
+            ranking=body["ranking"],
+            versions=body["versions"],
+        )
+    except KeyError as error:
+        raise ModelError(f"model {path}: {DESCRIPTION} lacks {error}") from error
+    except (dacite.DaciteError, ConfigError, TypeError) as error:
+        raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
+    except safetensors.SafetensorError as error:
+        raise ModelError(f"model {path}: {WEIGHTS} is damaged ({error})") from error
+
+
+def _tensors(model: TrainedModel) -> dict[str, Tensor]:
+    states = {**model.teacher.state_dict(), **{f"slim.{key}": value for key, value in model.slim.state_dict().items()}}
+    return {key: value.detach().cpu().contiguous() for key, value in states.items()}
+
+
+def _fill(path: Path, teacher: WakeModel, slim: Encoder, tensors: Mapping[str, Tensor]) -> None:
+    expected = {**teacher.state_dict(), **{f"slim.{key}": value for key, value in slim.state_dict().items()}}
+    for key in sorted(expected.keys() | tensors.keys()):
+        if key not in tensors or key not in expected:
+            raise ModelError(f"model {path}: {WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}")
+        if tensors[key].shape != expected[key].shape:
+            found, wanted = tuple(tensors[key].shape), tuple(expected[key].shape)
+            raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {found}, the configuration needs {wanted}")
+    teacher.load_state_dict({key: value for key, value in tensors.items() if not key.startswith("slim.")})
+    slim.load_state_dict({key[5:]: value for key, value in tensors.items() if key.startswith("slim.")})
+    teacher.eval()
+    slim.eval()
+
+
+def _check_lengths(path: Path, scaling: Scaling) -> None:
+    for name, wanted in (("pressure_mean", sensor_facts.COUNT), ("pressure_std", sensor_facts.COUNT)):
+        if len(getattr(scaling, name)) != wanted:
+            raise ModelError(f"model {path}: scaling.{name} has {len(getattr(scaling, name))} values, not {wanted}")
+    for name in ("force_mean", "force_std"):
+        if len(getattr(scaling, name)) != 2:
+            raise ModelError(f"model {path}: scaling.{name} has {len(getattr(scaling, name))} values, not 2")

@@ -1,0 +1,157 @@
+"""From a recording to a stored model: joint fit, sensor ranking, distillation, held-out figures."""
+
+import hashlib
+import json
+import platform
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+
+from contract import dataset, sensors
+from contract.config import Config
+from contract.errors import DatasetError, StillwakeError
+from train import checkpoint, model_store
+from train.distil import distil, encode_all
+from train.evaluate import HORIZONS, evaluate, latent_error, rollout_starts
+from train.fit import Checkpoints, Progress, device_named, fit_joint, silent
+from train.model import Encoder
+from train.model_store import TrainedModel
+from train.rank_sensors import Ranking, ShapRanker, rank
+from train.windows import Rows, fit_scaling, prepare
+
+STABILITY_SETS: Final = (2, 4, 6, 8)
+"""Sizes of the best sets whose stability over the repeats is reported (paper, appendix C)."""
+
+
+def train_all(
+    dataset_path: Path,
+    config: Config,
+    output: Path,
+    *,
+    progress: Progress = silent,
+    device: str = "cpu",
+    resume: bool = False,
+    chosen: Sequence[str] | None = None,
+) -> TrainedModel:
+    """Train on the recording's "train" episodes, judge on its "test" episodes, store at `output`.
+
+    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored.
+
+    Args:
+        progress: called from every phase; see `train.fit.Progress`.
+        device: "cpu" or "cuda".
+        resume: continue an interrupted run of the same settings and recording; without one, start.
+        chosen: names of the slim encoder's sensors; None takes the `config.train.sensors` best of the ranking.
+
+    Returns:
+        The stored model, on the CPU.
+
+    Raises:
+        DatasetError: unreadable or unsuitable recording (too short, constant signal), or another one's checkpoint.
+        ConfigError: unknown device, CUDA absent, unknown or repeated sensor, or another configuration's checkpoint.
+        StillwakeError: if `output` cannot be written.
+    """
+    where = device_named(device)
+    if chosen is not None:
+        sensors.indices(chosen)
+    model_store.check_free(output)
+    recording = dataset.read(dataset_path)
+    digest = hashlib.sha256(dataset_path.read_bytes()).hexdigest()
+    scaling = fit_scaling(recording.with_role("train"))
+    train_rows = prepare(recording.with_role("train"), scaling, mirrored=True)
+    test_rows = prepare(recording.with_role("test"), scaling, mirrored=False)
+    _check(config, train_rows, test_rows)
+    checkpoints = Checkpoints(folder=_folder(output), identity=_identity(config, digest, device, chosen), resume=resume)
+
+    rows = train_rows.to(where)
+    teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
+    ranking = _ranking(teacher.encoder, rows, config, checkpoints, progress)
+    names = tuple(chosen) if chosen is not None else ranking.top(config.train.sensors)
+    indices = sensors.indices(names)
+    slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
+
+    teacher, slim = teacher.cpu(), slim.cpu()
+    slim_rows = test_rows.with_sensors(indices)
+    metrics = {
+        "teacher": evaluate(teacher.encoder, teacher.dynamics, teacher.decoder, test_rows).as_tree(),
+        "slim": evaluate(slim, teacher.dynamics, teacher.decoder, slim_rows).as_tree(),
+        "slim_latent": latent_error(encode_all(slim, slim_rows), encode_all(teacher.encoder, test_rows)),
+    }
+    trained = TrainedModel(
+        config=config,
+        scaling=scaling,
+        teacher=teacher,
+        slim=slim,
+        sensors=names,
+        dataset_sha256=digest,
+        metrics=metrics,
+        ranking=_ranking_tree(ranking),
+        versions=_versions(),
+    )
+    model_store.save(output, trained)
+    shutil.rmtree(checkpoints.folder, ignore_errors=True)
+    return trained
+
+
+def _check(config: Config, train_rows: Rows, test_rows: Rows) -> None:
+    """Whatever the later phases would refuse is refused before the first one has cost minutes."""
+    # An all-equal ranking serves to check the number of sensors.
+    Ranking(scores=torch.zeros(1, sensors.COUNT, dtype=torch.float64).numpy()).top(config.train.sensors)
+    rollout_starts(test_rows, config.model.window, max(HORIZONS))
+    windows = sum(max(0, length - config.model.window + 1) for length in train_rows.lengths)
+    wanted = max(config.train.shap_background, config.train.shap_explained)
+    if windows < wanted:
+        raise DatasetError(f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking")
+
+
+def _folder(output: Path) -> Path:
+    folder = output.with_name(f"{output.name}.checkpoints")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StillwakeError(f"cannot write {folder}: {error.strerror or error}") from error
+    return folder
+
+
+def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | None) -> checkpoint.Identity:
+    settings = {
+        "model": asdict(config.model),
+        "train": asdict(config.train),
+        "device": device,
+        "chosen": None if chosen is None else list(chosen),
+    }
+    return checkpoint.Identity(settings=json.dumps(settings, sort_keys=True), dataset_sha256=digest)
+
+
+def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
+    settings, path = config.train, checkpoints.path("rank")
+    state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
+    if state is not None:
+        return Ranking(scores=state["scores"].numpy())
+    ranker = ShapRanker(
+        background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
+    )
+    ranking = rank(ranker, encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress)
+    checkpoint.save(path, checkpoints.identity, {"scores": torch.from_numpy(ranking.scores)})
+    return ranking
+
+
+def _ranking_tree(ranking: Ranking) -> Mapping[str, Any]:
+    return {
+        "method": "shap.GradientExplainer",
+        "repeats": len(ranking.scores),
+        "order": list(ranking.top(sensors.COUNT)),
+        "mean": ranking.mean.tolist(),
+        "std": ranking.std.tolist(),
+        "stable": {str(count): ranking.is_stable(count) for count in STABILITY_SETS},
+    }
+
+
+def _versions() -> dict[str, str]:
+    packages = {name: version(name) for name in ("stillwake", "torch", "numpy", "shap")}
+    return {"python": platform.python_version(), **packages}

@@ -1,0 +1,169 @@
+"""Which sensors the encoder listens to (paper, section 2.3.1 and appendix C).
+
+A `Ranker` scores the 90 sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
+method is `ShapRanker`; another method is another class with the same call.
+"""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import shap
+import torch
+from torch import Tensor, nn
+
+from contract import sensors
+from contract.errors import ConfigError, DatasetError
+from train.fit import Progress, silent
+from train.model import Encoder
+from train.windows import Rows
+
+Scores = npt.NDArray[np.float64]
+
+
+class Ranker(Protocol):
+    """Scores of the sensors, (90,), larger is more important; one independent draw per seed."""
+
+    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores: ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ranking:
+    """Scores of repeated draws, (repeats, 90)."""
+
+    scores: Scores
+
+    @property
+    def mean(self) -> Scores:
+        """(90,) mean over the repeats."""
+        mean: Scores = self.scores.mean(axis=0)
+        return mean
+
+    @property
+    def std(self) -> Scores:
+        """(90,) sample standard deviation over the repeats; zero for a single one."""
+        return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
+
+    def top(self, count: int) -> tuple[str, ...]:
+        """Names of the best sensors by mean score, best first; equal scores keep the sensors' order.
+
+        Raises:
+            ConfigError: if there are not that many sensors.
+        """
+        if not 1 <= count <= sensors.COUNT:
+            raise ConfigError(f"train.sensors = {count}: must be from 1 to {sensors.COUNT}")
+        return _names(_best(self.mean, count))
+
+    def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
+        """The set of the best sensors in each repeat."""
+        return tuple(frozenset(_names(_best(scores, count))) for scores in self.scores)
+
+    def is_stable(self, count: int) -> bool:
+        """Whether every repeat has the same set of best sensors."""
+        return len(set(self.top_sets(count))) == 1
+
+
+def rank(
+    ranker: Ranker, encoder: Encoder, rows: Rows, *, repeats: int, seed: int, progress: Progress = silent
+) -> Ranking:
+    """Score the sensors `repeats` times with independent draws."""
+    scores = []
+    for repeat in range(repeats):
+        # Spawned seeds: neighbouring run seeds must not share draws.
+        draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
+        scores.append(ranker(encoder, rows, draw))
+        progress("rank", repeat + 1, repeats, {})
+    return Ranking(scores=np.stack(scores))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapRanker:
+    """Mean |SHAP| by expected gradients (`shap.GradientExplainer`).
+
+    |SHAP| of every sensor, window row and latent is summed over the latents and averaged over the explained
+    windows and the window's rows. The action's column is explained with the rest and left out of the scores.
+
+    Attributes:
+        background: windows that stand for "no information".
+        explained: windows that are explained.
+        samples: points on the paths between them, for each explained window.
+    """
+
+    background: int
+    explained: int
+    samples: int
+
+    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores:
+        """Scores (90,); windows are drawn from `rows` without replacement.
+
+        Raises:
+            DatasetError: if `rows` hold fewer windows than are to be drawn.
+        """
+        generator = np.random.default_rng(seed)
+        background = _draw(rows, encoder.window, self.background, "background", generator)
+        explained = _draw(rows, encoder.window, self.explained, "explanation", generator)
+        # Gradients are wanted with respect to inputs only; a frozen copy spares those of the weights.
+        packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
+        total = np.zeros(explained.shape[2])
+        full = len(explained) // _PACK * _PACK
+        if full:
+            packs = explained[:full].view(-1, _PACK, *explained.shape[1:])
+            total += self._magnitude(packed, background, packs, generator)
+        if full < len(explained):
+            total += self._magnitude(packed, background, explained[full:][None], generator)
+        scores: Scores = total[: sensors.COUNT] / (len(explained) * encoder.window)
+        return scores
+
+    def _magnitude(
+        self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator
+    ) -> Scores:
+        """Sum of |SHAP| over packs, windows, rows and latents: (P, M, L, F) packs -> (F,)."""
+        # Every place in a pack meets every background window, in an order of its own.
+        order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
+        explainer = shap.GradientExplainer(packed, background[torch.as_tensor(order)], batch_size=_BATCH)
+        state = np.random.get_state()  # shap seeds numpy's global generator
+        try:
+            values = explainer.shap_values(packs, nsamples=self.samples, rseed=int(generator.integers(2**31)))
+        finally:
+            np.random.set_state(state)
+        magnitude: Scores = np.abs(values).sum(axis=(0, 1, 2, 4))
+        return magnitude
+
+
+_PACK = 25
+"""Windows explained together. shap loops in Python over samples and outputs of one input; a pack makes that one
+loop serve 25 windows. Latents of different windows do not interact, so explaining their sum explains each."""
+
+_BATCH = 20
+"""Packs a gradient is taken of at once: 500 windows, which stay in the processor's cache."""
+
+
+class _Packed(nn.Module):
+    """(B, M, L, F) packs of windows -> (B, N_z) latents summed over the pack."""
+
+    def __init__(self, encoder: Encoder) -> None:
+        super().__init__()
+        self.encoder = encoder
+
+    def forward(self, packs: Tensor) -> Tensor:
+        latents: Tensor = self.encoder(packs.flatten(0, 1))
+        return latents.view(*packs.shape[:2], -1).sum(dim=1)
+
+
+def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.random.Generator) -> Tensor:
+    firsts = np.concatenate([np.arange(span.start, span.stop - window + 1) for span in rows.spans()])
+    if len(firsts) < count:
+        raise DatasetError(f"recording has {len(firsts)} windows, too few to draw {count} {purpose} samples")
+    chosen = torch.as_tensor(generator.choice(firsts, count, replace=False), device=rows.inputs.device)
+    return rows.inputs[chosen[:, None] + torch.arange(window, device=chosen.device)]
+
+
+def _best(scores: Scores, count: int) -> npt.NDArray[np.intp]:
+    return np.argsort(-scores, kind="stable")[:count]
+
+
+def _names(chosen: Sequence[int] | npt.NDArray[np.intp]) -> tuple[str, ...]:
+    return tuple(sensors.NAMES[index] for index in chosen)
