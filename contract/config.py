@@ -5,6 +5,7 @@ Lengths in W, times in t_c, actions a = jet flow rate in U_inf W. A value is che
 """
 
 from dataclasses import dataclass, field, fields
+from math import isfinite
 from typing import Literal
 
 from contract.errors import ConfigError
@@ -12,8 +13,9 @@ from contract.operating_point import OperatingPoint
 
 
 def _require(holds: bool, owner: object, name: str, rule: str) -> None:
-    if not holds:
-        raise ConfigError(f"{type(owner).__name__}.{name} = {getattr(owner, name)!r}: must be {rule}")
+    value = getattr(owner, name)
+    if not holds or not isfinite(value):
+        raise ConfigError(f"{type(owner).__name__}.{name} = {value!r}: must be {rule}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +112,7 @@ class TrainConfig:
         _require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
         for name in ("learning_rate", "epochs", "distil_epochs"):
             _require(getattr(self, name) > 0, self, name, "positive")
-        for name in ("force_weight", "variance_weight", "covariance_weight"):
+        for name in ("force_weight", "variance_weight", "covariance_weight", "seed"):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
 
 
@@ -152,18 +154,47 @@ class MpcConfig:
         _require(self.horizon >= 2, self, "horizon", "at least 2")
         _require(self.iterations >= 1, self, "iterations", "at least 1")
         _require(self.learning_rate > 0, self, "learning_rate", "positive")
+        _require(True, self, "drag_reference", "finite")
+
+
+@dataclass(frozen=True, kw_only=True)
+class E2eConfig:
+    """When a receiver of an E2E-protected message trusts the stream (ours)."""
+
+    max_delta: int = 4
+    """Largest step of the counter that still counts as the next frame: with 4, three may be lost in a row, as
+    many as the ECU's fail-safe rides out."""
+    window: int = 5
+    """Latest checks that are judged together."""
+    min_ok: int = 2
+    """Good ones among them that make a stream valid."""
+    max_errors: int = 2
+    """Most wrong CRCs among them."""
+
+    def __post_init__(self) -> None:
+        _require(1 <= self.max_delta <= 127, self, "max_delta", "in 1..127, half the counter's period")
+        _require(self.window >= 1, self, "window", "at least 1")
+        _require(1 <= self.min_ok <= self.window, self, "min_ok", "in 1..window")
+        _require(0 <= self.max_errors < self.window, self, "max_errors", "in 0..window-1")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusConfig:
-    """CAN FD bit rates in bit/s (ours)."""
+    """The CAN FD bus (ours). Bit rates in bit/s."""
 
+    interface: Literal["virtual", "udp_multicast", "slcan", "socketcan"] = "virtual"
+    channel: str = "stillwake"
+    """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
+    device (socketcan, e.g. can0)."""
     nominal_bitrate: int = 500_000
     data_bitrate: int = 2_000_000
+    e2e: E2eConfig = field(default_factory=E2eConfig)
 
     def __post_init__(self) -> None:
         for name in ("nominal_bitrate", "data_bitrate"):
             _require(getattr(self, name) > 0, self, name, "positive")
+        if not self.channel:
+            raise ConfigError("BusConfig.channel = '': must name a channel")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,9 +212,13 @@ class EcuConfig:
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
     delay_steps: int = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
+    command_step: float = 0.075
+    """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: half the full
+    range, three times what the training waveform does at full amplitude."""
 
     def __post_init__(self) -> None:
         _require(self.compute_time_ms >= 0, self, "compute_time_ms", "non-negative")
+        _require(self.command_step > 0, self, "command_step", "positive")
         for name in ("hold_periods", "decay_periods", "delay_steps"):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
         _require(self.rearm_frames >= 1, self, "rearm_frames", "at least 1")
