@@ -17,6 +17,10 @@ class BundleError(StillwakeError):
     """A release bundle that is incomplete, of another schema, or altered."""
 
 
+class BusError(StillwakeError):
+    """The CAN bus cannot be opened, did not take a frame, or failed."""
+
+
 class PlantError(StillwakeError):
     """The flow solver was given a state, mesh or action it cannot continue from, or it diverged."""
 

@@ -5,6 +5,7 @@ Re = 500: the operating point sets clocks and scales, it does not make the wake 
 """
 
 from dataclasses import dataclass
+from math import isfinite
 
 from contract.errors import ConfigError
 
@@ -19,8 +20,9 @@ class OperatingPoint:
 
     def __post_init__(self) -> None:
         for field in ("width", "speed", "density"):
-            if not getattr(self, field) > 0.0:
-                raise ConfigError(f"operating_point.{field} = {getattr(self, field)}: must be positive")
+            value = getattr(self, field)
+            if not (value > 0.0 and isfinite(value)):
+                raise ConfigError(f"operating_point.{field} = {value}: must be positive")
 
     @property
     def convective_time(self) -> float:
