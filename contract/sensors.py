@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.errors import ConfigError
-from contract.geometry import HALF_WIDTH, LENGTH
+from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 
 PER_SIDE: Final = 40
 ON_BASE: Final = 10
@@ -34,7 +34,8 @@ BASE: Final = slice(2 * PER_SIDE, COUNT)
 
 def positions() -> npt.NDArray[np.float64]:
     """Sensor coordinates in W, shape (90, 2), on the body's surface."""
-    side_x = np.round(np.linspace(0.301634, 7.463366, PER_SIDE), 6)
+    # Evenly spaced between the rounded edge and the rear, ends left out; rounded as in the paper.
+    side_x = np.round(np.linspace(LEADING_EDGE_RADIUS, LENGTH, PER_SIDE + 2)[1:-1], 6)
     upper = np.column_stack([side_x, np.full(PER_SIDE, HALF_WIDTH)])
     lower = upper * (1.0, -1.0)
     base = np.column_stack([np.full(ON_BASE, LENGTH), _BASE_Y])

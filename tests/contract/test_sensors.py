@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract import geometry, sensors
+from contract.errors import ConfigError
+
+
+def test_order_is_upper_lower_base():
+    assert len(sensors.NAMES) == len(set(sensors.NAMES)) == sensors.COUNT == 90
+    assert [sensors.NAMES[i] for i in (0, 39, 40, 79, 80, 89)] == [
+        "upper_00", "upper_39", "lower_00", "lower_39", "base_0", "base_9",
+    ]  # fmt: skip
+    assert all(name.startswith("base_") for name in sensors.NAMES[sensors.BASE])
+
+
+def test_positions_lie_on_the_body_and_run_rearwards_and_downwards():
+    positions = sensors.positions()
+    upper, lower, base = positions[:40], positions[40:80], positions[80:]
+    assert (upper[:, 1] == geometry.HALF_WIDTH).all()
+    assert (lower[:, 1] == -geometry.HALF_WIDTH).all()
+    assert (base[:, 0] == geometry.LENGTH).all()
+    assert (np.diff(upper[:, 0]) > 0).all()
+    assert (np.diff(base[:, 1]) < 0).all()
+    # No sensor sits on the rounded edge or in a slot.
+    assert upper[0, 0] > geometry.LEADING_EDGE_RADIUS
+    assert np.abs(base[:, 1]).max() < geometry.HALF_WIDTH - geometry.JET_WIDTH
+
+
+def test_positions_are_the_papers():
+    """Figure 1's coordinates, in its own six digits."""
+    positions = sensors.positions()
+    assert positions[[0, 1, 20, 39], 0].tolist() == [0.301634, 0.485268, 3.974317, 7.463366]
+    assert positions[[80, 82, 89]].tolist() == [[7.647, 0.368182], [7.647, 0.204555], [7.647, -0.368182]]
+
+
+def test_mirror_permutation_is_the_reflection_of_the_positions():
+    mirror = sensors.mirror_permutation()
+    assert (mirror[mirror] == np.arange(sensors.COUNT)).all()
+    # 1e-5: the paper's own coordinates on the base are not symmetric to the last digit.
+    np.testing.assert_allclose(sensors.positions()[mirror], sensors.positions() * (1, -1), atol=1.01e-5)
+
+
+@given(st.lists(st.sampled_from(range(sensors.COUNT)), unique=True))
+def test_indices_invert_names(order):
+    assert sensors.indices([sensors.NAMES[i] for i in order]).tolist() == order
+
+
+@pytest.mark.parametrize(
+    ("names", "culprit"),
+    [
+        (["base_0", "base_10"], "'base_10'"),
+        (["upper_7"], "'upper_7'"),
+        (["base_0", "base_0"], "twice"),
+        ("base_0", "'b'"),
+    ],
+)
+def test_bad_names_are_refused_by_name(names, culprit):
+    with pytest.raises(ConfigError, match=culprit):
+        sensors.indices(names)
