@@ -3,7 +3,7 @@
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from contract.errors import StillwakeError
@@ -13,19 +13,30 @@ from contract.errors import StillwakeError
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
 
-    Works for a file or a directory. Raises StillwakeError if the place cannot be written.
+    Works for a file or a directory; an old directory is kept until the new one is in its place.
+    Raises StillwakeError if the place cannot be written.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    aside = path.with_name(f".{path.name}.{os.getpid()}.old")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        if temporary.is_dir() and path.is_dir():
-            shutil.rmtree(path)
-        temporary.replace(path)
+        try:
+            if temporary.is_dir() and path.is_dir():
+                # A directory cannot be moved onto another that is not empty.
+                path.replace(aside)
+            temporary.replace(path)
+        except BaseException:
+            if aside.is_dir() and not path.exists():
+                aside.replace(path)
+            raise
     except OSError as error:
         raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
-        if temporary.is_dir():
-            shutil.rmtree(temporary, ignore_errors=True)
-        else:
-            temporary.unlink(missing_ok=True)
+        for leftover in (temporary, aside):
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
+            else:
+                # Where nothing could be written there is nothing to remove, and the first error is the one to tell.
+                with suppress(OSError):
+                    leftover.unlink()

@@ -1,0 +1,76 @@
+from pathlib import Path
+
+import pytest
+
+from contract.atomic import replacing
+from contract.errors import StillwakeError
+
+
+def write_file(place: Path, text: str) -> None:
+    place.write_text(text)
+
+
+def write_directory(place: Path, text: str) -> None:
+    place.mkdir()
+    (place / "inside").write_text(text)
+
+
+WRITERS = [write_file, write_directory]
+
+
+def content(place: Path) -> str:
+    return (place / "inside" if place.is_dir() else place).read_text()
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_appears_whole_and_replaces_the_old(tmp_path, write):
+    target = tmp_path / "deep" / "target"
+    for text in ("one", "two"):
+        with replacing(target) as temporary:
+            write(temporary, text)
+        assert content(target) == text
+    assert [item.name for item in target.parent.iterdir()] == ["target"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("write", WRITERS)
+def test_failure_leaves_the_old_one_and_nothing_else(tmp_path, write, error):
+    target = tmp_path / "target"
+    write(target, "old")
+    with pytest.raises(error), replacing(target) as temporary:
+        write(temporary, "half")
+        raise error
+    assert content(target) == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["target"]
+
+
+def test_interrupted_move_puts_the_old_directory_back(tmp_path, monkeypatch):
+    target = tmp_path / "target"
+    write_directory(target, "old")
+    move = Path.replace
+
+    def interrupted(self: Path, to: Path) -> Path:
+        if self.name.endswith(".part"):
+            raise KeyboardInterrupt
+        return move(self, to)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt), replacing(target) as temporary:
+        write_directory(temporary, "new")
+    assert content(target) == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["target"]
+
+
+def test_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    target = tmp_path / "file" / "target"
+    with pytest.raises(StillwakeError, match=str(target)), replacing(target):
+        pytest.fail("nothing can be written here")
+
+
+def test_file_does_not_replace_a_directory(tmp_path):
+    target = tmp_path / "target"
+    write_directory(target, "old")
+    with pytest.raises(StillwakeError, match="cannot write"), replacing(target) as temporary:
+        write_file(temporary, "new")
+    assert content(target) == "old"
