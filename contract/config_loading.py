@@ -38,8 +38,9 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
 
 def from_tree(tree: Mapping[str, Any]) -> Config:
     """A validated Config from nested mappings; missing keys take the paper's values."""
+    _refuse_booleans(tree)
     try:
-        return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: _as_float}))
+        return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
     except dacite.DaciteError as error:
         raise ConfigError(f"configuration: {error}") from error
 
@@ -49,9 +50,18 @@ def to_tree(config: Config) -> dict[str, Any]:
     return asdict(config)
 
 
-def _as_float(value: object) -> object:
-    # TOML writes 1 where a float of 1.0 is meant; booleans must not slip through as numbers.
+def as_float(value: object) -> object:
+    """A float for a whole number, anything else as it is: TOML and JSON write 1 where 1.0 is meant."""
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _refuse_booleans(tree: Mapping[str, Any], above: str = "") -> None:
+    # No setting is a boolean, and Python would take true for the number 1.
+    for key, value in tree.items():
+        if isinstance(value, bool):
+            raise ConfigError(f"configuration: {above}{key} = {str(value).lower()}: must not be a boolean")
+        if isinstance(value, Mapping):
+            _refuse_booleans(value, f"{above}{key}.")
 
 
 def _apply(tree: dict[str, Any], text: str) -> None:

@@ -1,0 +1,92 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.config import Config, CostWeights, MpcConfig, TrainConfig
+from contract.config_loading import from_tree, load_config, to_tree
+from contract.errors import ConfigError
+
+
+def test_release_settings_are_packaged_and_differ_from_the_papers():
+    assert load_config() != Config()
+
+
+def test_empty_file_gives_the_papers_settings(tmp_path):
+    (tmp_path / "empty.toml").write_text("")
+    assert load_config(tmp_path / "empty.toml") == Config()
+
+
+@given(horizon=st.integers(2, 1000), lift=st.floats(0, 1e3), epochs=st.integers(1, 1000))
+def test_tree_round_trip(horizon, lift, epochs):
+    config = Config(
+        mpc=MpcConfig(horizon=horizon, weights=CostWeights(lift=lift)), train=TrainConfig(epochs=float(epochs))
+    )
+    assert from_tree(to_tree(config)) == config
+
+
+def test_file_then_overrides(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[mpc]\nhorizon = 10\n[mpc.weights]\nlift = 1\n")
+    config = load_config(path, ["mpc.weights.lift=2", 'bus.channel="can0"', "flow.reynolds = 100"])
+    assert config.mpc.horizon == 10
+    assert config.mpc.weights.lift == 2.0
+    assert isinstance(config.mpc.weights.lift, float)
+    assert config.bus.channel == "can0"
+    assert config.flow.reynolds == 100.0
+
+
+@pytest.mark.parametrize(
+    ("override", "culprit"),
+    [
+        ("mpc.horizont=3", "horizont"),
+        ("mcp.horizon=3", "mcp"),
+        ("mpc.weights.lifts=3", "lifts"),
+        ("mpc.horizon=2.5", "mpc.horizon"),
+        ('mpc.horizon="25"', "mpc.horizon"),
+        ("mpc.horizon=true", "mpc.horizon = true"),
+        ("mpc.weights.lift=false", "mpc.weights.lift = false"),
+        ('mpc.weights.lift="1"', "mpc.weights.lift"),
+        ("mpc.horizon=1", "horizon = 1"),
+        ("mpc.weights=3", "mpc.weights"),
+        ('train.schedule="cosine"', "train.schedule"),
+        ('bus.interface="flexray"', "bus.interface"),
+        ("flow.reynolds=nan", "reynolds = nan"),
+        ("flow.reynolds=inf", "reynolds = inf"),
+        ("mpc.horizon", "section.key=value"),
+        ("=3", "section.key=value"),
+        ("mpc.horizon=", "not a TOML value"),
+        ("mpc.horizon=one", "'one' is not a TOML value"),
+        ("mpc.horizon.deeper=1", "'horizon' is a value"),
+    ],
+)
+def test_bad_override_is_refused_by_name(tmp_path, override, culprit):
+    path = tmp_path / "base.toml"
+    path.write_text("[mpc]\nhorizon = 25\n")
+    with pytest.raises(ConfigError, match=culprit):
+        load_config(path, [override])
+
+
+@pytest.mark.parametrize("text", [b"[mpc\n", b"\xff\xfe", b"mpc = 3\n"])
+def test_bad_file_is_refused(tmp_path, text):
+    path = tmp_path / "bad.toml"
+    path.write_bytes(text)
+    with pytest.raises(ConfigError, match="configuration"):
+        load_config(path)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml"):
+        load_config(tmp_path / "nowhere.toml")
+
+
+@given(st.floats() | st.text() | st.none() | st.booleans() | st.lists(st.integers()))
+def test_no_value_gets_past_the_types(value):
+    """Whatever a file holds, the outcome is a Config with that number or a ConfigError."""
+    try:
+        config = from_tree({"flow": {"reynolds": value}})
+    except ConfigError:
+        assert not (isinstance(value, float) and value > 0 and math.isfinite(value))
+    else:
+        assert config.flow.reynolds == value
