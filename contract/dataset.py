@@ -71,6 +71,12 @@ class Dataset:
 
     episodes: tuple[Episode, ...]
 
+    def __post_init__(self) -> None:
+        names = [episode.name for episode in self.episodes]
+        for name in names:
+            if names.count(name) > 1:
+                raise DatasetError(f"episode {name}: named twice")
+
     def with_role(self, role: Role) -> tuple[Episode, ...]:
         """The episodes of that role; raises DatasetError if there is none."""
         found = tuple(episode for episode in self.episodes if episode.role == role)
@@ -93,8 +99,10 @@ def read(path: Path) -> Dataset:
             schema = file.attrs.get("schema")
             if schema != SCHEMA:
                 raise DatasetError(f"{path}: schema {schema!r}, this version reads {SCHEMA!r}")
+            if json.loads(file.attrs["sensors"]) != list(sensors.NAMES):
+                raise DatasetError(f"{path}: recorded with other sensors, or in another order")
             episodes = tuple(_read_episode(name, file["episodes"][name]) for name in file["episodes"])
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise DatasetError(f"{path}: damaged or not an HDF5 dataset ({error})") from error
     if not episodes:
         raise DatasetError(f"{path}: holds no episode")
@@ -125,6 +133,10 @@ def _read_episode(name: str, node: h5py.Group) -> Episode:
     missing = [field for field in UNITS if field not in node]
     if missing:
         raise DatasetError(f"episode {name}: field {missing[0]!r} is missing")
+    for field, unit in UNITS.items():
+        found = node[field].attrs.get("units")
+        if found != unit:
+            raise DatasetError(f"episode {name}: field {field!r} is in {found!r}, must be in {unit!r}")
     return Episode(
         name=name,
         role=node.attrs["role"],
@@ -138,9 +150,16 @@ def _check(episode: Episode) -> None:
     def refuse(field: str, reason: str) -> None:
         raise DatasetError(f"episode {episode.name}: field {field!r} {reason}")
 
+    if not episode.name or "/" in episode.name:
+        refuse("name", "must not be empty or hold a slash")
     if episode.role not in get_args(Role):
         refuse("role", f"is {episode.role!r}, must be one of {get_args(Role)}")
-    steps = len(episode.series["t"])
+    for field in UNITS:
+        if field not in episode.series:
+            refuse(field, "is missing")
+    steps = episode.series["t"].size
+    if steps == 0:
+        refuse("t", "holds no control step")
     for field in UNITS:
         array = episode.series[field]
         expected = (steps, sensors.COUNT) if field == "Cp" else (steps,)

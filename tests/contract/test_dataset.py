@@ -1,0 +1,197 @@
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from contract import dataset, sensors
+from contract.dataset import UNITS, Dataset, Episode
+from contract.errors import DatasetError, StillwakeError
+
+
+def episode(name: str = "first", steps: int = 12, role: str = "train", **changes: object) -> Episode:
+    rng = np.random.default_rng(steps)
+    series = {field: rng.normal(size=steps) for field in UNITS}
+    series["t"] = 0.2 * np.arange(steps)
+    series["Cp"] = rng.normal(size=(steps, sensors.COUNT))
+    series |= changes.pop("series", {})
+    fields = {"initial_action": 0.01, "provenance": {"seed": 3, "versions": {"numpy": "2"}}, **changes}
+    return Episode(name=name, role=role, series=series, **fields)
+
+
+@pytest.fixture
+def written(tmp_path):
+    path = tmp_path / "data.h5"
+    dataset.write(path, Dataset(episodes=(episode("b"), episode("a", steps=7, role="test"))))
+    return path
+
+
+def test_round_trip_keeps_order_and_single_precision(tmp_path, written):
+    original = Dataset(episodes=(episode("b"), episode("a", steps=7, role="test")))
+    read = dataset.read(written)
+    assert [item.name for item in read.episodes] == ["b", "a"]
+    for before, after in zip(original.episodes, read.episodes, strict=True):
+        assert (after.role, after.initial_action, after.provenance) == (
+            before.role, before.initial_action, before.provenance,
+        )  # fmt: skip
+        assert (after.series["t"] == before.series["t"]).all()
+        for field in UNITS.keys() - {"t"}:
+            assert (after.series[field] == before.series[field].astype(np.float32)).all()
+
+
+def test_previous_action_is_the_action_one_step_late():
+    one = episode(steps=5, initial_action=-0.5)
+    assert len(one) == 5
+    assert one.previous_action.tolist() == [-0.5, *one.series["action"][:4]]
+
+
+def test_roles_are_told_apart(written):
+    read = dataset.read(written)
+    assert [item.name for item in read.with_role("train")] == ["b"]
+    assert [item.name for item in read.with_role("test")] == ["a"]
+    with pytest.raises(DatasetError, match="'train'"):
+        Dataset(episodes=read.with_role("test")).with_role("train")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("field", list(UNITS))
+def test_value_that_is_not_finite_is_refused_with_field_and_step(field, bad):
+    series = dict(episode().series)
+    series[field] = series[field].copy()
+    series[field][4] = bad
+    with pytest.raises(DatasetError, match=f"episode first: field '{field}'.*not finite, first at step 4"):
+        episode(series=series)
+
+
+@pytest.mark.parametrize(
+    ("build", "culprit"),
+    [
+        (lambda: episode(series={"Cp": np.zeros((12, 89))}), r"'Cp' has shape \(12, 89\), must be \(12, 90\)"),
+        (lambda: episode(series={"Cp": np.zeros((90, 12))}), "'Cp' has shape"),
+        (lambda: episode(series={"Cd": np.zeros(11)}), r"'Cd' has shape \(11,\), must be \(12,\)"),
+        (lambda: episode(series={"t": np.float64(0)}), "'t' has shape"),
+        (lambda: episode(steps=0), "'t' holds no control step"),
+        (lambda: episode(role="validation"), "'role' is 'validation'"),
+        (lambda: episode(initial_action=np.nan), "'initial_action'"),
+        (lambda: episode(name="a/b"), "'name'"),
+        (lambda: episode(name=""), "'name'"),
+        (lambda: replace(episode(), series={}), "'t' is missing"),
+        (lambda: Dataset(episodes=(episode("a"), episode("a", steps=3))), "episode a: named twice"),
+    ],
+)
+def test_episode_that_does_not_fit_is_refused_by_name(build, culprit):
+    with pytest.raises(DatasetError, match=culprit):
+        build()
+
+
+def other_schema(file: h5py.File) -> None:
+    file.attrs["schema"] = "stillwake-dataset/2"
+
+
+def no_schema(file: h5py.File) -> None:
+    del file.attrs["schema"]
+
+
+def other_sensor_order(file: h5py.File) -> None:
+    file.attrs["sensors"] = json.dumps(sensors.NAMES[::-1])
+
+
+def no_episodes(file: h5py.File) -> None:
+    for name in list(file["episodes"]):
+        del file["episodes"][name]
+
+
+def no_group(file: h5py.File) -> None:
+    del file["episodes"]
+
+
+def no_field(file: h5py.File) -> None:
+    del file["episodes/a/Cl"]
+
+
+def no_attribute(file: h5py.File) -> None:
+    del file["episodes/a"].attrs["initial_action"]
+
+
+def stray_array(file: h5py.File) -> None:
+    file["episodes"].create_dataset("stray", data=np.zeros(3))
+
+
+def text_for_numbers(file: h5py.File) -> None:
+    del file["episodes/a/Cl"]
+    file["episodes/a"].create_dataset("Cl", data=["x"] * 7).attrs["units"] = "1"
+
+
+def other_units(file: h5py.File) -> None:
+    file["episodes/a/Uy_probe"].attrs["units"] = "m/s"
+
+
+def sensor_missing(file: h5py.File) -> None:
+    cp = file["episodes/a/Cp"][:, :4]
+    del file["episodes/a/Cp"]
+    file["episodes/a"].create_dataset("Cp", data=cp).attrs["units"] = "1"
+
+
+def nan_in_the_middle(file: h5py.File) -> None:
+    file["episodes/a/Cd"][3] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("spoil", "culprit"),
+    [
+        (other_schema, "schema 'stillwake-dataset/2', this version reads 'stillwake-dataset/1'"),
+        (no_schema, "schema None"),
+        (other_sensor_order, "other sensors"),
+        (no_episodes, "no episode"),
+        (no_group, "damaged"),
+        (no_field, "episode a: field 'Cl' is missing"),
+        (no_attribute, "initial_action"),
+        (stray_array, "episode stray: field 't' is missing"),
+        (text_for_numbers, "damaged"),
+        (other_units, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
+        (sensor_missing, r"episode a: field 'Cp' has shape \(7, 4\), must be \(7, 90\)"),
+        (nan_in_the_middle, "episode a: field 'Cd' .* step 3"),
+    ],
+)
+def test_spoilt_file_is_refused_by_name(written, spoil, culprit):
+    with h5py.File(written, "r+") as file:
+        spoil(file)
+    with pytest.raises(DatasetError, match=culprit):
+        dataset.read(written)
+
+
+def test_missing_file_and_wrong_kind_of_file_are_named(tmp_path):
+    with pytest.raises(DatasetError, match=r"none\.h5: no such dataset"):
+        dataset.read(tmp_path / "none.h5")
+    with pytest.raises(DatasetError, match="no such dataset"):
+        dataset.read(tmp_path)
+    (tmp_path / "text.h5").write_text("not HDF5")
+    with pytest.raises(DatasetError, match=r"text\.h5: damaged or not an HDF5 dataset"):
+        dataset.read(tmp_path / "text.h5")
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(share=st.floats(0, 0.999))
+@example(share=0.999)
+def test_truncated_file_is_refused(tmp_path, written, share):
+    whole = written.read_bytes()
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(DatasetError, match=r"cut\.h5: damaged"):
+        dataset.read(cut)
+
+
+def test_failed_write_leaves_nothing(tmp_path):
+    unserialisable = episode(provenance={"rng": object()})
+    with pytest.raises(TypeError):
+        dataset.write(tmp_path / "data.h5", Dataset(episodes=(unserialisable,)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unwritable_place_is_named(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(StillwakeError, match=r"file/data\.h5"):
+        dataset.write(tmp_path / "file" / "data.h5", Dataset(episodes=(episode(),)))
