@@ -29,6 +29,7 @@ cost       ()        J of `new_plan`
 import hashlib
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
@@ -40,12 +41,14 @@ import dacite
 from contract import sensors as sensor_facts
 from contract.atomic import replacing
 from contract.config import MpcConfig
+from contract.config_loading import as_float
 from contract.errors import BundleError, ConfigError
 from contract.operating_point import OperatingPoint
 
 SCHEMA: Final = "stillwake-bundle/1"
 MANIFEST: Final = "manifest.json"
 CONTROLLER: Final = "controller.onnx"
+PRECISIONS: Final = ("float32", "int8")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +65,8 @@ class Scaling:
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
     """What the controller in a bundle assumes about the vehicle around it.
+
+    Raises BundleError if the scaling does not fit the sensors or a number makes no sense.
 
     Attributes:
         name: for people.
@@ -88,6 +93,24 @@ class Manifest:
     budget_ms: float
     provenance: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        for name, values, count in (
+            ("pressure_mean", self.scaling.pressure_mean, len(self.sensors)),
+            ("pressure_std", self.scaling.pressure_std, len(self.sensors)),
+            ("force_mean", self.scaling.force_mean, 2),
+            ("force_std", self.scaling.force_std, 2),
+        ):
+            if len(values) != count:
+                raise BundleError(f"scaling.{name} has {len(values)} values: must have {count}")
+        deviations = (*self.scaling.pressure_std, self.scaling.action_std, *self.scaling.force_std)
+        if not all(value > 0 for value in deviations):
+            raise BundleError(f"scaling: standard deviations {deviations} must be positive")
+        if self.precision not in PRECISIONS:
+            raise BundleError(f"precision {self.precision!r}: must be one of {PRECISIONS}")
+        for name in ("window", "control_period", "action_limit", "budget_ms"):
+            if not getattr(self, name) > 0:
+                raise BundleError(f"{name} = {getattr(self, name)!r}: must be positive")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bundle:
@@ -108,7 +131,13 @@ def dbc_bytes() -> bytes:
 
 
 def pack(manifest: Manifest, contents: Mapping[str, bytes]) -> dict[str, bytes]:
-    """All files of the bundle, the manifest with its hashes included."""
+    """All files of the bundle, the manifest with its hashes included.
+
+    Raises BundleError for a file name that is a path or the manifest's own.
+    """
+    for name in contents:
+        if name in ("", ".", "..", MANIFEST) or "/" in name or "\\" in name:
+            raise BundleError(f"bundle file {name!r}: must be a plain file name other than {MANIFEST}")
     body = {
         "schema": SCHEMA,
         **asdict(manifest),
@@ -120,8 +149,16 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes]) -> None:
-    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all."""
+    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all.
+
+    Raises:
+        BundleError: for a bad file name, or if the path is a directory with something else in it.
+        StillwakeError: if the place cannot be written.
+    """
     packed = pack(manifest, contents)
+    if path.suffix != ".zip" and path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
+        # Writing replaces the whole directory.
+        raise BundleError(f"bundle {path}: that directory holds something else; name another")
     with replacing(path) as temporary:
         if path.suffix == ".zip":
             with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -176,9 +213,11 @@ def _verify_files(path: Path, found: Mapping[str, bytes], hashes: Mapping[str, s
 
 def _parse(path: Path, body: Mapping[str, Any]) -> Manifest:
     try:
-        manifest = dacite.from_dict(Manifest, body, config=dacite.Config(strict=True, cast=[tuple]))
+        manifest = dacite.from_dict(
+            Manifest, body, config=dacite.Config(strict=True, cast=[tuple], type_hooks={float: as_float})
+        )
         sensor_facts.indices(manifest.sensors)
-    except (dacite.DaciteError, ConfigError) as error:
+    except (dacite.DaciteError, ConfigError, BundleError) as error:
         raise BundleError(f"bundle {path}: {MANIFEST}: {error}") from error
     return manifest
 
@@ -186,11 +225,11 @@ def _parse(path: Path, body: Mapping[str, Any]) -> Manifest:
 def _read_all(path: Path) -> dict[str, bytes]:
     try:
         if path.is_dir():
-            return {item.name: item.read_bytes() for item in path.iterdir() if item.is_file()}
+            return {item.name: item.read_bytes() for item in path.iterdir()}
         if path.is_file():
             with zipfile.ZipFile(path) as archive:
                 return {name: archive.read(name) for name in archive.namelist()}
-    except (OSError, zipfile.BadZipFile) as error:
+    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError) as error:
         raise BundleError(f"bundle {path}: cannot be read ({error})") from error
     raise BundleError(f"bundle {path}: no such directory or zip")
 

@@ -1,0 +1,263 @@
+import json
+import shutil
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from contract import bundle
+from contract.bundle import CONTROLLER, MANIFEST, Manifest, Scaling
+from contract.config import CostWeights, MpcConfig
+from contract.errors import BundleError, StillwakeError
+from contract.operating_point import OperatingPoint
+
+CONTENTS = {CONTROLLER: b"not really ONNX" * 20, "notes.txt": b"hello"}
+
+
+def manifest(**changes: object) -> Manifest:
+    fields = {
+        "name": "test",
+        "precision": "int8",
+        "sensors": ("upper_39", "lower_39", "base_0", "base_9"),
+        "window": 32,
+        "control_period": 0.2,
+        "action_limit": 0.075,
+        "operating_point": OperatingPoint(),
+        "mpc": MpcConfig(weights=CostWeights(lift_mean=0.2)),
+        "scaling": Scaling(
+            pressure_mean=(-0.1, -0.2, -0.3, -0.4),
+            pressure_std=(0.1, 0.2, 0.3, 0.4),
+            action_std=0.04,
+            force_mean=(1.0, 0.0),
+            force_std=(0.1, 1.0),
+        ),
+        "budget_ms": 20.0,
+        "provenance": {"seed": 1, "versions": {"numpy": "2.0"}},
+    }
+    return Manifest(**{**fields, **changes})
+
+
+@pytest.fixture(params=["bundle", "bundle.zip"])
+def written(tmp_path, request) -> Path:
+    path = tmp_path / request.param
+    bundle.write(path, manifest(), CONTENTS)
+    return path
+
+
+@pytest.fixture
+def directory(tmp_path) -> Path:
+    bundle.write(tmp_path / "bundle", manifest(), CONTENTS)
+    return tmp_path / "bundle"
+
+
+def test_round_trip(written):
+    loaded = bundle.load(written)
+    assert loaded.manifest == manifest()
+    assert loaded.files == CONTENTS
+    assert loaded.short_hash == int.from_bytes(bytes.fromhex(loaded.digest)[:4], "big")
+
+
+def test_directory_and_zip_are_the_same_bundle(tmp_path):
+    bundle.write(tmp_path / "a", manifest(), CONTENTS)
+    bundle.write(tmp_path / "a.zip", manifest(), CONTENTS)
+    assert bundle.load(tmp_path / "a").digest == bundle.load(tmp_path / "a.zip").digest
+
+
+def test_equal_bundles_are_equal_byte_for_byte(tmp_path):
+    for name in ("a.zip", "b.zip"):
+        bundle.write(tmp_path / name, manifest(), CONTENTS)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+
+
+def test_every_part_moves_the_digest(tmp_path):
+    variants = [
+        (manifest(), CONTENTS),
+        (manifest(name="other"), CONTENTS),
+        (manifest(mpc=MpcConfig(horizon=24)), CONTENTS),
+        (manifest(), {**CONTENTS, "notes.txt": b"hellp"}),
+        (manifest(), {CONTROLLER: CONTENTS[CONTROLLER]}),
+    ]
+    digests = {json.loads(bundle.pack(*variant)[MANIFEST])["manifest_sha256"] for variant in variants}
+    assert len(digests) == len(variants)
+
+
+def test_whole_numbers_survive_where_floats_are_meant(tmp_path):
+    whole = manifest(operating_point=OperatingPoint(width=2, speed=30, density=1), budget_ms=20)
+    bundle.write(tmp_path / "b", whole, CONTENTS)
+    assert bundle.load(tmp_path / "b").manifest == whole
+
+
+def test_missing_bundle_is_named(tmp_path):
+    with pytest.raises(BundleError, match=r"nowhere: no such directory or zip"):
+        bundle.load(tmp_path / "nowhere")
+
+
+def test_other_file_is_refused(tmp_path):
+    (tmp_path / "b.zip").write_text("not a zip")
+    with pytest.raises(BundleError, match=r"b\.zip: cannot be read"):
+        bundle.load(tmp_path / "b.zip")
+
+
+@pytest.mark.parametrize("name", sorted([*CONTENTS, MANIFEST]))
+def test_missing_file_is_named(directory, name):
+    (directory / name).unlink()
+    with pytest.raises(BundleError, match=f"{name} is missing"):
+        bundle.load(directory)
+
+
+def test_added_file_is_named(directory):
+    (directory / "extra.bin").write_bytes(b"")
+    with pytest.raises(BundleError, match=r"extra\.bin is not in the manifest"):
+        bundle.load(directory)
+
+
+def test_added_directory_is_refused(directory):
+    (directory / "sub").mkdir()
+    with pytest.raises(BundleError, match="sub"):
+        bundle.load(directory)
+
+
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(name=st.sampled_from(sorted(CONTENTS)), data=st.data())
+def test_any_changed_bit_of_a_file_is_found_and_named(directory, name, data):
+    content = bytearray(CONTENTS[name])
+    content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    (directory / name).write_bytes(content)
+    try:
+        with pytest.raises(BundleError, match=f"{name} was altered"):
+            bundle.load(directory)
+    finally:
+        (directory / name).write_bytes(CONTENTS[name])
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(data=st.data())
+def test_zip_with_a_flipped_bit_is_refused_or_unharmed(tmp_path, data):
+    """Some bits of a zip, such as a date, carry nothing; every other one must be noticed, by BundleError alone."""
+    path = tmp_path / "b.zip"
+    if not path.exists():
+        bundle.write(path, manifest(), CONTENTS)
+    sound = path.read_bytes()
+    flipped = bytearray(sound)
+    flipped[data.draw(st.integers(0, len(sound) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    spoilt = tmp_path / "spoilt.zip"
+    spoilt.write_bytes(flipped)
+    try:
+        loaded = bundle.load(spoilt)
+    except BundleError as error:
+        assert str(spoilt) in str(error)
+    else:
+        assert (loaded.manifest, loaded.files) == (manifest(), CONTENTS)
+
+
+def altered_body(directory: Path) -> dict:
+    return json.loads((directory / MANIFEST).read_text())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("action_limit", 0.75), ("sensors", ["base_0"] * 4), ("added", 1), ("dbc_sha256", "0" * 64), ("files", {})],
+)
+def test_altered_manifest_is_found(directory, key, value):
+    (directory / MANIFEST).write_text(json.dumps({**altered_body(directory), key: value}))
+    with pytest.raises(BundleError, match=r"manifest\.json was altered"):
+        bundle.load(directory)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "3", "{", "{}", "\x00", '{"schema": 1, "manifest_sha256": 1, "files": []}'])
+def test_damaged_manifest_is_named(directory, text):
+    (directory / MANIFEST).write_text(text)
+    with pytest.raises(BundleError, match=r"manifest\.json is damaged"):
+        bundle.load(directory)
+
+
+def test_other_schema_is_named(directory):
+    (directory / MANIFEST).write_text(json.dumps({**altered_body(directory), "schema": "stillwake-bundle/9"}))
+    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/1'"):
+        bundle.load(directory)
+
+
+def test_bundle_for_another_dbc_is_refused(directory, monkeypatch):
+    monkeypatch.setattr(bundle, "dbc_bytes", lambda: b"another")
+    with pytest.raises(BundleError, match=r"another stillwake\.dbc"):
+        bundle.load(directory)
+
+
+def test_bundle_without_a_controller_is_refused(tmp_path):
+    bundle.write(tmp_path / "b", manifest(), {"notes.txt": b""})
+    with pytest.raises(BundleError, match=r"controller\.onnx is missing"):
+        bundle.load(tmp_path / "b")
+
+
+def resealed(directory: Path, **changes: object) -> None:
+    """Write a manifest whose hash is right and whose content is not: what a faulty exporter would make."""
+    body = {**altered_body(directory), **changes}
+    body.pop("manifest_sha256")
+    body["manifest_sha256"] = bundle._manifest_digest(body)
+    (directory / MANIFEST).write_text(json.dumps(body))
+
+
+@pytest.mark.parametrize(
+    ("changes", "culprit"),
+    [
+        ({"sensors": ["base_0", "base_1", "base_2", "base_99"]}, "base_99"),
+        ({"sensors": ["base_0"]}, "pressure_mean has 4 values: must have 1"),
+        ({"window": "32"}, "window"),
+        ({"window": 0}, "window = 0"),
+        ({"precision": "fp16"}, "'fp16'"),
+        ({"surprise": 1}, "surprise"),
+        ({"operating_point": {"width": -1.0, "speed": 25.0, "density": 1.2}}, r"operating_point\.width"),
+    ],
+)
+def test_manifest_that_makes_no_sense_is_refused_by_field(directory, changes, culprit):
+    resealed(directory, **changes)
+    with pytest.raises(BundleError, match=culprit):
+        bundle.load(directory)
+
+
+@pytest.mark.parametrize("name", ["../evil", "a/b", "", "..", MANIFEST, "a\\b"])
+def test_file_name_that_leads_elsewhere_is_refused(tmp_path, name):
+    with pytest.raises(BundleError, match="plain file name"):
+        bundle.write(tmp_path / "b", manifest(), {**CONTENTS, name: b""})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_directory_with_something_else_in_it_is_not_replaced(tmp_path):
+    (tmp_path / "precious").write_text("thesis")
+    with pytest.raises(BundleError, match="holds something else"):
+        bundle.write(tmp_path, manifest(), CONTENTS)
+    assert (tmp_path / "precious").read_text() == "thesis"
+
+
+def test_bundle_is_replaced_whole(directory):
+    bundle.write(directory, manifest(name="second"), {CONTROLLER: b"x"})
+    loaded = bundle.load(directory)
+    assert (loaded.manifest.name, set(loaded.files)) == ("second", {CONTROLLER})
+
+
+def test_unwritable_place_is_named(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(StillwakeError, match="file/b"):
+        bundle.write(tmp_path / "file" / "b", manifest(), CONTENTS)
+
+
+def test_scaling_must_be_positive():
+    scaling = manifest().scaling
+    for bad in (replace(scaling, action_std=0.0), replace(scaling, pressure_std=(0.1, 0.2, 0.3, -0.4))):
+        with pytest.raises(BundleError, match="must be positive"):
+            manifest(scaling=bad)
+
+
+def test_duplicate_name_in_a_zip_does_not_smuggle_content(tmp_path, directory):
+    path = tmp_path / "twice.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for item in directory.iterdir():
+            archive.writestr(item.name, item.read_bytes())
+        with pytest.warns(UserWarning, match="Duplicate"):
+            archive.writestr(CONTROLLER, b"another controller")
+    with pytest.raises(BundleError, match=r"controller\.onnx was altered"):
+        bundle.load(path)
+    shutil.rmtree(directory)
