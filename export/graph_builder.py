@@ -15,6 +15,15 @@ OPSET: Final = 18
 IR_VERSION: Final = 8
 
 
+def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
+    """The values rounded to float32; raises ExportError, with the name, if one has no finite float32."""
+    with np.errstate(over="ignore"):
+        array = np.asarray(values, dtype=np.float64).astype(np.float32)
+    if not np.isfinite(array).all():
+        raise ExportError(f"{name}: a value is too large for float32")
+    return array
+
+
 class Graph:
     """Collects nodes; every value is known by its name.
 
@@ -40,18 +49,16 @@ class Graph:
 
     def output(self, value: str, shape: Sequence[int], name: str | None = None) -> None:
         """Declare a value to be a float32 output, under another name if one is given."""
-        # The Identity also lets a body return a value that it did not compute itself.
-        name = self._root._unique("out") if name is None else name
-        self._nodes.append(helper.make_node("Identity", [value], [name]))
-        self._outputs.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, shape))
+        if name is None and value in {known.name for known in self._outputs}:
+            name = self._root._unique("again")
+        if name is not None:
+            # Only where needed: inside a Scan even an Identity costs its dispatch in every step.
+            self._nodes.append(helper.make_node("Identity", [value], [name]))
+        self._outputs.append(helper.make_tensor_value_info(name or value, TensorProto.FLOAT, shape))
 
     def constant(self, values: npt.ArrayLike, name: str = "const") -> str:
         """A float32 constant; raises ExportError if a value has no finite float32."""
-        with np.errstate(over="ignore"):
-            array = np.asarray(values, dtype=np.float64).astype(np.float32)
-        if not np.isfinite(array).all():
-            raise ExportError(f"{name}: a value is too large for float32")
-        return self._root._store(name, array)
+        return self._root._store(name, as_float32(values, name))
 
     def index(self, values: Sequence[int]) -> str:
         """An int64 constant: axes, starts, ends, shapes."""

@@ -39,11 +39,12 @@ class Dynamics:
         # Columns of the first layer: the latent state, then the action.
         by_state = graph.op("Slice", first, graph.index([0]), graph.index([latent]), graph.index([1]))
         by_action = graph.op("Slice", first, graph.index([latent]), graph.index([latent + 1]), graph.index([1]))
-        action_std = graph.constant(program.scaling.action_std, "action_std")
-        self._by_action = graph.op("Div", by_action, action_std)
+        per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
+        self._by_action = graph.op("Mul", by_action, per_action)
         self._by_action_row = transposed(graph, self._by_action)
-        self._forward = tuple(transposed(graph, matrix) for matrix in (by_state, second, third))
-        self._backward = (by_state, second, third)
+        self._forward = (transposed(graph, by_state), transposed(graph, second))
+        self._backward = (by_state, second)
+        self._output = third
         self._bias = _biases(graph, weights.input, weights.hidden, weights.output)
         self._norms = (
             NormNames(graph, weights.norm_in, "dynamics.norm_in"),
@@ -64,7 +65,7 @@ class Dynamics:
         h1 = body.op("Elu", self._norms[0].apply(body, u1))
         u2 = body.op("Gemm", h1, self._forward[1], self._bias[1])
         h2 = body.op("Elu", self._norms[1].apply(body, u2))
-        after = body.op("Add", state, body.op("Gemm", h2, self._forward[2], self._bias[2]))
+        after = body.op("Add", state, body.op("Gemm", h2, self._output, self._bias[2], transB=1))
         body.output(after, (1, self._latent))
         body.output(after, (1, self._latent))
         for value, width in ((u1, widths[0]), (h1, widths[0]), (u2, widths[1]), (h2, widths[1])):
@@ -85,7 +86,7 @@ class Dynamics:
         x1, p1 = body.input("xhat1", (1, widths[0])), body.input("slope1", (1, widths[0]))
         x2, p2 = body.input("xhat2", (1, widths[1])), body.input("slope2", (1, widths[1]))
         total = body.op("Add", later, own)
-        v2 = _through_norm(body, body.op("MatMul", total, self._backward[2]), x2, p2, widths[1])
+        v2 = _through_norm(body, body.op("MatMul", total, self._output), x2, p2, widths[1])
         v1 = _through_norm(body, body.op("MatMul", v2, self._backward[1]), x1, p1, widths[0])
         body.output(body.op("Gemm", v1, self._backward[0], total), (1, self._latent))
         body.output(v1, (1, widths[0]))

@@ -13,16 +13,16 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width
     mean = graph.constant([*scaling.pressure_mean, 0.0], "window_mean")
-    std = graph.constant([*scaling.pressure_std, scaling.action_std], "window_std")
-    scaled = graph.op("Div", graph.op("Sub", window, mean), std)
-    lead, batch = graph.index([0]), graph.index([1])
+    # As a factor, a deviation too small for float32 is refused where a divisor would round to zero.
+    std = np.array([*scaling.pressure_std, scaling.action_std])
+    scaled = graph.op("Mul", graph.op("Sub", window, mean), graph.constant(1.0 / std, "1 / window_std"))
 
     # The operator has a direction axis in front of everything, and a batch axis of one in the sequence.
     _, hidden = graph.ops(
         "LSTM",
-        graph.op("Unsqueeze", scaled, batch),
-        graph.op("Unsqueeze", store(graph, _onnx_gates(weights.lstm.weight_input), "lstm.weight_input"), lead),
-        graph.op("Unsqueeze", store(graph, _onnx_gates(weights.lstm.weight_recurrent), "lstm.weight_recurrent"), lead),
+        graph.op("Unsqueeze", scaled, graph.index([1])),
+        store(graph, _onnx_gates(weights.lstm.weight_input), "lstm.weight_input", leading=1),
+        store(graph, _onnx_gates(weights.lstm.weight_recurrent), "lstm.weight_recurrent", leading=1),
         graph.constant(
             np.concatenate([_onnx_gates(weights.lstm.bias_input), _onnx_gates(weights.lstm.bias_recurrent)])[None],
             "lstm.bias",
@@ -30,7 +30,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
         outputs=2,
         hidden_size=width,
     )
-    row = graph.op("Squeeze", hidden, lead)
+    row = graph.op("Squeeze", hidden, graph.index([0]))
     normed = NormNames(graph, weights.norm, "encoder.norm").apply(graph, row)
     middle = graph.op(
         "Gemm",

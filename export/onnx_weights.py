@@ -5,31 +5,43 @@ never inside a Scan: for float weights ONNX Runtime folds these nodes when the s
 weights they run once per control step.
 """
 
-from collections.abc import Callable
-from typing import Final, Literal, get_args
+from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
 
 from contract.errors import ExportError
-from export.graph_builder import Graph
+from export.graph_builder import Graph, as_float32
 from export.quantise import quantise_matrix
 from export.weights import LAYER_NORM_EPSILON, Array, Norm
 
 Precision = Literal["float32", "int8"]
-Store = Callable[[Graph, Array, str], str]
-"""Puts a matrix (outputs, inputs) into the graph and returns the name of its float32 value."""
 
 
-def store_float32(graph: Graph, weight: Array, name: str) -> str:
+class Store(Protocol):
+    """Puts a matrix (outputs, inputs) into the graph and returns the name of its float32 value."""
+
+    def __call__(self, graph: Graph, weight: Array, name: str, *, leading: int = 0) -> str:
+        """`leading` axes of length 1 come in front, where an operator wants them."""
+        ...
+
+
+def store_float32(graph: Graph, weight: Array, name: str, *, leading: int = 0) -> str:
     """The matrix rounded to float32."""
-    return graph.constant(weight, name)
+    return graph.constant(weight.reshape((1,) * leading + weight.shape), name)
 
 
-def store_int8(graph: Graph, weight: Array, name: str) -> str:
-    """The matrix as `export.quantise` rounds it: a byte a weight and a scale a row."""
+def store_int8(graph: Graph, weight: Array, name: str, *, leading: int = 0) -> str:
+    """The matrix as `export.quantise` rounds it: a byte a weight and a scale a row.
+
+    The value must go straight into a product or a sum: ONNX Runtime moves a DequantizeLinear past operators that
+    only rearrange (Transpose, Slice, Unsqueeze), and 1.20 aborts on that with a scale a row.
+    """
+    as_float32(weight, name)  # for its refusal: the scales are float32
     matrix = quantise_matrix(weight)
+    values = graph.stored(matrix.values.reshape((1,) * leading + weight.shape), f"{name}.int8")
     scales = graph.stored(matrix.scales, f"{name}.scale")
-    return graph.op("DequantizeLinear", graph.stored(matrix.values, f"{name}.int8"), scales, axis=0)
+    zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
+    return graph.op("DequantizeLinear", values, scales, zero_points, axis=leading)
 
 
 _STORES: Final[dict[str, Store]] = {"float32": store_float32, "int8": store_int8}
