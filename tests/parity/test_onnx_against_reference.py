@@ -1,0 +1,123 @@
+"""Second link of the chain: ONNX under ONNX Runtime = NumPy reference, for float and for int8 weights.
+
+The int8 graph is compared with the reference running on the dequantised weights, so the tolerance is the same:
+both graphs compute in float32 (`export.parity` explains the figures).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.errors import ExportError
+from export.onnx_graph import build_controller
+from export.onnx_session import OnnxController
+from export.parity import check_parity, control_cases
+from export.program import ControllerProgram
+from export.quantise import quantise
+from export.random_program import random_program, random_window
+from export.reference_mpc import control_step
+
+SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
+
+
+def small_program(seed: int) -> ControllerProgram:
+    rng = np.random.default_rng([seed, 2])
+    model = ModelConfig(
+        window=int(rng.integers(1, 12)),
+        latent=int(rng.integers(1, 9)),
+        lstm_width=int(rng.integers(2, 16)),
+        dynamics_width=int(rng.integers(4, 40)),
+        decoder_width=int(rng.integers(4, 40)),
+        decoder_blocks=int(rng.integers(1, 4)),
+    )
+    mpc = MpcConfig(
+        horizon=int(rng.integers(2, 20)),
+        iterations=int(rng.integers(1, 10)),
+        learning_rate=float(10.0 ** rng.uniform(-4, -2)),
+    )
+    return random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.2)))
+
+
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+@pytest.mark.parametrize("seed", range(10))
+def test_random_small_nets(seed, precision):
+    program = small_program(seed)
+    effective = quantise(program) if precision == "int8" else program
+    rng = np.random.default_rng(seed)
+    windows = [random_window(program, rng) for _ in range(6)]
+    check_parity(effective, build_controller(program, precision).SerializeToString(), windows)
+
+
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+def test_paper_size(precision):
+    program = random_program(11)
+    effective = quantise(program) if precision == "int8" else program
+    rng = np.random.default_rng(1)
+    windows = [random_window(program, rng) for _ in range(4)]
+    report = check_parity(effective, build_controller(program, precision).SerializeToString(), windows)
+    # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
+    assert report.action < 2e-6
+
+
+def test_a_closed_loop_of_steps_stays_together():
+    """Plans fed back for 30 steps: differences must not accumulate beyond the gate's tolerance for one."""
+    program = random_program(4, model=SMALL, mpc=MpcConfig(horizon=10))
+    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    rng = np.random.default_rng(4)
+    plan = found = np.zeros(10)
+    for _ in range(30):
+        window = random_window(program, rng).astype(np.float32).astype(np.float64)
+        plan = control_step(program, window, plan, np.ones(10)).plan
+        found = controller.control_step(window, found, np.ones(10)).plan
+        np.testing.assert_allclose(found, plan, rtol=0, atol=2.5e-5)
+
+
+def test_weights_are_an_optional_input_and_change_the_goal():
+    program = random_program(2, model=SMALL, mpc=MpcConfig(horizon=6))
+    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    (case,) = control_cases(program, count=1)
+    default = controller.control_step(case.window, case.plan, case.free)
+    given = controller.control_step(case.window, case.plan, case.free, np.array(program.mpc.weights.as_tuple()))
+    np.testing.assert_array_equal(given.plan, default.plan)
+    effort_only = np.eye(7)[5]
+    calm = controller.control_step(case.window, case.plan, case.free, effort_only)
+    assert np.abs(calm.plan).sum() < np.abs(default.plan).sum()
+
+
+def test_actions_stay_within_a_limit_that_float32_rounds_up():
+    limit = 0.075
+    assert float(np.float32(limit)) > limit
+    unsmoothed = CostWeights(smoothness=0.0)
+    mpc = MpcConfig(horizon=6, iterations=20, learning_rate=0.05, weights=unsmoothed)
+    program = random_program(6, model=SMALL, mpc=mpc, action_limit=limit)
+    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    rng = np.random.default_rng(0)
+    touched = 0.0
+    for _ in range(10):
+        plan = controller.control_step(random_window(program, rng), np.zeros(6), np.ones(6)).plan
+        assert np.abs(plan).max() <= limit
+        touched = max(touched, np.abs(plan).max())
+    assert touched == pytest.approx(limit, rel=1e-6)
+
+
+def test_committed_actions_come_back_to_the_bit():
+    program = random_program(8, model=SMALL, mpc=MpcConfig(horizon=8))
+    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    rng = np.random.default_rng(8)
+    plan = rng.uniform(-0.07, 0.07, 8).astype(np.float32).astype(np.float64)
+    free = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
+    found = controller.control_step(random_window(program, rng), plan, free).plan
+    shifted = np.append(plan[1:], plan[-1])
+    np.testing.assert_array_equal(found[free == 0], shifted[free == 0])
+    assert (found[free == 1] != shifted[free == 1]).all()
+
+
+def test_gate_refuses_a_graph_of_another_program():
+    program = random_program(9, model=SMALL, mpc=MpcConfig(horizon=6))
+    other = replace(program, mpc=replace(program.mpc, iterations=program.mpc.iterations + 1))
+    with pytest.raises(ExportError, match=r"differ by .* in action"):
+        check_parity(other, build_controller(program, "float32").SerializeToString())
+    with pytest.raises(ExportError, match="differ by"):
+        check_parity(program, build_controller(program, "int8").SerializeToString())

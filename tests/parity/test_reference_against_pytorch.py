@@ -1,0 +1,147 @@
+"""First link of the chain: NumPy reference = PyTorch autograd + torch.optim.Adam + clamp, both in float64.
+
+Tolerance 1e-9: the two differ in rounding only (1e-16 a number, some 1e-14 after a roll-out with its adjoint),
+and Adam divides by a gradient plus 1e-8, which can raise a rounding of 1e-16 to 1e-8 of the learning rate.
+Random reals hit no kink of max, min or |Cl|; ties are tested on their own.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from contract.config import CostWeights, ModelConfig, MpcConfig
+from export.eager import EagerController
+from export.parity import ControlCase, control_cases
+from export.program import ControllerProgram
+from export.random_program import random_program, random_window
+from export.reference_cost import cost_gradient
+from export.reference_model import decode, decode_vjp, encode, step, step_vjp
+from export.reference_mpc import control_step, gradient
+
+TOLERANCE = 1e-9
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def small_program(seed: int) -> ControllerProgram:
+    """Every width, the horizon and the optimiser's settings drawn at random."""
+    rng = np.random.default_rng([seed, 1])
+    model = ModelConfig(
+        window=int(rng.integers(1, 10)),
+        latent=int(rng.integers(1, 9)),
+        lstm_width=int(rng.integers(1, 12)),
+        dynamics_width=int(rng.integers(2, 24)),
+        decoder_width=int(rng.integers(2, 24)),
+        decoder_blocks=int(rng.integers(1, 4)),
+    )
+    mpc = MpcConfig(
+        horizon=int(rng.integers(2, 12)),
+        iterations=int(rng.integers(1, 8)),
+        learning_rate=float(10.0 ** rng.uniform(-4, -1)),
+        drag_reference=float(rng.uniform(0.5, 1.5)),
+        weights=CostWeights(**dict(zip(vars(CostWeights()), rng.uniform(0.0, 3.0, 7).tolist(), strict=True))),
+    )
+    return random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.5)))
+
+
+def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
+    expected_plan, expected_forces, expected_terms, expected_cost = EagerController(
+        program, torch.float64
+    ).control_step(case.window, case.plan, case.free, case.weights)
+    found = control_step(program, case.window, case.plan, case.free, case.weights)
+    np.testing.assert_allclose(found.plan, expected_plan, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(found.forces, expected_forces, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(found.terms, expected_terms, rtol=0, atol=TOLERANCE)
+    assert found.cost == pytest.approx(expected_cost, abs=TOLERANCE)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_control_step_of_random_small_nets(seed):
+    program = small_program(seed)
+    for case in control_cases(program, count=3, seed=seed):
+        assert_same_step(program, case)
+
+
+@pytest.mark.parametrize(
+    "mpc", [MpcConfig(), MpcConfig(horizon=40, iterations=3, learning_rate=5e-3)], ids=["paper", "longer"]
+)
+def test_control_step_at_paper_size(mpc):
+    program = random_program(100, mpc=mpc)
+    for case in control_cases(program, count=2, seed=7):
+        assert_same_step(program, case)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_encoder_matches_torch_lstm(seed):
+    program = small_program(seed)
+    window = random_window(program, np.random.default_rng(seed))
+    expected = EagerController(program, torch.float64).encode(window).numpy()
+    np.testing.assert_allclose(encode(program, window), expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_gradient_matches_autograd(seed):
+    program = small_program(seed)
+    rng = np.random.default_rng(seed)
+    h = program.mpc.horizon
+    z, plan = rng.normal(size=program.latent), rng.uniform(-0.1, 0.1, h)
+    weights, previous_action = rng.uniform(0.1, 2.0, 7), 0.03
+    eager = EagerController(program, torch.float64)
+    actions = torch.tensor(plan, requires_grad=True)
+    terms = eager.terms(
+        eager.predict(torch.tensor(z), actions), actions, torch.tensor(previous_action, dtype=torch.float64)
+    )
+    (expected,) = torch.autograd.grad(torch.tensor(weights) @ terms, actions)
+    found = gradient(program, z, plan, previous_action, weights)
+    np.testing.assert_allclose(found, expected.numpy(), rtol=1e-11, atol=1e-13)
+
+
+def test_adjoints_match_central_differences():
+    """Independent of PyTorch as well: directional derivatives of step and decode, batched over leading axes."""
+    program = small_program(3)
+    rng = np.random.default_rng(0)
+    z, a = rng.normal(size=(4, program.latent)), rng.uniform(-0.05, 0.05, 4)
+    dz, da = rng.normal(size=z.shape), rng.normal(size=a.shape)
+    out, e = rng.normal(size=z.shape), 1e-6
+
+    slope = (out * (step(program, z + e * dz, a + e * da) - step(program, z - e * dz, a - e * da))).sum() / (2 * e)
+    back_z, back_a = step_vjp(program, z, a, out)
+    assert (back_z * dz).sum() + (back_a * da).sum() == pytest.approx(slope, rel=1e-7)
+
+    out = rng.normal(size=(4, 2))
+    slope = (out * (decode(program, z + e * dz) - decode(program, z - e * dz))).sum() / (2 * e)
+    assert (decode_vjp(program, z, out) * dz).sum() == pytest.approx(slope, rel=1e-7)
+
+
+def test_ties_and_kinks_take_pytorchs_subgradients():
+    program = random_program(0, mpc=MpcConfig(horizon=5))
+    forces = np.array([[1.0, 0.0], [2.0, 0.5], [2.0, -0.5], [1.0, 0.0], [1.0, 0.3]])
+    plan, weights = np.zeros(5), np.arange(1.0, 8.0)
+    values, actions = torch.tensor(forces, requires_grad=True), torch.tensor(plan, requires_grad=True)
+    terms = EagerController(program, torch.float64).terms(values, actions, torch.tensor(0.01, dtype=torch.float64))
+    torch.autograd.backward(torch.tensor(weights) @ terms)
+    found = cost_gradient(forces, plan, 0.01, weights)
+    np.testing.assert_allclose(found.forces, values.grad.numpy(), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.plan, actions.grad.numpy(), rtol=0, atol=1e-14)
+
+
+def test_disagreement_would_show():
+    """The comparison is sharp: one weight changed by a ten-thousandth breaks it."""
+    program = random_program(5, mpc=MpcConfig(horizon=8))
+    matrix = program.dynamics.hidden.weight.copy()
+    matrix[3, 4] *= 1.0 + 1e-4
+    hidden = replace(program.dynamics.hidden, weight=matrix)
+    other = replace(program, dynamics=replace(program.dynamics, hidden=hidden))
+    (case,) = control_cases(program, count=1)
+    with pytest.raises(AssertionError):
+        expected = EagerController(program, torch.float64).control_step(case.window, case.plan, case.free)
+        found = control_step(other, case.window, case.plan, case.free)
+        np.testing.assert_allclose(found.forces, expected[1], rtol=0, atol=TOLERANCE)
