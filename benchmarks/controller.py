@@ -1,0 +1,112 @@
+"""Latency of one control step: the paper's recipe in eager PyTorch against the ONNX graphs, in the same run.
+
+    python benchmarks/controller.py [--json FILE] [--repeats N]
+
+One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time. Weights
+are random at the paper's sizes (time does not depend on them); other sizes are options.
+"""
+
+import json
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from contract.atomic import replacing
+from contract.config import ModelConfig, MpcConfig
+from export.eager import EagerController
+from export.onnx_graph import build_controller
+from export.onnx_session import OnnxController
+from export.parity import control_cases
+from export.random_program import random_program
+
+# One eager step takes as long as some ten of the others.
+_EAGER_EVERY = 5
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each ONNX graph.")] = 300,
+    dynamics_width: int = 256,
+    decoder_width: int = 128,
+    horizon: int = 25,
+    iterations: int = 5,
+) -> None:
+    """Time the control step and print a table."""
+    torch.set_num_threads(1)
+    model = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
+    program = random_program(0, model=model, mpc=MpcConfig(horizon=horizon, iterations=iterations))
+    (case,) = control_cases(program, count=1)
+    graphs = {name: build_controller(program, name).SerializeToString() for name in ("float32", "int8")}
+    load_ms = [_timed(lambda: OnnxController(graphs["float32"])) for _ in range(5)]
+    eager = EagerController(program, torch.float32)
+    whole, small = OnnxController(graphs["float32"]), OnnxController(graphs["int8"])
+    steps: dict[str, Callable[[], object]] = {
+        "eager_ms": lambda: eager.control_step(case.window, case.plan, case.free),
+        "onnx_ms": lambda: whole.control_step(case.window, case.plan, case.free),
+        "onnx_int8_ms": lambda: small.control_step(case.window, case.plan, case.free),
+    }
+    for step in steps.values():
+        step()  # warm caches and allocators
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    console = Console(stderr=True)
+    for i in track(range(repeats), "control steps", console=console):
+        for name, step in steps.items():
+            if name != "eager_ms" or i % _EAGER_EVERY == 0:
+                times[name].append(_timed(step))
+
+    figures: dict[str, Any] = {name: float(np.median(values)) for name, values in times.items()}
+    figures["onnx_load_ms"] = float(np.median(load_ms))
+    figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
+    figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
+    figures["settings"] = {
+        "dynamics_width": dynamics_width,
+        "decoder_width": decoder_width,
+        "horizon": horizon,
+        "iterations": iterations,
+        "repeats": repeats,
+        "threads": 1,
+    }
+    figures["versions"] = {name: version(name) for name in ("torch", "onnxruntime", "numpy")}
+    figures["machine"] = platform.processor() or platform.machine()
+    _print(figures)
+    if json_file is not None:
+        with replacing(json_file) as temporary:
+            temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+def _timed(step: Callable[[], object]) -> float:
+    """Wall time in ms."""
+    start = time.perf_counter()
+    step()
+    return (time.perf_counter() - start) * 1e3
+
+
+def _print(figures: dict[str, Any]) -> None:
+    table = Table("one control step", "median ms", "min ms", "times faster", "KB")
+    rows = (("eager PyTorch", "eager_ms", None), ("ONNX float32", "onnx_ms", "onnx_bytes"))
+    for label, key, size in (*rows, ("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes")):
+        table.add_row(
+            label,
+            f"{figures[key]:.2f}",
+            f"{figures['min'][key]:.2f}",
+            f"{figures['eager_ms'] / figures[key]:.1f}",
+            "" if size is None else f"{figures[size] / 1024:.0f}",
+        )
+    table.add_row(
+        "session load, ONNX float32", f"{figures['onnx_load_ms']:.1f}", f"{figures['min']['onnx_load_ms']:.1f}"
+    )
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    typer.run(main)
