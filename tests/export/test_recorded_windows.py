@@ -1,5 +1,7 @@
 """Windows cut from a recording: the right columns, the right action beside each row, the right end."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ def test_rows_pair_pressures_with_the_action_before_them():
 def test_windows_are_consecutive_and_reach_back_to_the_action_in_force_at_the_start():
     windows = recorded_windows(PROGRAM, episode(6), 4)
     assert windows[0][0, -1] == -0.05
-    for earlier, later in zip(windows, windows[1:], strict=False):
+    for earlier, later in pairwise(windows):
         np.testing.assert_array_equal(earlier[1:], later[:-1])
 
 
