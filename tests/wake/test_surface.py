@@ -1,0 +1,54 @@
+"""Sensors and forces against pressure fields with a known integral (Gauss's theorem on the truck's outline)."""
+
+import numpy as np
+import pytest
+
+from contract import sensors
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from wake.solver import Flow
+from wake.surface import Measured
+from wake.truck_wake import TruckWake
+
+AREA = LENGTH * 2 * HALF_WIDTH - 2 * (1 - np.pi / 4) * LEADING_EDGE_RADIUS**2
+
+
+def _measure(wake: TruckWake, pressure: object) -> Measured:
+    """Measured quantities for a kinematic pressure given as a function, in fluid at rest."""
+    flow = Flow.zeros(wake.grid.shape)
+    x, y = np.meshgrid(wake.grid.xc, wake.grid.yc, indexing="ij")
+    flow.p[:] = pressure(x, y)  # type: ignore[operator]
+    return wake.surface.measure(flow.flat)
+
+
+def test_sensors_read_a_linear_pressure_exactly(shared_wake: TruckWake) -> None:
+    measured = _measure(shared_wake, lambda x, y: 0.3 + 0.1 * x - 0.7 * y)
+    x, y = sensors.positions().T
+    assert measured.Cp == pytest.approx(2 * (0.3 + 0.1 * x - 0.7 * y), abs=1e-12)
+
+
+def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake: TruckWake) -> None:
+    measured = _measure(shared_wake, lambda x, y: np.ones_like(x))
+    slots = 2 * 2 * JET_WIDTH
+    assert measured.Cd == pytest.approx(slots, abs=1e-4)  # the arc's quadrature
+    assert measured.Cd_slot == pytest.approx(-slots, abs=1e-12)
+    assert measured.Cl == pytest.approx(0.0, abs=1e-12)
+    assert measured.slot_Cp == pytest.approx((2.0, 2.0), abs=1e-12)
+
+
+def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> None:
+    # -Integral p n dS = -grad p * area, and a force coefficient is twice the kinematic force.
+    along = _measure(shared_wake, lambda x, y: x)
+    assert along.Cd + along.Cd_slot == pytest.approx(-2 * AREA, rel=1e-5)
+    across = _measure(shared_wake, lambda x, y: y)
+    assert across.Cl == pytest.approx(-2 * AREA, rel=1e-5)
+
+
+def test_wall_shear_of_a_known_layer(shared_wake: TruckWake) -> None:
+    grid, nu = shared_wake.grid, 1.0 / shared_wake.config.reynolds
+    flow = Flow.zeros(grid.shape)
+    above = np.maximum(np.abs(grid.yc) - HALF_WIDTH, 0.0)
+    flow.u[:, 1:-1] = (3.0 * above - above**2)[None, :]
+    flow.u[: grid.front + 20] = 0.0  # only the straight sides count here
+    measured = shared_wake.surface.measure(flow.flat)
+    length = LENGTH - grid.xf[grid.front + 20]
+    assert measured.Cd == pytest.approx(2 * 2 * nu * 3.0 * length, rel=0.01)

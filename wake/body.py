@@ -1,0 +1,34 @@
+"""The truck's outline: a rectangle whose two front corners are rounded (paper, figure 1)."""
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+
+Array = npt.NDArray[np.float64]
+
+
+def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
+    """Distance to the outline in W, positive in the fluid; exact outside and inside near the outline."""
+    x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
+    # A box with all corners sharp, and one with all corners rounded; the front takes the second.
+    sharp = _box_distance(x, y, 0.0)
+    rounded = _box_distance(x, y, LEADING_EDGE_RADIUS)
+    return np.where(x < 0.5 * LENGTH, rounded, sharp)
+
+
+def _box_distance(x: Array, y: Array, radius: float) -> Array:
+    qx = np.abs(x - 0.5 * LENGTH) - (0.5 * LENGTH - radius)
+    qy = y - (HALF_WIDTH - radius)
+    outside = np.hypot(np.maximum(qx, 0.0), np.maximum(qy, 0.0))
+    inside = np.minimum(np.maximum(qx, qy), 0.0)
+    return outside + inside - radius
+
+
+def outward_normal(x: float, y: float) -> tuple[float, float]:
+    """Unit normal at the outline's point nearest to (x, y), pointing into the fluid."""
+    step = 1e-6
+    nx = float(signed_distance(x + step, y) - signed_distance(x - step, y))
+    ny = float(signed_distance(x, y + step) - signed_distance(x, y - step))
+    length = np.hypot(nx, ny)
+    return nx / length, ny / length

@@ -1,0 +1,57 @@
+"""Open-loop forcing signals, sampled at the control period (paper, section 2.1).
+
+Every signal is a pure function of its settings, its length and a random generator, normalised to [-1, 1] and scaled
+to the action limit.
+"""
+
+from collections.abc import Callable
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import butter, sosfilt
+
+from contract.config import FlowConfig, ForcingConfig
+
+Array = npt.NDArray[np.float64]
+ForcingName = Literal["training", "chirp", "none"]
+
+
+def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
+    """The training waveform: a carrier near the shedding frequency whose frequency wanders with low-pass filtered
+    noise and whose amplitude follows a slow sinusoid; clipped. Shape (steps,), in U_inf W.
+
+    The noise is filtered by a second-order Butterworth low-pass and normalised by its largest magnitude. The envelope
+    reaches 1 + depth, so that the signal clips at its strongest: that is where full amplitude is explored.
+    """
+    dt = flow.control_period
+    # The filter starts at rest: its transient, a few cut-off periods, is thrown away.
+    settle = int(4.0 / (forcing.modulation_cutoff * dt))
+    lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
+    eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
+    eta /= np.abs(eta).max()
+    frequency = forcing.base_frequency + forcing.modulation_index * eta
+    phase = 2.0 * np.pi * (rng.random() + np.cumsum(frequency) * dt)
+    t = np.arange(steps) * dt
+    envelope = 1.0 + forcing.envelope_depth * np.sin(2.0 * np.pi * (forcing.envelope_frequency * t + rng.random()))
+    signal: Array = flow.action_limit * np.clip(envelope * np.sin(phase), -1.0, 1.0)
+    return signal
+
+
+def chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
+    """A linear sweep at full amplitude from `chirp_start` to `chirp_end`; shape (steps,), in U_inf W."""
+    del rng
+    t = np.arange(steps) * flow.control_period
+    duration = max(steps, 1) * flow.control_period
+    sweep = (forcing.chirp_end - forcing.chirp_start) / duration
+    return flow.action_limit * np.sin(2.0 * np.pi * (forcing.chirp_start * t + 0.5 * sweep * t**2))
+
+
+def none(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
+    """No forcing; shape (steps,)."""
+    del forcing, flow, rng
+    return np.zeros(steps)
+
+
+Signal = Callable[[int, ForcingConfig, FlowConfig, np.random.Generator], Array]
+SIGNALS: Final[dict[ForcingName, Signal]] = {"training": training, "chirp": chirp, "none": none}

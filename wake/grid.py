@@ -1,0 +1,145 @@
+"""Stretched tensor grid around the truck, with faces on every straight wall and slot edge.
+
+Staggered arrangement: p in cell centres (nx, ny), u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1). The grid is
+symmetric in y and has an even number of rows, so that the flow splits into exact even and odd halves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import cumulative_trapezoid
+
+from contract.errors import ConfigError
+from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
+
+Array = npt.NDArray[np.float64]
+
+# Wanted spacing at a few stations; between them it varies linearly. The wall cell matches the body-fitted
+# reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as its finest regions.
+_SPACING_X: tuple[tuple[float, float], ...] = (
+    (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
+    (7.0, 0.05), (7.6, 0.016), (7.75, 0.016), (8.2, 0.03), (9.0, 0.05), (12.0, 0.08), (23.0, 0.25),
+)  # fmt: skip
+_SPACING_Y: tuple[tuple[float, float], ...] = (
+    (0.0, 0.03), (0.42, 0.0125), (0.58, 0.0125), (1.5, 0.075), (3.0, 0.2), (7.5, 0.8),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grid:
+    """Face coordinates and the spacings derived from them.
+
+    Attributes:
+        xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
+        xc, yc: cell centres, shapes (nx,) and (ny,).
+        dx, dy: cell sizes.
+        dxc: distance between the centres either side of x-face i, shape (nx + 1,); half cells at the ends.
+        dyc: likewise in y, shape (ny + 1,).
+        front, rear: x-face indices of the body's front and base.
+        lower, upper: y-face indices of the body's sides.
+        slot_cells: rows in each slot.
+    """
+
+    xf: Array
+    yf: Array
+    xc: Array
+    yc: Array
+    dx: Array
+    dy: Array
+    dxc: Array
+    dyc: Array
+    front: int
+    rear: int
+    lower: int
+    upper: int
+    slot_cells: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.xc), len(self.yc)
+
+
+def truck_grid(refinement: float = 1.0) -> Grid:
+    """The grid of the truck; every spacing is divided by `refinement`.
+
+    Raises:
+        ConfigError: if the grid would be too coarse to give each slot two cells.
+    """
+    front, rear = DOMAIN_X[0], DOMAIN_X[1]
+    x_parts = [
+        _segment(_SPACING_X, start, end, refinement) for start, end in ((front, 0.0), (0.0, LENGTH), (LENGTH, rear))
+    ]
+    slot = HALF_WIDTH - JET_WIDTH
+    y_parts = [
+        _segment(_SPACING_Y, start, end, refinement)
+        for start, end in ((0.0, slot), (slot, HALF_WIDTH), (HALF_WIDTH, DOMAIN_Y[1]))
+    ]
+    slot_cells = len(y_parts[1]) - 1
+    if slot_cells < 2:
+        raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")
+    half = _join(y_parts)
+    yf = np.concatenate([-half[:0:-1], half])
+    centre = len(half) - 1
+    wall = len(y_parts[0]) + len(y_parts[1]) - 2
+    grid = from_faces(_join(x_parts), yf)
+    nose = len(x_parts[0]) - 1
+    return replace(
+        grid,
+        front=nose,
+        rear=nose + len(x_parts[1]) - 1,
+        lower=centre - wall,
+        upper=centre + wall,
+        slot_cells=slot_cells,
+    )
+
+
+def from_faces(xf: Array, yf: Array) -> Grid:
+    """A grid without a body, from its faces."""
+    xc, yc = 0.5 * (xf[1:] + xf[:-1]), 0.5 * (yf[1:] + yf[:-1])
+    return Grid(
+        xf=xf,
+        yf=yf,
+        xc=xc,
+        yc=yc,
+        dx=np.diff(xf),
+        dy=np.diff(yf),
+        dxc=np.diff(np.concatenate([xf[:1], xc, xf[-1:]])),
+        dyc=np.diff(np.concatenate([yf[:1], yc, yf[-1:]])),
+        front=0,
+        rear=0,
+        lower=0,
+        upper=0,
+        slot_cells=0,
+    )
+
+
+def bilinear(x: Array, y: Array, px: float, py: float) -> list[tuple[tuple[int, int], float]]:
+    """Nodes (i, j) of the tensor grid x, y around a point, with their weights; zero weights are left out."""
+    i = int(np.clip(np.searchsorted(x, px) - 1, 0, len(x) - 2))
+    j = int(np.clip(np.searchsorted(y, py) - 1, 0, len(y) - 2))
+    a = (px - x[i]) / (x[i + 1] - x[i])
+    b = (py - y[j]) / (y[j + 1] - y[j])
+    corners = (
+        ((i, j), (1 - a) * (1 - b)),
+        ((i + 1, j), a * (1 - b)),
+        ((i, j + 1), (1 - a) * b),
+        ((i + 1, j + 1), a * b),
+    )
+    return [(face, float(w)) for face, w in corners if abs(w) > 1e-12]
+
+
+def _segment(spacing: Sequence[tuple[float, float]], start: float, end: float, refinement: float) -> Array:
+    """Faces from start to end whose local spacing follows the table, scaled to a whole number of cells."""
+    stations, sizes = np.array(spacing).T
+    x = np.linspace(start, end, 4001)
+    cells = cumulative_trapezoid(refinement / np.interp(x, stations, sizes), x, initial=0.0)
+    count = max(1, round(float(cells[-1])))
+    faces = np.interp(np.linspace(0.0, cells[-1], count + 1), cells, x)
+    faces[0], faces[-1] = start, end
+    return faces
+
+
+def _join(parts: Sequence[Array]) -> Array:
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])

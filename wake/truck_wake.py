@@ -1,0 +1,209 @@
+"""The plant: the truck's wake with its jets, stepped one control period at a time.
+
+Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
+force to the newly commanded one until t_{k+1}. A command that arrives late starts its ramp late and still ends at
+t_{k+1}; `advance_to` lets a co-simulation say when it arrived.
+"""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.atomic import replacing
+from contract.config import FlowConfig
+from contract.errors import PlantError
+from wake import boundary, jets
+from wake.body import signed_distance
+from wake.grid import truck_grid
+from wake.solver import Flow, FlowSolver
+from wake.surface import Surface
+
+Array = npt.NDArray[np.float64]
+
+STATE_SCHEMA: Final = "stillwake-flow/1"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sample:
+    """What the plant shows at one instant; forces per unit of rho U_inf^2 W / 2.
+
+    Attributes:
+        t: time in t_c.
+        Cp: at the 90 sensors, relative to the outlet.
+        Cd, Cl: wall force without the slot faces.
+        Cd_slot: pressure and viscous force on the slot faces.
+        Cd_momentum: reaction to the momentum the jets carry, negative for thrust.
+        jet_power: power the jets hand to the flow, per unit of rho U_inf^3 W / 2.
+        Uy_probe: transverse velocity at (10, 0).
+        action: jet flow rate in force at this instant.
+    """
+
+    t: float
+    Cp: Array
+    Cd: float
+    Cl: float
+    Cd_slot: float
+    Cd_momentum: float
+    jet_power: float
+    Uy_probe: float
+    action: float
+
+    @property
+    def Cd_net(self) -> float:
+        """Wall, slot and momentum together: what the vehicle's axle would feel."""
+        return self.Cd + self.Cd_slot + self.Cd_momentum
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Everything that decides the future: the flow, the substep count since t = 0 and the jet."""
+
+    flat: Array
+    substep: int
+    action: float
+
+
+class TruckWake:
+    """The flow around the truck.
+
+    Args:
+        config: Reynolds number, control period, substeps and action bound.
+        refinement: divides every grid spacing; 1 is the grid all shipped data was recorded on.
+    """
+
+    def __init__(self, config: FlowConfig | None = None, refinement: float = 1.0) -> None:
+        self.config = FlowConfig() if config is None else config
+        self.grid = truck_grid(refinement)
+        self.boundary = boundary.build(self.grid, signed_distance)
+        profile = jets.slot_profile(self.grid)
+        viscosity = 1.0 / self.config.reynolds
+        self.solver = FlowSolver(self.grid, self.boundary, viscosity, slot_profile=profile)
+        self.surface = Surface(self.grid, self.boundary, viscosity, profile)
+        self.flow = Flow.zeros(self.grid.shape)
+        self._substep = 0
+        self._action = 0.0
+
+    @property
+    def dt(self) -> float:
+        """Time step in t_c."""
+        return self.config.control_period / self.config.substeps
+
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+        return self._substep * self.dt
+
+    @property
+    def substeps_into_period(self) -> int:
+        return self._substep % self.config.substeps
+
+    def reset(self, state: State) -> Sample:
+        """Continue from a state, bit for bit.
+
+        Raises:
+            PlantError: if it belongs to another grid or is not finite.
+        """
+        if state.flat.shape != self.flow.flat.shape:
+            raise PlantError(f"flow state has {state.flat.size} values, this grid needs {self.flow.flat.size}")
+        if not np.isfinite(state.flat).all():
+            raise PlantError("flow state holds values that are not finite")
+        self.flow.flat[:] = state.flat
+        self._substep, self._action = state.substep, state.action
+        return self.sample()
+
+    def state(self) -> State:
+        """A copy to `reset` to later."""
+        return State(flat=self.flow.flat.copy(), substep=self._substep, action=self._action)
+
+    def advance(self, action: float) -> Sample:
+        """Ramp to `action` over the rest of the control period and return the next sample.
+
+        Raises:
+            PlantError: for an action that is not finite or exceeds the bound, or if the flow diverges.
+        """
+        return self.advance_to(self.config.substeps, action)
+
+    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+        """Advance within the current period until `substep` (1 .. substeps).
+
+        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
+        """
+        into, last = self.substeps_into_period, self.config.substeps
+        if not into < substep <= last:
+            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
+        target = self._action if action is None else self._checked(action)
+        steps = substep - into
+        reached = self._action + (target - self._action) * steps / (last - into)
+        self.solver.run(self.flow, dt=self.dt, steps=steps, action_from=self._action, action_to=reached)
+        self._substep += steps
+        self._action = target if substep == last else reached
+        return self.sample()
+
+    def sample(self) -> Sample:
+        """Measure now."""
+        measured, a = self.surface.measure(self.flow.flat), self._action
+        upper, lower = measured.slot_Cp
+        # Integral of u^3 over a slot vanishes in the sum of blowing and sucking; pressure work remains.
+        return Sample(
+            t=self.t,
+            Cp=measured.Cp,
+            Cd=measured.Cd,
+            Cl=measured.Cl,
+            Cd_slot=measured.Cd_slot,
+            Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * a * a,
+            jet_power=a * (upper - lower),
+            Uy_probe=measured.Uy_probe,
+            action=a,
+        )
+
+    def vorticity(self) -> Array:
+        """dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
+        u, v = self.flow.u, self.flow.v
+        dvdx = (v[2:-1, 1:-1] - v[1:-2, 1:-1]) / self.grid.dxc[1:-1, None]
+        dudy = (u[1:-1, 2:-1] - u[1:-1, 1:-2]) / self.grid.dyc[None, 1:-1]
+        return np.asarray(dvdx - dudy)
+
+    def _checked(self, action: float) -> float:
+        limit = self.config.action_limit
+        if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
+            raise PlantError(f"action {action}: must be finite and within +-{limit}")
+        return float(action)
+
+
+def save_state(path: Path, wake: TruckWake) -> None:
+    """Write the plant's state, whole or not at all."""
+    state = wake.state()
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            schema=STATE_SCHEMA,
+            flat=state.flat,
+            substep=state.substep,
+            action=state.action,
+            shape=wake.grid.shape,
+            reynolds=wake.config.reynolds,
+        )
+
+
+def load_state(path: Path) -> State:
+    """Read a saved state.
+
+    Raises:
+        PlantError: if the file is missing, damaged or of another schema.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if str(data["schema"]) != STATE_SCHEMA:
+                raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
+            return State(flat=data["flat"], substep=int(data["substep"]), action=float(data["action"]))
+    except (OSError, KeyError, ValueError) as error:
+        raise PlantError(f"{path}: not a flow state ({error})") from error
+
+
+def developed_state() -> State:
+    """The shipped start: shedding established, no action."""
+    return load_state(Path(str(files("wake").joinpath("data/developed.npz"))))
