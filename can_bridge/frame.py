@@ -1,0 +1,43 @@
+"""One CAN frame, as every part of this room passes it around."""
+
+from dataclasses import dataclass
+from typing import Final
+
+MAX_FRAME_ID: Final = 0x7FF
+"""Largest 11-bit identifier; nothing here uses 29-bit ones."""
+
+CLASSIC_LENGTHS: Final = tuple(range(9))
+FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
+"""Data lengths a CAN FD length code can name, bytes (ISO 11898-1:2015, data length code)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """A data frame with an 11-bit identifier. CAN FD frames switch to the data bit rate.
+
+    Attributes:
+        frame_id: 0 to 0x7FF; the smaller wins arbitration.
+        data: 0 to 8 bytes, or a CAN FD length.
+        timestamp_ns: when it was sent or received, in the clock of whoever built it.
+        is_fd: CAN FD rather than classic CAN.
+
+    Raises:
+        ValueError: for anything a controller could not put on the wire, or a negative time.
+    """
+
+    frame_id: int
+    data: bytes
+    timestamp_ns: int = 0
+    is_fd: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.frame_id <= MAX_FRAME_ID:
+            raise ValueError(f"frame id {self.frame_id:#x}: must be in 0..{MAX_FRAME_ID:#x}")
+        if not isinstance(self.data, bytes):
+            raise ValueError(f"frame data is {type(self.data).__name__}: must be bytes")
+        lengths = FD_LENGTHS if self.is_fd else CLASSIC_LENGTHS
+        if len(self.data) not in lengths:
+            kind = "CAN FD" if self.is_fd else "classic CAN"
+            raise ValueError(f"frame of {len(self.data)} bytes: {kind} carries {', '.join(map(str, lengths))}")
+        if self.timestamp_ns < 0:
+            raise ValueError(f"timestamp {self.timestamp_ns} ns: must not be negative")

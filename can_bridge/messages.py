@@ -1,0 +1,90 @@
+"""The three messages in engineering units. `contract/stillwake.dbc` says what each signal means."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+SENSORS: Final = 4
+"""Pressures in a Pressure message."""
+
+COUNT_LIMIT: Final = 0xFFFF
+"""Where the 16-bit event counts of EcuStatus stay."""
+
+BUS_OFF_LIMIT: Final = 0xFF
+"""Where its bus-off count stays."""
+
+
+class Mode(IntEnum):
+    """State of the control loop, and how a jet command came about."""
+
+    OFF = 0
+    WARMUP = 1
+    CONTROL = 2
+    HOLD = 3
+    DECAY = 4
+    FAULT = 5
+
+
+class Reason(IntEnum):
+    """Why the control loop is not in CONTROL."""
+
+    NONE = 0
+    STREAM_LOST = 1
+    STREAM_INVALID = 2
+    DEADLINE = 3
+    BUS_OFF = 4
+    INTERNAL = 5
+    SENSOR_INVALID = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure:
+    """Wall pressures of one instant.
+
+    Attributes:
+        pressure_pa: relative to the free stream, (4,), in the order of the bundle's sensors.
+        valid: the sensors' own diagnosis, (4,).
+        enable_request: the vehicle wants control to be active.
+        age_ns: from sampling to handing the frame to the bus.
+    """
+
+    pressure_pa: tuple[float, ...]
+    valid: tuple[bool, ...]
+    enable_request: bool
+    age_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class JetCommand:
+    """The jets' flow rate to be reached at the end of the coming control period.
+
+    Attributes:
+        flow_m2_per_s: out of the upper slot and into the lower, per unit span.
+        mode: how the command came about.
+        enable: False shuts the jets whatever the flow says.
+        pressure_counter: E2E counter of the newest pressure frame behind it; None before the first.
+    """
+
+    flow_m2_per_s: float
+    mode: Mode
+    enable: bool
+    pressure_counter: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuStatus:
+    """Health of the controller; events since power-on.
+
+    Attributes:
+        overruns, missed, crc_errors: up to COUNT_LIMIT. Whoever counts stops there.
+        bus_off: up to BUS_OFF_LIMIT, likewise.
+        bundle_hash: 32 bits, `contract.bundle.Bundle.short_hash`.
+    """
+
+    state: Mode
+    reason: Reason
+    overruns: int
+    missed: int
+    crc_errors: int
+    bus_off: int
+    bundle_hash: int

@@ -1,0 +1,39 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+
+
+@given(frame_id=st.integers(-5, 0x805), length=st.integers(0, 70), time=st.integers(-3, 3), is_fd=st.booleans())
+def test_exists_only_if_a_controller_could_send_it(frame_id, length, time, is_fd):
+    # Lengths of a CAN FD length code, ISO 11898-1: written out once more on purpose.
+    lengths = {0, 1, 2, 3, 4, 5, 6, 7, 8} | ({12, 16, 20, 24, 32, 48, 64} if is_fd else set())
+    sound = 0 <= frame_id < 0x800 and length in lengths and time >= 0
+    try:
+        frame = Frame(frame_id=frame_id, data=bytes(length), timestamp_ns=time, is_fd=is_fd)
+    except ValueError:
+        assert not sound
+    else:
+        assert sound
+        assert (frame.frame_id, len(frame.data), frame.timestamp_ns, frame.is_fd) == (frame_id, length, time, is_fd)
+
+
+@pytest.mark.parametrize(
+    ("fields", "culprit"),
+    [
+        ({"frame_id": 0x800, "data": b""}, "0x800"),
+        ({"frame_id": 1, "data": bytes(9)}, "9 bytes"),
+        ({"frame_id": 1, "data": bytes(12), "is_fd": False}, "classic CAN carries 0, 1, .* 8$"),
+        ({"frame_id": 1, "data": bytearray(8)}, "bytearray"),
+        ({"frame_id": 1, "data": b"", "timestamp_ns": -1}, "-1 ns"),
+    ],
+)
+def test_refusal_names_the_value(fields, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        Frame(**fields)
+
+
+def test_lengths_are_sorted_and_classic_ones_come_first():
+    assert FD_LENGTHS[: len(CLASSIC_LENGTHS)] == CLASSIC_LENGTHS
+    assert list(FD_LENGTHS) == sorted(set(FD_LENGTHS))

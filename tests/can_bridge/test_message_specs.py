@@ -1,0 +1,74 @@
+"""The numbers in code against the DBC, as cantools reads it."""
+
+from importlib.resources import files
+
+import cantools
+import pytest
+
+from can_bridge import message_specs as specs
+from can_bridge.messages import BUS_OFF_LIMIT, COUNT_LIMIT, SENSORS, Mode, Reason
+from contract.config import Config
+
+DBC = cantools.database.load_string(files("contract").joinpath("stillwake.dbc").read_text())
+
+
+def test_dbc_and_code_know_the_same_messages():
+    assert {message.name for message in DBC.messages} == {spec.name for spec in specs.SPECS}
+
+
+@pytest.mark.parametrize("spec", specs.SPECS, ids=lambda spec: spec.name)
+def test_message_is_the_dbcs(spec):
+    message = DBC.get_message_by_name(spec.name)
+    attributes = {name: attribute.value for name, attribute in message.dbc.attributes.items()}
+    assert (message.frame_id, message.length) == (spec.frame_id, spec.length)
+    assert (attributes["E2EProfile"], attributes["E2EDataID"]) == (5, spec.data_id)
+    assert message.is_fd
+    assert not message.is_extended_frame
+    assert message.cycle_time * 1_000_000 == Config().period_ns
+    crc, counter = message.get_signal_by_name("E2E_CRC"), message.get_signal_by_name("E2E_Counter")
+    assert (crc.start, crc.length, crc.byte_order, crc.is_signed) == (0, 16, "little_endian", False)
+    assert (counter.start, counter.length) == (16, 8)
+    assert message.comment
+
+
+def test_identities_are_unique():
+    assert len({spec.frame_id for spec in specs.SPECS}) == len({spec.data_id for spec in specs.SPECS}) == 3
+
+
+def test_resolutions_and_limits_are_the_dbcs():
+    pressure, jet, status = (DBC.get_message_by_name(spec.name) for spec in specs.SPECS)
+    for i in range(SENSORS):
+        assert pressure.get_signal_by_name(f"Pressure{i}").scale == specs.PRESSURE_RESOLUTION_PA
+        assert pressure.get_signal_by_name(f"Pressure{i}").unit == "Pa"
+    assert f"Pressure{SENSORS}" not in pressure.signal_tree
+    age = pressure.get_signal_by_name("Age")
+    assert (round(age.scale * 1e6), age.unit) == (specs.AGE_RESOLUTION_NS, "ms")
+    flow = jet.get_signal_by_name("Flow")
+    assert (flow.scale, flow.unit) == (specs.FLOW_RESOLUTION_M2_PER_S, "m2/s")
+    assert flow.maximum == pytest.approx(specs.INT16_MAX * flow.scale)
+    for name in ("Overruns", "Missed", "CrcErrors"):
+        assert status.get_signal_by_name(name).maximum == COUNT_LIMIT
+    assert status.get_signal_by_name("BusOff").maximum == BUS_OFF_LIMIT
+
+
+@pytest.mark.parametrize(
+    ("message", "signal", "table"),
+    [("JetCommand", "Mode", Mode), ("EcuStatus", "State", Mode), ("EcuStatus", "Reason", Reason)],
+)
+def test_value_tables_are_the_dbcs(message, signal, table):
+    choices = DBC.get_message_by_name(message).get_signal_by_name(signal).choices
+    assert {value: str(name) for value, name in choices.items()} == {item.value: item.name for item in table}
+
+
+def test_signals_stay_within_their_own_bits():
+    """cantools refuses overlaps when strict; every signal also says what it means or is the E2E header."""
+    strict = cantools.database.load_string(files("contract").joinpath("stillwake.dbc").read_text(), strict=True)
+    for message in strict.messages:
+        for signal in message.signals:
+            assert signal.comment or signal.name.startswith("E2E_")
+
+
+def test_default_action_limit_fits_the_flow_signal():
+    config = Config()
+    flow = DBC.get_message_by_name("JetCommand").get_signal_by_name("Flow")
+    assert config.flow.action_limit * config.operating_point.flow_rate_scale < flow.maximum
