@@ -1,0 +1,121 @@
+"""The last check before a jet command goes on the bus. It trusts nothing the controller says.
+
+In this order: no permission, no finite number or no fresh pressure shuts the jets at once; otherwise the command is
+brought into range and then to within one step of the command before it. Zero is the safe state, so shutting is
+never slowed down.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Flag, auto
+from typing import Self
+
+from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S, INT16_MAX
+from contract.config import Config
+from contract.errors import ConfigError
+
+
+class Intervention(Flag):
+    """What the gate had to do; empty if the command passed as it was."""
+
+    NOT_ENABLED = auto()
+    NOT_FINITE = auto()
+    STALE = auto()
+    RANGE = auto()
+    RATE = auto()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateLimits:
+    """Bounds on what may pass.
+
+    Attributes:
+        flow_m2_per_s: largest magnitude of the command.
+        step_m2_per_s: largest change from one command to the next.
+        pressure_age_ns: oldest valid pressure frame a command may rest on.
+    """
+
+    flow_m2_per_s: float
+    step_m2_per_s: float
+    pressure_age_ns: int
+
+    @classmethod
+    def from_config(cls, config: Config) -> Self:
+        """The limits of a vehicle.
+
+        The range ends on a step of the wire, so that rounding on emission cannot lead out of it. The age lets the
+        fail-safe's hold and decay through and nothing after them.
+
+        Raises:
+            ConfigError: if the wire cannot carry the action limit at this operating point.
+        """
+        scale = config.operating_point.flow_rate_scale
+        limit = config.flow.action_limit * scale
+        # The small number keeps a limit that is itself a step of the wire.
+        steps = math.floor(limit / FLOW_RESOLUTION_M2_PER_S + 1e-6)
+        if steps > INT16_MAX:
+            widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
+            raise ConfigError(
+                f"flow.action_limit is {limit:g} m2/s at this speed and width: JetCommand ends at {widest:g}"
+            )
+        periods = 1 + config.ecu.hold_periods + config.ecu.decay_periods
+        return cls(
+            flow_m2_per_s=steps * FLOW_RESOLUTION_M2_PER_S,
+            step_m2_per_s=config.ecu.command_step * scale,
+            pressure_age_ns=periods * config.period_ns,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GatedCommand:
+    """What goes on the bus. `flow_m2_per_s` is also the next call's `previous_m2_per_s`."""
+
+    flow_m2_per_s: float
+    enable: bool
+    interventions: Intervention
+
+
+def gate(
+    flow_m2_per_s: float,
+    *,
+    enable: bool,
+    previous_m2_per_s: float,
+    pressure_ns: int | None,
+    now_ns: int,
+    limits: GateLimits,
+) -> GatedCommand:
+    """Let a command pass, bring it within bounds, or shut the jets. Call it once for each command sent.
+
+    Args:
+        flow_m2_per_s: what the controller or its fail-safe asks for.
+        enable: whether the jets may run.
+        previous_m2_per_s: what this gate let pass last; 0 at the start.
+        pressure_ns: when the latest valid pressure frame was received; None if there was none.
+        now_ns: same clock. A pressure from the future counts as stale: one of the two clocks is wrong.
+    """
+    if not enable:
+        return _shut(Intervention.NOT_ENABLED)
+    if not math.isfinite(flow_m2_per_s):
+        return _shut(Intervention.NOT_FINITE)
+    if pressure_ns is None or not 0 <= now_ns - pressure_ns <= limits.pressure_age_ns:
+        return _shut(Intervention.STALE)
+
+    interventions = Intervention(0)
+    in_range = _clamp(flow_m2_per_s, -limits.flow_m2_per_s, limits.flow_m2_per_s)
+    if in_range != flow_m2_per_s:
+        interventions |= Intervention.RANGE
+    low, high = previous_m2_per_s - limits.step_m2_per_s, previous_m2_per_s + limits.step_m2_per_s
+    passed = _clamp(in_range, low, high)
+    if passed != in_range:
+        interventions |= Intervention.RATE
+        # The range has the last word, whatever `previous` was.
+        passed = _clamp(passed, -limits.flow_m2_per_s, limits.flow_m2_per_s)
+    return GatedCommand(flow_m2_per_s=passed, enable=True, interventions=interventions)
+
+
+def _shut(why: Intervention) -> GatedCommand:
+    return GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=why)
+
+
+def _clamp(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
