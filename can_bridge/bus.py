@@ -1,0 +1,15 @@
+"""What a bus offers in a driver's loop; real, virtual and simulated buses share it."""
+
+from typing import Protocol
+
+from can_bridge.frame import Frame
+
+
+class Bus(Protocol):
+    """A place to put frames and to collect them without waiting."""
+
+    def send(self, frame: Frame) -> None:
+        """Hand over one frame; raises BusError if the bus does not take it."""
+
+    def receive_all(self) -> list[Frame]:
+        """Everything that has arrived, oldest first, without waiting; raises BusError if the bus failed."""

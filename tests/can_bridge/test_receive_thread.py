@@ -1,0 +1,139 @@
+from collections.abc import Iterator
+from itertools import count
+from threading import Event
+
+import can
+import pytest
+
+from can_bridge.frame import Frame
+from can_bridge.mailbox import Mailbox
+from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.receive_thread import ReceiveThread
+from contract.config import BusConfig
+from contract.errors import BusError
+
+CHANNELS = count()
+PATIENCE_S = 10.0
+"""How long a test waits for another thread before it fails; never reached when all is well."""
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
+    config = BusConfig(channel=f"thread-{next(CHANNELS)}")
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
+        yield one, other
+
+
+class Collector:
+    """Keeps what is delivered and wakes the test when enough has come."""
+
+    def __init__(self, wanted: int) -> None:
+        self.frames: list[Frame] = []
+        self.enough = Event()
+        self._wanted = wanted
+
+    def __call__(self, frame: Frame) -> None:
+        self.frames.append(frame)
+        if len(self.frames) == self._wanted:
+            self.enough.set()
+
+
+def test_delivers_in_order_and_stops(pair):
+    one, other = pair
+    frames = [Frame(frame_id=0x120, data=bytes([i]), timestamp_ns=i) for i in range(100)]
+    collector = Collector(len(frames))
+    with ReceiveThread(other, collector) as thread:
+        for frame in frames:
+            one.send(frame)
+        assert collector.enough.wait(PATIENCE_S)
+        thread.check()
+    assert collector.frames == frames
+    one.send(frames[0])
+    assert other.receive_all() == [frames[0]]
+
+
+def test_mailbox_behind_it_holds_the_latest(pair):
+    one, other = pair
+    mailbox: Mailbox[Frame] = Mailbox()
+    done = Event()
+
+    def deliver(frame: Frame) -> None:
+        mailbox.put(frame)
+        if frame.timestamp_ns == 9:
+            done.set()
+
+    with ReceiveThread(other, deliver):
+        for i in range(10):
+            one.send(Frame(frame_id=1, data=b"", timestamp_ns=i))
+        assert done.wait(PATIENCE_S)
+    latest = mailbox.take()
+    assert (latest.timestamp_ns, mailbox.overwritten) == (9, 9)
+
+
+class Failing(can.BusABC):
+    """Raises what it is given, once, then is idle."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.channel_info = "failing"
+        self.error: BaseException | None = error
+        self.raised = Event()
+        self.polled_again = Event()
+        super().__init__(channel=None)
+        self.shutdown()  # nothing to close: python-can would remind us of it
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self.error is not None:
+            error, self.error = self.error, None
+            self.raised.set()
+            raise error
+        self.polled_again.set()
+        return None, False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize("error", [OSError(19, "No such device"), MemoryError("out of memory"), RuntimeError("bug")])
+def test_death_of_the_thread_is_kept_and_told(error):
+    failing = Failing(error)
+    with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
+        assert failing.raised.wait(PATIENCE_S)
+        thread._thread.join(PATIENCE_S)
+        assert not thread._thread.is_alive()
+        with pytest.raises(BusError, match="CAN reception ended"):
+            thread.check()
+    assert not failing.polled_again.is_set()
+
+
+def test_error_of_the_consumer_is_told_too(pair):
+    one, other = pair
+
+    def refuse(frame: Frame) -> None:
+        raise RuntimeError(f"no room for {frame.frame_id:#x}")
+
+    with ReceiveThread(other, refuse) as thread:
+        one.send(Frame(frame_id=0x77, data=b""))
+        thread._thread.join(PATIENCE_S)
+        with pytest.raises(BusError, match="no room for 0x77"):
+            thread.check()
+
+
+def test_garbage_does_not_end_it():
+    failing = Failing(ValueError("garbage on the line"))
+    with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
+        assert failing.polled_again.wait(PATIENCE_S)
+        thread.check()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_same_garbage_does_end_python_cans_notifier():
+    """The reason for a thread of our own; should python-can mend this, the reason is gone."""
+    failing = Failing(ValueError("garbage on the line"))
+    notifier = can.Notifier(failing, [], timeout=0.01)
+    try:
+        assert failing.raised.wait(PATIENCE_S)
+        for reader in notifier._readers:
+            reader.join(PATIENCE_S)
+        assert not failing.polled_again.is_set()
+    finally:
+        notifier.stop(timeout=0.1)
