@@ -5,14 +5,25 @@ compiler, and a missing extra is one clear line.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
+from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
 
 from contract.config_loading import load_config
 from contract.errors import StillwakeError
@@ -20,6 +31,11 @@ from contract.errors import StillwakeError
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 console = Console()
 errors = Console(stderr=True)
+
+SHIPPED_RECORDING: Final = Path(str(files("wake").joinpath("data/recording.h5")))
+SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
+GATE_WINDOWS: Final = 50
+"""Consecutive recorded windows that the export gates replay."""
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file; default: the release settings.")]
 Overrides = Annotated[list[str], typer.Option("--set", help="Override, e.g. --set mpc.weights.lift=0.1 (repeatable).")]
@@ -58,17 +74,191 @@ def record(
 
     Can be stopped at any time; the same command continues where it was.
     """
-    from wake.recorder import EpisodePlan, record as record_dataset
+    from wake.recorder import EpisodePlan
+    from wake.recorder import record as record_dataset
 
     config = load_config(config_file, overrides)
-    wanted = (("training", training, seed), ("chirp", chirp, 0), ("none", uncontrolled, 0))
-    plans = [EpisodePlan(forcing=name, steps=steps, seed=number) for name, steps, number in wanted if steps > 0]
+    plans = [
+        EpisodePlan(forcing="training", steps=training, seed=seed),
+        EpisodePlan(forcing="chirp", steps=chirp, seed=0),
+        EpisodePlan(forcing="none", steps=uncontrolled, seed=0),
+    ]
+    plans = [plan for plan in plans if plan.steps > 0]
     if not plans:
         raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
     with _progress_bar("steps") as bar:
         tasks = {plan.name: bar.add_task(plan.name, total=plan.steps, note="") for plan in plans}
         record_dataset(output, plans, config, lambda name, done, _: bar.update(tasks[name], completed=done))
     console.print(f"wrote {output}: {sum(plan.steps for plan in plans)} control steps")
+
+
+@app.command()
+def train(
+    output: Annotated[Path, typer.Argument(help="Model directory to write.")],
+    dataset: Annotated[Path | None, typer.Option(help="HDF5 data set; default: the shipped recording.")] = None,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    resume: Annotated[bool, typer.Option(help="Continue an interrupted training.")] = False,
+    sensors: Annotated[str, typer.Option(help="Comma-separated sensors instead of the SHAP ranking's best.")] = "",
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Train the latent model, rank the sensors by SHAP, distil the slim encoder, judge all on the test episodes."""
+    from train.pipeline import train_all
+
+    config = load_config(config_file, overrides)
+    names = {"fit": "joint fit", "rank": "SHAP ranking", "distil": "distillation"}
+    with _progress_bar("iterations") as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def show(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+            if phase not in tasks:
+                tasks[phase] = bar.add_task(names.get(phase, phase), total=total, note="")
+            note = "  ".join(f"{name} {value:.4f}" for name, value in terms.items())
+            bar.update(tasks[phase], completed=step, note=note)
+
+        trained = train_all(
+            SHIPPED_RECORDING if dataset is None else dataset,
+            config,
+            output,
+            progress=show,
+            device=device,
+            resume=resume,
+            chosen=tuple(name.strip() for name in sensors.split(",")) if sensors else None,
+        )
+    console.print(_metrics_table(trained.metrics))
+    stable = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in trained.ranking["stable"].items())
+    console.print(f"sensors: {', '.join(trained.sensors)}   top sets identical over the repeats: {stable}")
+    console.print(f"wrote {output}")
+
+
+@app.command()
+def export(
+    model: Annotated[Path, typer.Argument(help="Model directory written by `train`.")],
+    output: Annotated[Path, typer.Argument(help="Bundle directory, or .zip, to write.")],
+    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
+    name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
+    dataset: Annotated[Path | None, typer.Option(help="Recording the gates are run on; default: shipped.")] = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Lower a trained model to one ONNX graph of a control step and pack a release bundle.
+
+    The MPC settings come from the configuration. Nothing is written unless the graph agrees with the reference.
+    """
+    from contract import dataset as recordings
+    from export.bundle_writer import write_release
+    from export.from_training import load_trained
+    from export.recorded_windows import recorded_windows
+
+    if precision not in ("int8", "float32"):
+        raise StillwakeError(f"--precision {precision}: must be int8 or float32")
+    config = load_config(config_file, overrides)
+    trained = load_trained(model)
+    program = trained.program(config.mpc)
+    test = recordings.read(SHIPPED_RECORDING if dataset is None else dataset).with_role("test")[0]
+    report = write_release(
+        output,
+        program,
+        precision="int8" if precision == "int8" else "float32",
+        name=name,
+        operating_point=config.operating_point,
+        budget_ms=config.period_ns / 1e6,
+        control_period=config.flow.control_period,
+        provenance=trained.provenance,
+        windows=recorded_windows(program, test, GATE_WINDOWS),
+    )
+    table = Table("gate", "measured")
+    for title, part in (("graph against reference", report.parity), ("int8 against float32", report.quantisation)):
+        if part is not None:
+            for key, value in asdict(part).items():
+                table.add_row(f"{title}: {key}", f"{value:.3g}" if isinstance(value, float) else str(value))
+    console.print(table)
+    console.print(f"wrote {output}: {precision}, controller.onnx {report.controller_bytes / 1024:.0f} KiB")
+
+
+@app.command()
+def run(
+    output: Annotated[Path, typer.Argument(help="Run folder to write.")],
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
+    controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
+    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
+    from can_bridge.messages import Mode
+    from contract.bundle import load
+    from firmware_sim.closed_loop import SUMMARY, run_closed_loop
+    from firmware_sim.report import drag_rows, headline, service_rows, write_report
+    from firmware_sim.run_log import Row
+
+    config = load_config(config_file, overrides)
+    release = load(SHIPPED_BUNDLE if bundle is None else bundle)
+    console.print(f"bundle {release.manifest.name} {release.digest[:12]}: {', '.join(release.manifest.sensors)}")
+    with _progress_bar("periods") as bar:
+        task = bar.add_task("closed loop", total=None, note="")
+
+        def show(row: Row, done: int, total: int) -> None:
+            note = (
+                f"{Mode(row.mode).name:7s} Cd {row.Cd:.3f}  base Cp {row.base_Cp:+.3f}  "
+                f"action {row.action:+.3f}  step {row.step_ms:.1f} ms"
+            )
+            bar.update(task, completed=done, total=total, note=note)
+
+        log = run_closed_loop(
+            output, release, config, lead_in=lead_in, controlled=controlled, settle=settle, progress=show
+        )
+    page = write_report(output)
+    table = Table("", "uncontrolled", "controlled")
+    for label, before, under in drag_rows(log):
+        table.add_row(label, before, under)
+    service = Table("bus and ECU", "")
+    for label, value in service_rows(log):
+        service.add_row(label, value)
+    for item in (table, service, headline(log), f"wrote {page} and {output / SUMMARY}"):
+        console.print(item)
+
+
+@app.command()
+def report(folder: Annotated[Path, typer.Argument(help="Folder written by `run`.")]) -> None:
+    """Write a run's HTML page anew from its series."""
+    from firmware_sim.report import write_report
+
+    console.print(f"wrote {write_report(folder)}")
+
+
+@app.command()
+def develop(
+    output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
+    duration: Annotated[float, typer.Option(help="Settling time, t_c.")] = 200.0,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Start the flow from rest and let the wake establish itself: how the shipped start was made."""
+    from wake.develop import develop as develop_wake
+    from wake.truck_wake import TruckWake, save_state
+
+    wake = TruckWake(load_config(config_file, overrides).flow)
+    with _progress_bar("t_c") as bar:
+        task = bar.add_task("developing", total=duration, note="")
+        develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
+    save_state(output, wake)
+    console.print(f"wrote {output}")
+
+
+def _metrics_table(metrics: Mapping[str, Any]) -> Table:
+    table = Table("test episodes", "R2 Cd", "R2 Cl", "L1/sigma Cd", "L1/sigma Cl", "roll-out L1/sigma Cd / Cl")
+    for name in ("teacher", "slim"):
+        part = metrics[name]
+        rollout = "  ".join(f"h={r['horizon']}: {r['drag']:.2f} / {r['lift']:.2f}" for r in part["rollout"])
+        table.add_row(
+            name,
+            *(f"{part[force]['r2']:.3f}" for force in ("drag", "lift")),
+            *(f"{part[force]['l1_over_sigma']:.3f}" for force in ("drag", "lift")),
+            rollout,
+        )
+    return table
 
 
 @contextmanager
@@ -80,7 +270,9 @@ def _one_line_errors() -> Iterator[None]:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
-        extra = {"torch": "train", "shap": "train", "onnx": "train", "safetensors": "train"}.get(error.name or "", "sim")
+        extra = {"torch": "train", "shap": "train", "onnx": "train", "safetensors": "train"}.get(
+            error.name or "", "sim"
+        )
         errors.print(
             f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'", style="red", markup=False
         )

@@ -1,0 +1,1 @@
+"""The ECU in virtual time, the vehicle around it, the closed loop and its report."""

@@ -1,0 +1,142 @@
+"""One closed-loop run from bundle to run folder: wiring, progress, figures kept."""
+
+import json
+import math
+import platform
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from can_bridge import frame_log
+from can_bridge.python_can_bus import PythonCanBus
+from contract.atomic import replacing
+from contract.bundle import Bundle
+from contract.config import Config
+from contract.config_loading import to_tree
+from firmware_sim import run_log
+from firmware_sim.controller import OnnxController
+from firmware_sim.ecu import Ecu
+from firmware_sim.run_log import Row, RunLog
+from firmware_sim.statistics import latency, reduction_percent, regimes
+from firmware_sim.vehicle import PressureNode
+from firmware_sim.virtual_loop import VirtualLoop, Wires
+from wake.pictures import vorticity_figure
+from wake.truck_wake import TruckWake, developed_state
+
+SERIES: Final = "series.npz"
+FRAMES: Final = "frames.log"
+SUMMARY: Final = "summary.json"
+BEFORE: Final = "vorticity_uncontrolled.png"
+AFTER: Final = "vorticity_controlled.png"
+
+WARM_UP_PLANS: Final = 3
+"""Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""
+
+
+def run_closed_loop(
+    output: Path,
+    bundle: Bundle,
+    config: Config,
+    *,
+    lead_in: float,
+    controlled: float,
+    settle: float,
+    progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
+) -> RunLog:
+    """Run the shipped wake under the bundle's controller and keep the results in `output`.
+
+    Args:
+        output: run folder, created if need be: series, captured frames, pictures, summary.
+        bundle: verified release.
+        config: the vehicle; its operating point and control period must be the bundle's.
+        lead_in: t_c without control; the controller's window fills meanwhile.
+        controlled: t_c with control requested.
+        settle: t_c after that which the controlled averages leave out.
+        progress: called with (row, periods done, periods in all) after every period.
+
+    Raises:
+        StillwakeError: if the folder cannot be written or the bundle does not fit the vehicle.
+    """
+    periods = [round(span / config.flow.control_period) for span in (lead_in, controlled)]
+    total = sum(periods)
+    controller = OnnxController(bundle)
+    controller.warm_up(WARM_UP_PLANS)
+    ecu = Ecu(bundle, controller, config)
+    wake = TruckWake(config.flow)
+    wake.reset(developed_state())
+    rows: list[Row] = []
+    highlight = bundle.manifest.sensors
+    with ExitStack() as stack:
+        capture = stack.enter_context(frame_log.recording(output / FRAMES))
+        vehicle, ecu_bus, monitor = (stack.enter_context(PythonCanBus.open(config.bus)) for _ in range(3))
+        node = PressureNode(bundle.manifest.sensors, config)
+        wires = Wires(vehicle=vehicle, ecu=ecu_bus, monitor=monitor)
+        loop = VirtualLoop(wake, node, ecu, wires, config, capture)
+        for k in range(total):
+            if k == periods[0]:
+                before = vorticity_figure(wake, highlight, title=f"without control, t = {wake.t:.1f} $t_c$")
+            rows.append(loop.period(enable_request=k >= periods[0]))
+            progress(rows[-1], k + 1, total)
+        after = vorticity_figure(wake, highlight, title=f"under control, t = {wake.t:.1f} $t_c$")
+    log = RunLog.of(rows, periods[0], loop.totals(), _facts(bundle, config, settle, ecu))
+    run_log.save(output / SERIES, log)
+    for name, figure in ((BEFORE, before), (AFTER, after)):
+        with replacing(output / name) as temporary:
+            figure.savefig(temporary, format="png")
+    with replacing(output / SUMMARY) as temporary:
+        temporary.write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
+    return log
+
+
+def summary(log: RunLog) -> dict[str, Any]:
+    """The run in figures that other programs read; a figure that does not exist is null."""
+    before, under = regimes(log, log.facts["settle"])
+    timing = latency(log)
+    figures = {
+        "Cd_uncontrolled": before.Cd,
+        "Cd_controlled": under.Cd,
+        "reduction_percent": reduction_percent(before, under),
+        "base_Cp_uncontrolled": before.base_Cp,
+        "base_Cp_controlled": under.base_Cp,
+        "abs_Cl_uncontrolled": before.abs_Cl,
+        "abs_Cl_controlled": under.abs_Cl,
+        "mean_Cl_controlled": under.mean_Cl,
+        "rms_action": under.rms_action,
+        "Cd_net_uncontrolled": before.Cd_net,
+        "Cd_net_controlled": under.Cd_net,
+        "jet_power_controlled": under.jet_power,
+        "mpc_ms_p50": timing.p50,
+        "mpc_ms_p99": timing.p99,
+        "mpc_ms_max": timing.max,
+    }
+    return {
+        **{name: None if math.isnan(value) else round(value, 6) for name, value in figures.items()},
+        "mpc_budget_ms": log.facts["budget_ms"],
+        "frames_sent": log.bus.sent,
+        "frames_lost": log.bus.lost,
+        "frames_rejected": log.bus.rejected,
+        "sensors": log.facts["sensors"],
+        "controller": log.facts["controller"],
+        "controlled_averages_from_t_c_after_enable": log.facts["settle"],
+    }
+
+
+def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu) -> dict[str, Any]:
+    manifest = bundle.manifest
+    return {
+        "controller": f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
+        "sensors": list(manifest.sensors),
+        "mpc": asdict(manifest.mpc),
+        "budget_ms": manifest.budget_ms,
+        "settle": settle,
+        "status": {name: int(value) for name, value in asdict(ecu.status()).items()},
+        "config": to_tree(config),
+        "versions": {
+            "python": platform.python_version(),
+            "machine": platform.machine(),
+            **{name: version(name) for name in ("stillwake", "onnxruntime", "numpy", "numba", "python-can")},
+        },
+    }

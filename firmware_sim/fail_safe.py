@@ -1,0 +1,70 @@
+"""What the ECU does when pressures stay away: hold, decay, zero and latch.
+
+    miss 1 .. hold_periods              HOLD   keep the last command
+    the next decay_periods misses       DECAY  halve it every period
+    one more                            FAULT  zero, latched
+
+A latched fault ends only when `rearm_frames` good frames in a row have come and the vehicle then raises its enable
+request anew. Short of the latch, the first good frame resumes control.
+"""
+
+from dataclasses import dataclass, replace
+
+from can_bridge.messages import Mode, Reason
+from contract.config import EcuConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class FailSafe:
+    """The state; `next_state` is the only way to change it.
+
+    Attributes:
+        misses: periods in a row without usable pressures.
+        good: usable ones in a row.
+        latched: a fault that needs re-arming.
+        reason: why the loop is not in control; kept while latched.
+        enable_request: the vehicle's wish as last received.
+    """
+
+    misses: int = 0
+    good: int = 0
+    latched: bool = False
+    reason: Reason = Reason.NONE
+    enable_request: bool = False
+
+    def next_state(self, *, usable: bool, enable_request: bool | None, reason: Reason, config: EcuConfig) -> "FailSafe":
+        """The state after one period.
+
+        Args:
+            usable: a valid frame with four valid pressures came.
+            enable_request: the wish in that frame; None if none came.
+            reason: why pressures are not usable; ignored if they are.
+            config: lengths of hold, decay and re-arming.
+        """
+        wish = self.enable_request if enable_request is None else enable_request
+        if not usable:
+            missed = replace(self, misses=self.misses + 1, good=0, enable_request=wish)
+            if self.latched or not self.enable_request:
+                return missed
+            latched = missed.misses > config.hold_periods + config.decay_periods
+            return replace(missed, latched=latched, reason=reason)
+        good = self.good + 1
+        edge = wish and not self.enable_request
+        latched = self.latched and not (edge and good >= config.rearm_frames)
+        return FailSafe(good=good, latched=latched, reason=self.reason if latched else Reason.NONE, enable_request=wish)
+
+    def latch(self, reason: Reason) -> "FailSafe":
+        """Latch for a cause other than missing pressures."""
+        return self if self.latched else replace(self, latched=True, reason=reason)
+
+    def mode(self, *, window_full: bool, config: EcuConfig) -> Mode:
+        """What the loop does in this period."""
+        if self.latched:
+            return Mode.FAULT
+        if not self.enable_request:
+            return Mode.OFF
+        if not window_full:
+            return Mode.WARMUP
+        if self.misses == 0:
+            return Mode.CONTROL
+        return Mode.HOLD if self.misses <= config.hold_periods else Mode.DECAY

@@ -1,0 +1,74 @@
+"""The vehicle's side of the bus: it samples the wall pressures, and drives the jets as commanded."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from can_bridge import codec
+from can_bridge.e2e_receiver import Check, E2eReceiver
+from can_bridge.e2e_sender import E2eSender
+from can_bridge.frame import Frame
+from can_bridge.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
+from can_bridge.messages import Pressure
+from contract import sensors
+from contract.config import Config
+
+Array = npt.NDArray[np.float64]
+
+
+class PressureNode:
+    """Four transducers and the jets' driver on one CAN node.
+
+    Args:
+        sensor_names: what the transducers are mounted on, in the order of the bundle.
+        config: operating point, E2E and fail-safe settings.
+    """
+
+    def __init__(self, sensor_names: Sequence[str], config: Config) -> None:
+        self._columns = sensors.indices(sensor_names)
+        self._config = config
+        self._sender = E2eSender(PRESSURE)
+        self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
+        self._misses = 0
+        self._action = 0.0
+        self.frames_sent = 0
+
+    def sample(self, cp: Array, *, enable_request: bool, now_ns: int) -> Frame:
+        """The Pressure frame for the 90 wall pressures Cp of this instant.
+
+        A pressure beyond the transducer's range saturates and is marked invalid.
+        """
+        wanted = cp[self._columns] * self._config.operating_point.dynamic_pressure
+        limit = INT16_MAX * PRESSURE_RESOLUTION_PA
+        message = Pressure(
+            pressure_pa=tuple(float(value) for value in np.clip(wanted, -limit, limit)),
+            valid=tuple(bool(value) for value in np.abs(wanted) <= limit),
+            enable_request=enable_request,
+            age_ns=0,
+        )
+        self.frames_sent += 1
+        return self._sender.frame(codec.emit_pressure(message), now_ns=now_ns)
+
+    def drive(self, frames: Sequence[Frame]) -> float:
+        """The jets' action after one control period's frames, in U_inf W.
+
+        Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut.
+        """
+        reception = self._receiver.tick(frames)
+        command = codec.parse_jet_command(reception.live.data) if reception.live else None
+        if command is not None:
+            self._misses = 0
+            flow = command.flow_m2_per_s if command.enable else 0.0
+            limit = self._config.flow.action_limit
+            self._action = float(np.clip(flow / self._config.operating_point.flow_rate_scale, -limit, limit))
+        else:
+            self._misses += 1
+            if self._misses > self._config.ecu.hold_periods:
+                self._action = 0.0
+        return self._action
+
+    @property
+    def frames_rejected(self) -> int:
+        """Jet commands that came but failed their end-to-end check."""
+        return sum(self._receiver.counts[check] for check in (Check.ERROR, Check.REPEATED, Check.WRONG_SEQUENCE))
