@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -100,5 +101,5 @@ def load(path: Path) -> RunLog:
         return RunLog(
             series=series, enabled_at=header["enabled_at"], bus=BusTotals(**header["bus"]), facts=header["facts"]
         )
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise StillwakeError(f"{path}: not the series of a run ({error})") from error

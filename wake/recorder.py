@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -142,5 +143,5 @@ def _read_block(path: Path) -> tuple[dict[str, Array], State]:
         with np.load(path) as data:
             state = State(flat=data["end"], substep=int(data["end_substep"]), action=float(data["end_action"]))
             return {name: data[name] for name in UNITS}, state
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
         raise StillwakeError(f"{path}: damaged block ({error}); delete it to record it again") from error

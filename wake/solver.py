@@ -104,6 +104,9 @@ class FlowSolver:
         Raises:
             PlantError: if the flow is no longer finite or faster than any physical one here.
         """
+        # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.
+        self._qu[:] = 0.0
+        self._qv[:] = 0.0
         with _THREADS.limit(limits=1, user_api="blas"):
             for step in range(steps):
                 ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in _STAGE_END]

@@ -97,8 +97,7 @@ class Surface:
         """The two nearest usable points along the normal at (x, y): (distance, field there)."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._axes(component)
-        i, j = int(np.searchsorted(self._grid.xf, x)), int(np.searchsorted(self._grid.yf, y))
-        spacing = float(max(*self._grid.dx[i - 1 : i + 1], *self._grid.dy[j - 1 : j + 1]))
+        spacing = max(_cell_size(self._grid.xf, x), _cell_size(self._grid.yf, y))
         found: list[tuple[float, Terms]] = []
         distance = 0.5 * spacing
         while len(found) < 2:
@@ -187,6 +186,12 @@ class Surface:
 
 def _normals() -> list[tuple[float, float]]:
     return [(0.0, 1.0)] * sensors.PER_SIDE + [(0.0, -1.0)] * sensors.PER_SIDE + [(1.0, 0.0)] * sensors.ON_BASE
+
+
+def _cell_size(faces: Array, at: float) -> float:
+    """Size of the cell around a point; of the larger neighbour on a face, so that mirror images agree."""
+    first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
+    return float(np.diff(faces[first : last + 1]).max())
 
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:

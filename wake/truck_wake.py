@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -200,7 +201,7 @@ def load_state(path: Path) -> State:
             if str(data["schema"]) != STATE_SCHEMA:
                 raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
             return State(flat=data["flat"], substep=int(data["substep"]), action=float(data["action"]))
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
         raise PlantError(f"{path}: not a flow state ({error})") from error
 
 
