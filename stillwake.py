@@ -4,10 +4,13 @@ Rooms are imported where a command needs them, so that `run` on a vehicle needs 
 compiler, and a missing extra is one clear line.
 """
 
+import json
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -25,7 +28,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from contract.config_loading import load_config
+from contract.atomic import replacing
+from contract.config_loading import load_config, to_tree
 from contract.errors import StillwakeError
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -38,6 +42,7 @@ GATE_WINDOWS: Final = 50
 """Consecutive recorded windows that the export gates replay."""
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file; default: the release settings.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures and their settings here.")]
 Overrides = Annotated[list[str], typer.Option("--set", help="Override, e.g. --set mpc.weights.lift=0.1 (repeatable).")]
 
 
@@ -99,12 +104,14 @@ def train(
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     resume: Annotated[bool, typer.Option(help="Continue an interrupted training.")] = False,
     sensors: Annotated[str, typer.Option(help="Comma-separated sensors instead of the SHAP ranking's best.")] = "",
+    json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Train the latent model, rank the sensors by SHAP, distil the slim encoder, judge all on the test episodes."""
     from train.pipeline import train_all
 
+    began = time.monotonic()
     config = load_config(config_file, overrides)
     names = {"fit": "joint fit", "rank": "SHAP ranking", "distil": "distillation"}
     with _progress_bar("iterations") as bar:
@@ -126,6 +133,17 @@ def train(
             chosen=tuple(name.strip() for name in sensors.split(",")) if sensors else None,
         )
     console.print(_metrics_table(trained.metrics))
+    if json_file is not None:
+        _write_result(
+            json_file,
+            figures={"metrics": trained.metrics, "sensors": trained.sensors, "stable": trained.ranking["stable"]},
+            facts={
+                "dataset_sha256": trained.dataset_sha256,
+                "config": to_tree(config),
+                "versions": trained.versions,
+                "minutes": (time.monotonic() - began) / 60.0,
+            },
+        )
     stable = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in trained.ranking["stable"].items())
     console.print(f"sensors: {', '.join(trained.sensors)}   top sets identical over the repeats: {stable}")
     console.print(f"wrote {output}")
@@ -183,13 +201,14 @@ def run(
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+    json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
     from can_bridge.messages import Mode
     from contract.bundle import load
-    from firmware_sim.closed_loop import SUMMARY, run_closed_loop
+    from firmware_sim.closed_loop import SUMMARY, run_closed_loop, summary
     from firmware_sim.report import drag_rows, headline, service_rows, write_report
     from firmware_sim.run_log import Row
 
@@ -210,6 +229,8 @@ def run(
             output, release, config, lead_in=lead_in, controlled=controlled, settle=settle, progress=show
         )
     page = write_report(output)
+    if json_file is not None:
+        _write_result(json_file, figures=summary(log), facts=log.facts)
     table = Table("", "uncontrolled", "controlled")
     for label, before, under in drag_rows(log):
         table.add_row(label, before, under)
@@ -221,11 +242,17 @@ def run(
 
 
 @app.command()
-def report(folder: Annotated[Path, typer.Argument(help="Folder written by `run`.")]) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(help="Folder written by `run`.")],
+    picture: Annotated[Path | None, typer.Option(help="Also write the run as one PNG here.")] = None,
+) -> None:
     """Write a run's HTML page anew from its series."""
-    from firmware_sim.report import write_report
+    from firmware_sim.report import write_picture, write_report
 
     console.print(f"wrote {write_report(folder)}")
+    if picture is not None:
+        write_picture(folder, picture)
+        console.print(f"wrote {picture}")
 
 
 @app.command()
@@ -245,6 +272,13 @@ def develop(
         develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, wake)
     console.print(f"wrote {output}")
+
+
+def _write_result(path: Path, *, figures: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
+    """Figures with what they were made from, for `benchmarks/tables.py` and other programs."""
+    date = datetime.now(UTC).date().isoformat()
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps({"date": date, "figures": figures, "facts": facts}, indent=2) + "\n")
 
 
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:

@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
+import matplotlib as mpl
+import matplotlib.image
 from matplotlib.figure import Figure
 
 from can_bridge.messages import Mode
@@ -34,17 +36,43 @@ def write_report(folder: Path) -> Path:
     Raises:
         StillwakeError: if the folder does not hold a run, or cannot be written.
     """
-    log = run_log.load(folder / SERIES)
-    pictures = []
-    for name in (BEFORE, AFTER):
-        try:
-            pictures.append((folder / name).read_bytes())
-        except OSError as error:
-            raise StillwakeError(f"{folder / name}: {error.strerror}") from error
+    log, pictures = _read(folder)
     page = folder / REPORT
     with replacing(page) as temporary:
         temporary.write_text(_page(log, pictures), encoding="utf-8")
     return page
+
+
+def write_picture(folder: Path, target: Path) -> None:
+    """Write the run as one picture: the wake before and under control, drag and action over time.
+
+    Raises:
+        StillwakeError: if the folder does not hold a run, or the target cannot be written.
+    """
+    log, pictures = _read(folder)
+    s, t = log.series, log.series["t"]
+    figure = Figure(figsize=(10.0, 9.4), dpi=100, layout="constrained")
+    axes = figure.subplots(4, 1, height_ratios=(3.1, 3.1, 1.6, 1.6))
+    for axis, picture in zip(axes, pictures, strict=False):
+        axis.imshow(mpl.image.imread(io.BytesIO(picture), format="png"))
+        axis.set_axis_off()
+    for axis, name, label in zip(axes[2:], ("Cd", "action"), ("$C_d$ (wall)", r"action / $U_\infty W$"), strict=True):
+        axis.plot(t, s[name], color="black" if name == "Cd" else "tab:orange", linewidth=1.1)
+        axis.axvline(t[log.enabled_at], color="0.4", linewidth=1.0, linestyle=":")
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.25)
+    axes[-1].set_xlabel(r"$t U_\infty / W$   (dotted: control requested)")
+    with replacing(target) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def _read(folder: Path) -> tuple[RunLog, list[bytes]]:
+    """The series and the pictures before and under control."""
+    log = run_log.load(folder / SERIES)
+    try:
+        return log, [(folder / name).read_bytes() for name in (BEFORE, AFTER)]
+    except OSError as error:
+        raise StillwakeError(f"{error.filename}: {error.strerror}") from error
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:

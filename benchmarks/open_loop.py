@@ -1,0 +1,78 @@
+"""What a sine without feedback does to the wake: the alternative that needs no model, no sensors and no ECU.
+
+    python benchmarks/open_loop.py [--json FILE] [--frequency 0.20 ...]
+
+Full amplitude from the shipped start; averages leave out the settling time. The figures are those of a closed-loop
+run, so that both can stand in one table.
+"""
+
+import json
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from contract import sensors
+from contract.atomic import replacing
+from wake.truck_wake import Sample, TruckWake, developed_state
+
+FREQUENCIES = (0.0, 0.17, 0.18, 0.19, 0.20, 0.21, 0.22)
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    frequency: Annotated[list[float], typer.Option(help="Forcing frequency in 1/t_c; 0 for none.")] = list(FREQUENCIES),  # noqa: B006
+    controlled: Annotated[float, typer.Option(help="Duration, t_c.")] = 100.0,
+    settle: Annotated[float, typer.Option(help="Left out of the averages, t_c.")] = 40.0,
+) -> None:
+    """Run each frequency and print a table."""
+    wake = TruckWake()
+    rows = [_force(wake, f, controlled, settle) for f in track(frequency, "frequencies", console=Console(stderr=True))]
+    table = Table("frequency", *(name for name in rows[0] if name != "frequency"))
+    for row in rows:
+        table.add_row(f"{row['frequency']:.3f}", *(f"{row[name]:.4f}" for name in row if name != "frequency"))
+    Console().print(table)
+    if json_file is not None:
+        result = {
+            "date": datetime.now(UTC).date().isoformat(),
+            "figures": rows,
+            "facts": {
+                "amplitude": wake.config.action_limit,
+                "controlled": controlled,
+                "settle": settle,
+                "versions": {name: version(name) for name in ("stillwake", "numpy", "numba")},
+            },
+        }
+        with replacing(json_file) as temporary:
+            temporary.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def _force(wake: TruckWake, frequency: float, controlled: float, settle: float) -> dict[str, Any]:
+    wake.reset(developed_state())
+    period, limit = wake.config.control_period, wake.config.action_limit
+    samples: list[Sample] = []
+    for k in range(round(controlled / period)):
+        sample = wake.advance(limit * float(np.sin(2.0 * np.pi * frequency * k * period)))
+        if sample.t > settle:
+            samples.append(sample)
+    cl = np.array([s.Cl for s in samples])
+    return {
+        "frequency": frequency,
+        "Cd": float(np.mean([s.Cd for s in samples])),
+        "base_Cp": float(np.mean([s.Cp[sensors.BASE].mean() for s in samples])),
+        "abs_Cl": float(np.abs(cl).mean()),
+        "mean_Cl": float(cl.mean()),
+        "rms_action": float(np.sqrt(np.mean([s.action**2 for s in samples]))),
+        "Cd_net": float(np.mean([s.Cd_net for s in samples])),
+        "jet_power": float(np.mean([s.jet_power for s in samples])),
+    }
+
+
+if __name__ == "__main__":
+    typer.run(main)
