@@ -23,7 +23,6 @@ from rich.progress import (
     Progress,
     TaskID,
     TextColumn,
-    TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.table import Table
@@ -38,6 +37,8 @@ errors = Console(stderr=True)
 
 SHIPPED_RECORDING: Final = Path(str(files("wake").joinpath("data/recording.h5")))
 SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C, as shells have it."""
 GATE_WINDOWS: Final = 50
 """Consecutive recorded windows that the export gates replay."""
 
@@ -49,12 +50,10 @@ Overrides = Annotated[list[str], typer.Option("--set", help="Override, e.g. --se
 def _progress_bar(unit: str) -> Progress:
     return Progress(
         TextColumn("[bold]{task.description}"),
-        BarColumn(),
+        BarColumn(bar_width=12),
         MofNCompleteColumn(),
         TextColumn(unit),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        TimeRemainingColumn(compact=True, elapsed_when_finished=True),
         TextColumn("{task.fields[note]}"),
         console=console,
     )
@@ -311,15 +310,17 @@ def _one_line_errors() -> Iterator[None]:
             f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'", style="red", markup=False
         )
         sys.exit(1)
-    except KeyboardInterrupt:
-        errors.print("stopped", style="red")
-        sys.exit(130)
+    except SystemExit as stop:
+        # typer ends by exiting, and makes this of Ctrl-C.
+        if stop.code == INTERRUPTED:
+            errors.print("stopped", style="red")
+        raise
 
 
 def main() -> None:
     """Entry point of the `stillwake` command."""
     with _one_line_errors():
-        app(standalone_mode=False)
+        app()
 
 
 if __name__ == "__main__":

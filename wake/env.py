@@ -87,4 +87,5 @@ def _ledger(sample: Sample, clipped: bool) -> dict[str, Any]:
     return {name: getattr(sample, name) for name in fields} | {"clipped": clipped}
 
 
+# Gymnasium 1.0 dropped entry points: importing this module is what registers.
 gymnasium.register(id="stillwake/TruckWake-v0", entry_point="wake.env:TruckWakeEnv")
