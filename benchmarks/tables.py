@@ -1,4 +1,4 @@
-"""Write `docs/results.md` from `results/*.json`. Run it after any of the commands that write those."""
+"""Write `docs/results.md` and the README's table from `results/*.json`. Run it after any command that writes those."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -9,6 +9,10 @@ from contract.atomic import replacing
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs" / "results.md"
+README: Final = ROOT / "README.md"
+
+_START: Final = "<!-- table: written by benchmarks/tables.py -->\n"
+_END: Final = "<!-- end -->"
 
 _HEADER: Final = """# Results
 
@@ -20,6 +24,44 @@ def render(results: Path) -> str:
     """The whole page."""
     parts = (_demo, _open_loop, _model, _controller, _grids)
     return "\n".join([_HEADER, *(part(results) for part in parts)])
+
+
+def render_readme(text: str, results: Path) -> str:
+    """The README's text with its table replaced."""
+    head, rest = text.split(_START)
+    return head + _START + _summary(results) + rest[rest.index(_END) :]
+
+
+def _summary(results: Path) -> str:
+    """Uncontrolled, the best sine and the closed loop, side by side."""
+    loop = _read(results / "demo.json")["figures"]
+    sines = [row for row in _read(results / "open_loop.json")["figures"] if row["frequency"] > 0]
+    sine = min(sines, key=lambda row: float(row["Cd"]))
+    names = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
+    start = loop["Cd_uncontrolled"]
+    rows: list[tuple[object, ...]] = [
+        ("uncontrolled", *(loop[f"{name}_uncontrolled"] for name in names), 0.0, 0.0, ""),
+        (
+            f"best sine without feedback ({sine['frequency']:.2f})",
+            *(sine[name] for name in (*names, "rms_action", "jet_power")),
+            f"{100 * (1 - sine['Cd'] / start):.1f} %",
+        ),
+        (
+            "closed loop over CAN, 4 sensors, int8",
+            *(loop[f"{name}_controlled"] for name in names),
+            loop["rms_action"],
+            loop["jet_power_controlled"],
+            f"**{loop['reduction_percent']:.1f} %**",
+        ),
+    ]
+    heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
+    latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
+    return f"""{_table(heads, rows)}
+
+Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes {latency} of the
+{loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
+{loop["frames_rejected"]} rejected.
+"""
 
 
 def _demo(results: Path) -> str:
@@ -143,8 +185,10 @@ def _cell(value: object) -> str:
 
 def main() -> None:
     """Write the page."""
-    with replacing(PAGE) as temporary:
-        temporary.write_text(render(ROOT / "results"), encoding="utf-8")
+    results = ROOT / "results"
+    for target, text in ((PAGE, render(results)), (README, render_readme(README.read_text(encoding="utf-8"), results))):
+        with replacing(target) as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
