@@ -13,12 +13,15 @@ from contract.errors import StillwakeError
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
 
-    Works for a file or a directory; an old directory is kept until the new one is in its place.
+    The folder is made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
+    directory is kept until the new one is in its place.
     Raises StillwakeError if the place cannot be written.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     aside = path.with_name(f".{path.name}.{os.getpid()}.old")
+    made_parent = False
     try:
+        made_parent = not path.parent.exists()
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         try:
@@ -40,3 +43,7 @@ def replacing(path: Path) -> Iterator[Path]:
                 # Where nothing could be written there is nothing to remove, and the first error is the one to tell.
                 with suppress(OSError):
                     leftover.unlink()
+        if made_parent:
+            # Stays unless it is empty.
+            with suppress(OSError):
+                path.parent.rmdir()

@@ -44,6 +44,17 @@ def test_failure_leaves_the_old_one_and_nothing_else(tmp_path, write, error):
     assert [item.name for item in tmp_path.iterdir()] == ["target"]
 
 
+def test_a_folder_made_for_nothing_goes_again(tmp_path):
+    with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "new" / "target") as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "old").mkdir()
+    with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "old" / "target"):
+        raise KeyboardInterrupt
+    assert (tmp_path / "old").is_dir()
+
+
 def test_interrupted_move_puts_the_old_directory_back(tmp_path, monkeypatch):
     target = tmp_path / "target"
     write_directory(target, "old")
