@@ -8,7 +8,6 @@ action as it went out on the wire, and as it takes effect if the actuator is kno
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,9 +27,6 @@ from firmware_sim.fail_safe import FailSafe
 from firmware_sim.history import History
 
 Array = npt.NDArray[np.float64]
-
-STATUS_PERIODS: Final = 5
-"""EcuStatus goes out every so many control periods: 100 ms at the default operating point, as the DBC says."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +69,7 @@ class Ecu:
         self._limits = GateLimits.from_config(config)
         self._receiver = E2eReceiver(PRESSURE, config.bus.e2e)
         self._commands, self._statuses = E2eSender(JET_COMMAND), E2eSender(ECU_STATUS)
-        self._history = History(manifest.window, len(manifest.sensors))
+        self._history = History(manifest.window, config.ecu.hold_periods + config.ecu.decay_periods)
         delay = config.ecu.delay_steps
         self._free = np.ones(manifest.mpc.horizon)
         self._free[:delay] = 0.0
@@ -85,7 +81,6 @@ class Ecu:
         self._pressure_ns: int | None = None
         self._overruns = 0
         self._missed = 0
-        self._steps = 0
         self.trace = Trace(mode=Mode.OFF, action=0.0, forces=None, interventions=Intervention(0))
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
@@ -96,10 +91,10 @@ class Ecu:
             frames: everything received since the last step, oldest first.
 
         Returns:
-            A JetCommand, and an EcuStatus every `STATUS_PERIODS` steps.
+            A JetCommand and an EcuStatus.
         """
-        self._count_overruns(now_ns)
-        pressure, reason = self._receive(now_ns, frames)
+        self._skip(now_ns)
+        pressure, reason = self._receive(frames)
         usable = pressure is not None and all(pressure.valid)
         self._fail_safe = self._fail_safe.next_state(
             usable=usable,
@@ -133,16 +128,15 @@ class Ecu:
         on_wire = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
         self._sent.append(on_wire / self._flow_scale)
         self.trace = Trace(mode=mode, action=self._sent[-1], forces=forces, interventions=passed.interventions)
-        out = [self._commands.frame(codec.emit_jet_command(command), now_ns=now_ns)]
-        if self._steps % STATUS_PERIODS == 0:
-            out.append(self._statuses.frame(codec.emit_ecu_status(self.status(mode)), now_ns=now_ns))
-        self._steps += 1
-        return out
+        return [
+            self._commands.frame(codec.emit_jet_command(command), now_ns=now_ns),
+            self._statuses.frame(codec.emit_ecu_status(self.status()), now_ns=now_ns),
+        ]
 
-    def status(self, mode: Mode | None = None) -> EcuStatus:
-        """Health counters as they would be sent."""
+    def status(self) -> EcuStatus:
+        """Health counters as of the latest step."""
         return EcuStatus(
-            state=self.trace.mode if mode is None else mode,
+            state=self.trace.mode,
             reason=self._fail_safe.reason,
             overruns=min(self._overruns, COUNT_LIMIT),
             missed=min(self._missed, COUNT_LIMIT),
@@ -156,27 +150,37 @@ class Ecu:
         """Pressure frames that came but failed their end-to-end check."""
         return sum(self._receiver.counts[check] for check in (Check.ERROR, Check.REPEATED, Check.WRONG_SEQUENCE))
 
-    def _count_overruns(self, now_ns: int) -> None:
-        """Whole periods since the last step beyond one were skipped."""
+    def _skip(self, now_ns: int) -> None:
+        """Count the whole periods since the last step beyond one, in which the last command stayed in force."""
         if self._last_step_ns is not None:
-            periods = round((now_ns - self._last_step_ns) / self._config.period_ns)
-            self._overruns += max(0, periods - 1)
+            skipped = max(0, round((now_ns - self._last_step_ns) / self._config.period_ns) - 1)
+            self._overruns += skipped
+            # The window keeps one row a period. Counting further than the count goes changes nothing more.
+            for _ in range(min(skipped, COUNT_LIMIT)):
+                self._history.repeat_last(self._sent[0])
+                self._sent.append(self._sent[-1])
         self._last_step_ns = now_ns
 
-    def _receive(self, now_ns: int, frames: Sequence[Frame]) -> tuple[Pressure | None, Reason]:
+    def _receive(self, frames: Sequence[Frame]) -> tuple[Pressure | None, Reason]:
         """The newest trusted pressures, and why there are none or why they cannot be used."""
         reception = self._receiver.tick(frames)
-        pressure = codec.parse_pressure(reception.live.data) if reception.live else None
-        if pressure is None:
+        frame = reception.live
+        pressure = None if frame is None else codec.parse_pressure(frame.data)
+        if frame is None or pressure is None:
             trusted = reception.state is not StreamState.INVALID
             return None, Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID
-        self._pressure_ns = now_ns
+        # A frame that waited in a queue, or was late before it was sent, is as old as it is.
+        self._pressure_ns = frame.timestamp_ns - pressure.age_ns
         return pressure, Reason.SENSOR_INVALID
 
     def _decide(self, mode: Mode) -> tuple[float, Array | None]:
         """The wanted action and the predicted forces."""
         if mode is Mode.CONTROL:
-            planned = self._controller.control_step(self._history.window(), self._plan, self._free)
+            plan = self._plan.copy()
+            # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
+            # whatever the gate, a hold or the wire made of the plan.
+            plan[1 : len(self._sent)] = list(self._sent)[1:]
+            planned = self._controller.control_step(self._history.window(), plan, self._free)
             if not (np.isfinite(planned.plan).all() and np.isfinite(planned.forces).all()):
                 self._fail_safe = self._fail_safe.latch(Reason.INTERNAL)
                 return 0.0, None

@@ -42,20 +42,22 @@ class FailSafe:
             config: lengths of hold, decay and re-arming.
         """
         wish = self.enable_request if enable_request is None else enable_request
-        if not usable:
-            missed = replace(self, misses=self.misses + 1, good=0, enable_request=wish)
-            if self.latched or not self.enable_request:
-                return missed
-            latched = missed.misses > config.hold_periods + config.decay_periods
-            return replace(missed, latched=latched, reason=reason)
-        good = self.good + 1
-        edge = wish and not self.enable_request
-        latched = self.latched and not (edge and good >= config.rearm_frames)
-        return FailSafe(good=good, latched=latched, reason=self.reason if latched else Reason.NONE, enable_request=wish)
+        if usable:
+            good = self.good + 1
+            edge = wish and not self.enable_request
+            latched = self.latched and not (edge and good >= config.rearm_frames)
+            why = self.reason if latched else Reason.NONE
+            return FailSafe(good=good, latched=latched, reason=why, enable_request=wish)
+        missed = replace(self, misses=self.misses + 1, good=0, enable_request=wish)
+        if self.latched:
+            return missed
+        if not wish:
+            return replace(missed, reason=Reason.NONE)
+        return replace(missed, latched=missed.misses > config.hold_periods + config.decay_periods, reason=reason)
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch for a cause other than missing pressures."""
-        return self if self.latched else replace(self, latched=True, reason=reason)
+        """Latch for a cause other than missing pressures; the good frames that re-arm are counted from here."""
+        return self if self.latched else replace(self, good=0, latched=True, reason=reason)
 
     def mode(self, *, window_full: bool, config: EcuConfig) -> Mode:
         """What the loop does in this period."""

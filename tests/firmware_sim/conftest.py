@@ -1,0 +1,129 @@
+"""A small release, a controller that records what it is asked, and a bench that feeds one ECU by hand."""
+
+from collections.abc import Callable, Sequence
+from itertools import count
+
+import numpy as np
+import pytest
+
+from can_bridge import codec
+from can_bridge.e2e_sender import E2eSender
+from can_bridge.frame import Frame
+from can_bridge.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.messages import EcuStatus, JetCommand, Pressure
+from contract.bundle import Bundle, Manifest, Scaling
+from contract.config import BusConfig, Config, EcuConfig, MpcConfig
+from firmware_sim.controller import ControlStep
+from firmware_sim.ecu import Ecu
+
+CHANNELS = count()
+WINDOW, HORIZON = 4, 5
+
+
+class RecordingController:
+    """Plans what it was told to and keeps its inputs."""
+
+    def __init__(self, plan: Callable[[int], float] = lambda i: 0.01) -> None:
+        self.plan = plan
+        self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def control_step(self, window, plan, free) -> ControlStep:
+        self.calls.append((window.copy(), plan.copy(), free.copy()))
+        # As the graph does: the shifted plan where it is committed, new actions elsewhere.
+        new = np.array([self.plan(i) for i in range(len(plan))])
+        shifted = np.append(plan[1:], plan[-1])
+        return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=np.full((len(plan), 2), 0.5), cost=1.0)
+
+
+class Bench:
+    """One ECU, stepped period by period with frames made by hand."""
+
+    def __init__(self, bundle: Bundle, config: Config, controller) -> None:
+        self.config = config
+        self.controller = controller
+        self.ecu = Ecu(bundle, controller, config)
+        self.now_ns = 1_000_000
+        self.status: EcuStatus | None = None
+        self.sender = E2eSender(PRESSURE)
+
+    def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, valid=(True,) * 4, age_ns=0) -> Frame:
+        """A frame sent now; cp in units of the dynamic pressure."""
+        scale = self.config.operating_point.dynamic_pressure
+        message = Pressure(
+            pressure_pa=tuple(value * scale for value in cp), valid=valid, enable_request=enable, age_ns=age_ns
+        )
+        return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
+
+    def step(self, *frames: Frame, periods: int = 1) -> JetCommand:
+        """One step with these frames; the clock then moves on by `periods`."""
+        answers = self.ecu.step(self.now_ns, frames)
+        self.now_ns += periods * self.config.period_ns
+        assert [frame.frame_id for frame in answers] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
+        self.status = codec.parse_ecu_status(answers[1].data)
+        command = codec.parse_jet_command(answers[0].data)
+        assert command is not None
+        return command
+
+    def good(self, steps: int, *, enable=True) -> list[JetCommand]:
+        return [self.step(self.pressure(enable=enable)) for _ in range(steps)]
+
+    def into_control(self) -> JetCommand:
+        """Enough frames for the stream to be trusted and the window to be full."""
+        return self.good(WINDOW + 1)[-1]
+
+
+def make_bundle(*, sensors: Sequence[str] = ("upper_39", "lower_39", "base_0", "base_9"), **changes) -> Bundle:
+    """A release of a few periods' window and horizon; there is no model in it."""
+    config = Config()
+    facts = {
+        "name": "small",
+        "precision": "float32",
+        "sensors": tuple(sensors),
+        "window": WINDOW,
+        "control_period": config.flow.control_period,
+        "action_limit": config.flow.action_limit,
+        "operating_point": config.operating_point,
+        "mpc": MpcConfig(horizon=HORIZON),
+        "scaling": Scaling(
+            pressure_mean=(0.0,) * len(sensors),
+            pressure_std=(1.0,) * len(sensors),
+            action_std=1.0,
+            force_mean=(1.0, 0.0),
+            force_std=(1.0, 1.0),
+        ),
+        "budget_ms": 20.0,
+        "provenance": {},
+    }
+    return Bundle(manifest=Manifest(**{**facts, **changes}), files={}, digest="0123456789abcdef" * 4)
+
+
+def make_bench(controller=None, *, bundle: Bundle | None = None, **ecu_settings) -> Bench:
+    config = Config(ecu=EcuConfig(**ecu_settings))
+    return Bench(make_bundle() if bundle is None else bundle, config, controller or RecordingController())
+
+
+@pytest.fixture
+def recording_controller() -> type[RecordingController]:
+    return RecordingController
+
+
+@pytest.fixture
+def bundle_of() -> Callable[..., Bundle]:
+    return make_bundle
+
+
+@pytest.fixture(scope="session")
+def bench_of() -> Callable[..., Bench]:
+    """Of session scope, so that property tests may build one an example."""
+    return make_bench
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return make_bench()
+
+
+@pytest.fixture
+def bus_config() -> BusConfig:
+    """A virtual bus of this test's own."""
+    return BusConfig(channel=f"firmware-{next(CHANNELS)}")

@@ -1,0 +1,249 @@
+"""One control step at a time: window, plan, command on the wire, fail-safe and counters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from can_bridge.command_gate import Intervention
+from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.messages import Mode, Reason
+from contract.config import Config, EcuConfig, FlowConfig
+from contract.errors import BundleError
+from contract.operating_point import OperatingPoint
+from firmware_sim.ecu import Ecu
+
+WINDOW, HORIZON = 4, 5
+SCALE = OperatingPoint().flow_rate_scale
+QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE  # one step of the wire as an action
+CP_QUANTUM = 0.1 / OperatingPoint().dynamic_pressure
+
+
+def test_it_warms_up_until_the_window_is_full(bench):
+    # The first frame makes the stream known, from the second on it is trusted.
+    commands = bench.good(WINDOW + 3)
+    assert [command.mode for command in commands] == [Mode.OFF, *[Mode.WARMUP] * 3, *[Mode.CONTROL] * 3]
+    assert [command.enable for command in commands] == [False] * 4 + [True] * 3
+    assert all(command.flow_m2_per_s == 0.0 for command in commands[:4])
+    assert len(bench.controller.calls) == 3
+    assert bench.status.state is Mode.CONTROL
+
+
+def test_without_a_request_it_stays_off_and_fills_the_window(bench):
+    assert {command.mode for command in bench.good(WINDOW + 2, enable=False)} == {Mode.OFF}
+    assert bench.controller.calls == []
+    assert bench.good(1)[0].mode is Mode.CONTROL
+
+
+def test_a_row_is_the_pressures_now_and_the_action_before(bench_of, recording_controller):
+    actions = iter(0.001 * np.arange(1, 100))
+    controller = recording_controller()
+    controller.plan = lambda i: next(actions) if i == 0 else 0.0
+    bench = bench_of(controller)
+    rng = np.random.default_rng(0)
+    pressures, sent = rng.uniform(-2.0, 2.0, (WINDOW + 6, 4)), [0.0]
+    for cp in pressures:
+        sent.append(bench.step(bench.pressure(cp)).flow_m2_per_s / SCALE)
+    assert len(set(sent)) > 5
+    # The stream is trusted from frame 1 on.
+    for number, (window, _, free) in enumerate(controller.calls):
+        newest = WINDOW + number
+        rows = slice(newest - WINDOW + 1, newest + 1)
+        # Pressures lose half a step of the wire at most; actions are what the wire carried, to the bit.
+        np.testing.assert_allclose(window[:, :4], pressures[rows], atol=0.501 * CP_QUANTUM)
+        np.testing.assert_array_equal(window[:, 4], sent[rows])
+        np.testing.assert_array_equal(free, np.ones(HORIZON))
+
+
+def test_the_action_fed_back_is_the_one_on_the_wire(bench_of, recording_controller):
+    wanted = 0.0123456789
+    bench = bench_of(recording_controller(lambda i: wanted))
+    bench.into_control()
+    command = bench.step(bench.pressure())
+    fed_back = bench.controller.calls[-1][0][-1, 4]
+    assert fed_back == command.flow_m2_per_s / SCALE
+    assert fed_back != wanted
+    assert fed_back == pytest.approx(wanted, abs=0.501 * QUANTUM)
+    assert bench.ecu.trace.action == fed_back
+
+
+def test_the_next_plan_starts_from_the_last(bench_of, recording_controller):
+    bench = bench_of(recording_controller(lambda i: 0.01 * i))
+    bench.into_control()
+    bench.step(bench.pressure())
+    plans = [plan for _, plan, _ in bench.controller.calls]
+    np.testing.assert_array_equal(plans[0], np.zeros(HORIZON))
+    np.testing.assert_allclose(plans[1], 0.01 * np.arange(HORIZON))
+
+
+def test_the_echoed_counter_is_the_newest_pressures(bench):
+    commands = bench.good(3)
+    assert [command.pressure_counter for command in commands] == [0, 1, 2]
+    assert bench.step().pressure_counter == 2
+
+
+@pytest.mark.parametrize("delay", [1, 2])
+def test_a_late_actuator_shifts_the_window_and_commits_what_is_under_way(bench_of, recording_controller, delay):
+    counter = iter(range(10_000))
+    controller = recording_controller(lambda i: 0.0005 * next(counter))
+    bench = bench_of(controller, delay_steps=delay)
+    commands = [command.flow_m2_per_s / SCALE for command in bench.good(WINDOW + 8)]
+    commands = [0.0] * delay + commands  # commands[k]: what the jets, `delay` late, reach at the end of period k
+    for number, (window, plan, free) in enumerate(controller.calls):
+        k = WINDOW + number
+        np.testing.assert_array_equal(free, [0.0] * delay + [1.0] * (HORIZON - delay))
+        in_force = [0.0, *commands]
+        np.testing.assert_array_equal(window[:, 4], in_force[k - WINDOW + 1 : k + 1])
+        # The graph shifts the plan by one; then come the commands that the jets have yet to follow.
+        np.testing.assert_array_equal(plan[1 : delay + 1], commands[k : k + delay])
+        # Sent now is what the plan has for `delay` periods from now.
+        new = 0.0005 * (number * HORIZON + delay)
+        assert commands[k + delay] == pytest.approx(new, abs=0.501 * QUANTUM)
+
+
+def test_after_a_hold_the_committed_actions_are_the_ones_held(bench_of, recording_controller):
+    values = iter([0.01, 0.02, 0.03, 0.04])
+    controller = recording_controller()
+    controller.plan = lambda i: next(values) if i == 1 else 0.0
+    bench = bench_of(controller, delay_steps=1)
+    bench.into_control()
+    sent = bench.good(1)[0].flow_m2_per_s
+    assert bench.step().mode is Mode.HOLD
+    bench.good(1)
+    assert controller.calls[-1][1][1] == sent / SCALE
+
+
+def test_missing_frames_hold_then_halve_then_shut_and_latch(bench):
+    full = bench.into_control().flow_m2_per_s
+    assert full == pytest.approx(0.01 * SCALE)
+    commands = [bench.step() for _ in range(5)]
+    assert [command.mode for command in commands] == [Mode.HOLD, Mode.DECAY, Mode.DECAY, Mode.FAULT, Mode.FAULT]
+    assert [command.enable for command in commands] == [True, True, True, False, False]
+    expected = [full, full / 2, full / 4, 0.0, 0.0]
+    assert [command.flow_m2_per_s for command in commands] == pytest.approx(expected, abs=FLOW_RESOLUTION_M2_PER_S)
+    assert (bench.status.state, bench.status.missed) == (Mode.FAULT, 6)  # the first frame of all was not yet trusted
+    assert bench.status.reason in (Reason.STREAM_LOST, Reason.STREAM_INVALID)
+
+
+def test_after_a_fault_it_needs_good_frames_and_an_edge(bench):
+    bench.into_control()
+    for _ in range(6):
+        bench.step()
+    assert {command.mode for command in bench.good(8)} == {Mode.FAULT}
+    assert bench.good(1, enable=False)[0].mode is Mode.FAULT
+    # The window was refilled meanwhile.
+    assert bench.good(1)[0].mode is Mode.CONTROL
+    assert bench.status.reason is Reason.NONE
+
+
+def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
+    bench = bench_of(rearm_frames=1)
+    for _ in range(WINDOW + 1):
+        bench.step(bench.pressure((5.0, 5.0, 5.0, 5.0)))
+    calls = len(bench.controller.calls)
+    assert calls == 1
+    for _ in range(6):
+        bench.step()
+    # Two frames until the stream is trusted again, then the edge, long before the window is full of new rows.
+    modes = [command.mode for command in [*bench.good(2, enable=False), *bench.good(WINDOW)]]
+    assert modes == [Mode.FAULT] * 2 + [Mode.WARMUP] * (WINDOW - 2) + [Mode.CONTROL] * 2
+    for window, _, _ in bench.controller.calls[calls:]:
+        assert window[:, 0].max() < 1.0
+
+
+def test_the_first_good_frame_ends_a_short_gap(bench):
+    held = bench.into_control().flow_m2_per_s / SCALE
+    bench.step()
+    halved = bench.step().flow_m2_per_s / SCALE
+    assert bench.step(bench.pressure((0.9, 0.9, 0.9, 0.9))).mode is Mode.CONTROL
+    window = bench.controller.calls[-1][0]
+    np.testing.assert_allclose(window[-3:, 0], [0.1, 0.1, 0.9], atol=CP_QUANTUM)
+    np.testing.assert_array_equal(window[-3:, 4], [held, held, halved])
+
+
+def test_one_invalid_sensor_is_a_miss(bench):
+    full = bench.into_control().flow_m2_per_s
+    command = bench.step(bench.pressure(valid=(True, False, True, True)))
+    assert (command.mode, command.flow_m2_per_s) == (Mode.HOLD, full)
+    assert (bench.status.reason, bench.status.missed) == (Reason.SENSOR_INVALID, 2)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_plan_that_is_no_number_latches(bench, bad):
+    bench.into_control()
+    bench.controller.plan = lambda i: bad if i == 3 else 0.01
+    command = bench.step(bench.pressure())
+    assert (command.mode, command.enable, command.flow_m2_per_s) == (Mode.FAULT, False, 0.0)
+    assert bench.status.reason is Reason.INTERNAL
+    bench.controller.plan = lambda i: 0.01
+    assert bench.good(1)[0].mode is Mode.FAULT
+    bench.good(EcuConfig().rearm_frames, enable=False)
+    assert bench.good(1)[0].mode is Mode.CONTROL
+    np.testing.assert_array_equal(bench.controller.calls[-1][1], np.zeros(HORIZON))
+
+
+def test_the_gate_bounds_what_the_controller_wants(bench_of, recording_controller):
+    limit = FlowConfig().action_limit
+    bench = bench_of(recording_controller(lambda i: 10.0), command_step=0.03)
+    bench.into_control()
+    sent = [bench.ecu.trace.action, *(bench.step(bench.pressure()).flow_m2_per_s / SCALE for _ in range(3))]
+    assert sent == pytest.approx([0.03, 0.06, limit, limit], abs=QUANTUM)
+    assert bench.ecu.trace.interventions == Intervention.RANGE
+
+
+@pytest.mark.parametrize("in_queue", [True, False])
+def test_pressures_as_old_as_the_fail_safe_rides_out_shut_the_jets(bench, in_queue):
+    """Good frames in every period, but all late: in a queue on the way, or by their own word."""
+    bench.into_control()
+    for lateness in range(1, 7):
+        age_ns = lateness * bench.config.period_ns
+        frame = bench.pressure(age_ns=0 if in_queue else age_ns)
+        if in_queue:
+            frame = replace(frame, timestamp_ns=bench.now_ns - age_ns)
+        command = bench.step(frame)
+        assert command.enable == (lateness <= 4), lateness
+        assert bench.ecu.trace.interventions == (Intervention(0) if command.enable else Intervention.STALE)
+
+
+def test_overruns_are_whole_periods_left_out(bench):
+    bench.good(3)
+    assert bench.status.overruns == 0
+    bench.step(bench.pressure(), periods=3)
+    bench.step(bench.pressure())
+    assert bench.status.overruns == 2
+    bench.now_ns += bench.config.period_ns * 4 // 10  # jitter is none
+    bench.good(2)
+    assert bench.status.overruns == 2
+    bench.now_ns += 10**9 * 3600
+    bench.good(1)
+    assert bench.status.overruns == 0xFFFF
+
+
+def test_a_skipped_period_has_a_row_of_its_own(bench):
+    bench.into_control()
+    before = bench.step(bench.pressure((0.5, 0.5, 0.5, 0.5)), periods=2).flow_m2_per_s / SCALE
+    bench.step(bench.pressure((0.7, 0.7, 0.7, 0.7)))
+    window = bench.controller.calls[-1][0]
+    np.testing.assert_allclose(window[-3:, 0], [0.5, 0.5, 0.7], atol=CP_QUANTUM)
+    np.testing.assert_array_equal(window[-2:, 4], [before, before])
+
+
+def test_status_names_the_bundle(bench, bundle_of):
+    bench.good(1)
+    assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
+    assert bench.status.bus_off == 0
+
+
+@pytest.mark.parametrize(
+    ("bundle_changes", "config", "named"),
+    [
+        ({"operating_point": OperatingPoint(speed=20.0)}, Config(), "operating point.*20.0.*25.0"),
+        ({"control_period": 0.1}, Config(), "control period: 0.1, the vehicle has 0.2"),
+        ({"action_limit": 0.05}, Config(), "action limit: 0.05"),
+        ({"sensors": ("base_0", "base_1")}, Config(), "2 sensors: the Pressure message carries 4"),
+        ({}, Config(ecu=EcuConfig(delay_steps=HORIZON)), "delay_steps = 5: must be below the horizon 5"),
+    ],
+)
+def test_a_bundle_for_another_vehicle_is_refused(bundle_of, recording_controller, bundle_changes, config, named):
+    with pytest.raises(BundleError, match=named):
+        Ecu(bundle_of(**bundle_changes), recording_controller(), config)
