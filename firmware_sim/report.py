@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import matplotlib as mpl
 import matplotlib.image
+import numpy as np
 from matplotlib.figure import Figure
 
 from can_bridge.messages import Mode
@@ -116,11 +117,11 @@ def headline(log: RunLog) -> str:
     percent = reduction_percent(before, under)
     if math.isnan(percent):
         return "The run is too short for controlled averages."
-    text = f"Wall drag {before.Cd:.3f} to {under.Cd:.3f}: {percent:.1f} % less"
+    text = f"Wall drag {before.Cd:.3f} to {under.Cd:.3f}: {abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
     # A two-dimensional wake can be bent sideways to trade drag for lift; such a reduction does not count.
     if under.abs_Cl > before.abs_Cl or abs(under.mean_Cl) > 0.1 * before.abs_Cl + 0.1:
         return f"{text}, but the wake is deflected: mean |Cl| {under.abs_Cl:.2f}, mean Cl {under.mean_Cl:+.2f}."
-    return f"{text}, side force down with it (mean |Cl| {before.abs_Cl:.2f} to {under.abs_Cl:.2f})."
+    return f"{text}, side force down (mean |Cl| {before.abs_Cl:.2f} to {under.abs_Cl:.2f})."
 
 
 def _page(log: RunLog, pictures: list[bytes]) -> str:
@@ -162,10 +163,11 @@ def series_figure(log: RunLog) -> Figure:
     axes[2].plot(t, s["base_Cp"], color="tab:green", linewidth=1.1)
     axes[3].plot(t, s["action"], color="tab:orange", linewidth=1.1)
     planned = s["mode"] == Mode.CONTROL
+    slowest = np.nanmax(s["step_ms"][planned], initial=log.facts["budget_ms"])
     axes[4].plot(t[planned], s["step_ms"][planned], ".", color="tab:purple", markersize=2.5)
     axes[4].axhline(log.facts["budget_ms"], color="tab:red", linewidth=1.0, linestyle="--")
     axes[4].text(t[0], log.facts["budget_ms"], " budget", color="tab:red", va="top", fontsize=9)
-    axes[4].set_ylim(0.0, 1.1 * log.facts["budget_ms"])
+    axes[4].set_ylim(0.0, 1.1 * slowest)
     labels = ("$C_d$ (wall)", "$C_l$", "base $C_p$", r"action / $U_\infty W$", "control step / ms")
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)

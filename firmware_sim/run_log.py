@@ -25,11 +25,12 @@ class Row:
         Cd, Cl, Cd_slot, Cd_momentum, jet_power, Uy_probe: the plant's ledger (`wake.truck_wake.Sample`).
         base_Cp: mean over the base sensors.
         action: jet flow rate in force, U_inf W.
-        command: sent by the ECU in this period, U_inf W.
+        command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without one.
-        mode: `can_bridge.messages.Mode` of the ECU.
-        step_ms: wall-clock time of the ECU's step on this machine.
-        age_ms: from sampling to the command's arrival at the jets, in virtual time; NaN if it did not arrive.
+        mode: `can_bridge.messages.Mode` of the ECU as of its latest step.
+        step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
+        age_ms: from the sampling of the pressures behind the command that the jets follow in this period to its
+            arrival there, in virtual time; NaN if none came.
     """
 
     t: float

@@ -47,7 +47,9 @@ def regimes(log: RunLog, settle: float) -> tuple[Regime, Regime]:
 
 def latency(log: RunLog) -> Latency:
     """Over the periods in which the controller planned; NaN if there was none."""
-    planned = log.series["step_ms"][log.series["mode"] == Mode.CONTROL]
+    step_ms = log.series["step_ms"]
+    # A period that the ECU skipped has no time and still the mode of the one before.
+    planned = step_ms[(log.series["mode"] == Mode.CONTROL) & np.isfinite(step_ms)]
     if not len(planned):
         return Latency(p50=np.nan, p99=np.nan, max=np.nan, steps=0)
     p50, p99 = np.percentile(planned, [50, 99])

@@ -1,11 +1,12 @@
 """The vehicle's side of the bus: it samples the wall pressures, and drives the jets as commanded."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from can_bridge import codec
+from can_bridge import codec, e2e_profile5
 from can_bridge.e2e_receiver import Check, E2eReceiver
 from can_bridge.e2e_sender import E2eSender
 from can_bridge.frame import Frame
@@ -15,6 +16,21 @@ from contract import sensors
 from contract.config import Config
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuation:
+    """What the jets' driver does in one control period.
+
+    Attributes:
+        action: to be reached at the period's end, U_inf W.
+        command: the frame it follows; None if no valid one came.
+        sampled_ns: when the pressures behind that command were sampled; None without one.
+    """
+
+    action: float
+    command: Frame | None
+    sampled_ns: int | None
 
 
 class PressureNode:
@@ -32,6 +48,7 @@ class PressureNode:
         self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
         self._misses = 0
         self._action = 0.0
+        self._sampled_ns: dict[int, int] = {}  # by the counter of the Pressure frame
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int) -> Frame:
@@ -48,25 +65,29 @@ class PressureNode:
             age_ns=0,
         )
         self.frames_sent += 1
-        return self._sender.frame(codec.emit_pressure(message), now_ns=now_ns)
+        frame = self._sender.frame(codec.emit_pressure(message), now_ns=now_ns)
+        self._sampled_ns[e2e_profile5.counter_of(frame.data)] = now_ns
+        return frame
 
-    def drive(self, frames: Sequence[Frame]) -> float:
-        """The jets' action after one control period's frames, in U_inf W.
+    def drive(self, frames: Sequence[Frame]) -> Actuation:
+        """What the jets do after one control period's frames.
 
         Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut.
         """
-        reception = self._receiver.tick(frames)
-        command = codec.parse_jet_command(reception.live.data) if reception.live else None
-        if command is not None:
-            self._misses = 0
-            flow = command.flow_m2_per_s if command.enable else 0.0
-            limit = self._config.flow.action_limit
-            self._action = float(np.clip(flow / self._config.operating_point.flow_rate_scale, -limit, limit))
-        else:
+        frame = self._receiver.tick(frames).live
+        command = None if frame is None else codec.parse_jet_command(frame.data)
+        if command is None:
             self._misses += 1
             if self._misses > self._config.ecu.hold_periods:
                 self._action = 0.0
-        return self._action
+            return Actuation(action=self._action, command=None, sampled_ns=None)
+        self._misses = 0
+        flow = command.flow_m2_per_s if command.enable else 0.0
+        limit = self._config.flow.action_limit
+        self._action = float(np.clip(flow / self._config.operating_point.flow_rate_scale, -limit, limit))
+        echoed = command.pressure_counter
+        sampled_ns = None if echoed is None else self._sampled_ns.get(echoed)
+        return Actuation(action=self._action, command=frame, sampled_ns=sampled_ns)
 
     @property
     def frames_rejected(self) -> int:

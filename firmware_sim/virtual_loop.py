@@ -16,7 +16,7 @@ time is a setting, so that a run does not depend on the machine; the step's wall
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -86,7 +86,9 @@ class VirtualLoop:
         self._compute_ns = round(config.ecu.compute_time_ms * 1e6)
         self._start_ns = 0
         self._busy_until_ns = 0
-        self._in_flight: list[tuple[int, Frame]] = []  # jet commands, by arrival
+        self._inbox: list[Frame] = []  # what the ECU has heard since its last step
+        self._outbox: list[Frame] = []  # what it will send when its computing is done
+        self._in_flight: list[Frame] = []  # jet commands on their way to the driver
         self._commands_sent = 0
         self._commands_received = 0
         self._pressures_received = 0
@@ -96,29 +98,35 @@ class VirtualLoop:
         start = self._start_ns
         sample = self._plant.sample()
         step_ms = self._exchange(sample, enable_request)
-        arrivals = [(at, frame) for at, frame in self._in_flight if at < start + self._period_ns]
-        self._in_flight = self._in_flight[len(arrivals) :]
-        self._commands_received += len(arrivals)
-        action = self._node.drive([frame for _, frame in arrivals])
+        end = start + self._period_ns
+        arrived = [frame for frame in self._in_flight if self._arrival_ns(frame) < end]
+        self._in_flight = [frame for frame in self._in_flight if self._arrival_ns(frame) >= end]
+        self._commands_received += len(arrived)
+        driven = self._node.drive(arrived)
         substeps = self._config.flow.substeps
-        late = min(substeps - 1, math.ceil((arrivals[-1][0] - start) * substeps / self._period_ns)) if arrivals else 0
-        if late > 0:
-            self._plant.advance_to(late)
-        self._plant.advance_to(substeps, action)
+        if driven.command is not None:
+            after_ns = self._arrival_ns(driven.command) - start
+            late = min(substeps - 1, math.ceil(after_ns * substeps / self._period_ns))
+            if late > 0:
+                self._plant.advance_to(late)
+        self._plant.advance_to(substeps, driven.action)
         self._start_ns += self._period_ns
-        trace = self._ecu.trace
-        forecast = (math.nan, math.nan) if trace.forces is None else trace.forces[0]
+        trace, skipped = self._ecu.trace, math.isnan(step_ms)
+        forecast = (math.nan, math.nan) if skipped or trace.forces is None else trace.forces[0]
+        age_ms = math.nan
+        if driven.command is not None and driven.sampled_ns is not None:
+            age_ms = (self._arrival_ns(driven.command) - driven.sampled_ns) / 1e6
         return Row(
             **{name: getattr(sample, name) for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power")},
             Uy_probe=sample.Uy_probe,
             base_Cp=float(np.mean(sample.Cp[sensors.BASE])),
             action=sample.action,
-            command=trace.action,
+            command=math.nan if skipped else trace.action,
             predicted_Cd=float(forecast[0]),
             predicted_Cl=float(forecast[1]),
             mode=int(trace.mode),
             step_ms=step_ms,
-            age_ms=(arrivals[-1][0] - start) / 1e6 if arrivals else math.nan,
+            age_ms=age_ms,
         )
 
     def totals(self) -> BusTotals:
@@ -129,35 +137,46 @@ class VirtualLoop:
         return BusTotals(sent=sent, lost=sent - received, rejected=rejected)
 
     def _exchange(self, sample: Sample, enable_request: bool) -> float:
-        """Pressures to the ECU and its answer onto the bus; the wall-clock ms of its step, NaN if it skipped it."""
+        """One period's frames, in the order of virtual time; the wall-clock ms of the ECU's step, NaN if skipped."""
         frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self._start_ns)
         self._wires.vehicle.send(frame)
-        heard = self._start_ns + self._frame_ns(frame)
-        if heard < self._busy_until_ns:
-            self._drain()
-            return math.nan
+        heard = self._arrival_ns(frame)
         received = self._wires.ecu.receive_all()
         self._pressures_received += sum(item.frame_id == PRESSURE.frame_id for item in received)
+        self._inbox += received
+        step_ms = math.nan
+        if heard >= self._busy_until_ns:
+            step_ms = self._step(heard)
+        self._send_due()
+        self._in_flight += [item for item in self._wires.vehicle.receive_all() if item.frame_id == JET_COMMAND.frame_id]
+        for item in self._wires.monitor.receive_all():
+            self._capture(item)
+        return step_ms
+
+    def _step(self, now_ns: int) -> float:
+        """One step of the ECU on all it has heard; returns its wall-clock ms."""
+        received, self._inbox = self._inbox, []
         began = self._clock()
-        answers = self._ecu.step(heard, received)
+        answers = self._ecu.step(now_ns, received)
         elapsed = self._clock() - began
-        self._busy_until_ns = sent = heard + self._compute_ns
+        self._busy_until_ns = sent = now_ns + self._compute_ns
         for answer in answers:
-            stamped = Frame(frame_id=answer.frame_id, data=answer.data, timestamp_ns=sent, is_fd=answer.is_fd)
-            self._wires.ecu.send(stamped)
-            sent += self._frame_ns(stamped)
-        self._commands_sent += sum(item.frame_id == JET_COMMAND.frame_id for item in answers)
-        self._drain()
+            self._outbox.append(replace(answer, timestamp_ns=sent))
+            sent = self._arrival_ns(self._outbox[-1])
         return elapsed * 1e3
 
-    def _drain(self) -> None:
-        """Collect what the vehicle heard, with its arrival time, and capture what the monitor heard."""
-        for frame in self._wires.vehicle.receive_all():
-            if frame.frame_id == JET_COMMAND.frame_id:
-                self._in_flight.append((frame.timestamp_ns + self._frame_ns(frame), frame))
-        for frame in self._wires.monitor.receive_all():
-            self._capture(frame)
+    def _send_due(self) -> None:
+        """Put on the bus what the ECU sends before the next pressures; later answers must not overtake those."""
+        end = self._start_ns + self._period_ns
+        due = [frame for frame in self._outbox if frame.timestamp_ns < end]
+        self._outbox = [frame for frame in self._outbox if frame.timestamp_ns >= end]
+        for frame in due:
+            self._wires.ecu.send(frame)
+        self._commands_sent += sum(frame.frame_id == JET_COMMAND.frame_id for frame in due)
 
-    def _frame_ns(self, frame: Frame) -> int:
+    def _arrival_ns(self, frame: Frame) -> int:
+        """When a frame that was sent at its timestamp is there."""
         bus = self._config.bus
-        return worst_case_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
+        return frame.timestamp_ns + worst_case_ns(
+            frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
+        )

@@ -1,0 +1,128 @@
+"""The vehicle's node: what its transducers put on the bus, and what its jets make of commands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from can_bridge import codec
+from can_bridge.e2e_sender import E2eSender
+from can_bridge.message_specs import JET_COMMAND
+from can_bridge.messages import JetCommand, Mode
+from contract import sensors
+from contract.config import Config, EcuConfig
+from contract.errors import ConfigError
+from firmware_sim.vehicle import PressureNode
+
+NAMES = ("base_3", "upper_00", "lower_39", "upper_39")
+CONFIG = Config()
+SCALE = CONFIG.operating_point.flow_rate_scale
+Q = CONFIG.operating_point.dynamic_pressure
+
+
+@pytest.fixture
+def node() -> PressureNode:
+    return PressureNode(NAMES, CONFIG)
+
+
+class Commands:
+    """A sender of jet commands that are in order."""
+
+    def __init__(self) -> None:
+        self.sender = E2eSender(JET_COMMAND)
+
+    def __call__(self, action: float, *, enable=True, echo=None):
+        command = JetCommand(flow_m2_per_s=action * SCALE, mode=Mode.CONTROL, enable=enable, pressure_counter=echo)
+        return self.sender.frame(codec.emit_jet_command(command), now_ns=0)
+
+
+@pytest.fixture
+def trusted(node) -> Commands:
+    """A stream of commands the node trusts."""
+    commands = Commands()
+    for _ in range(3):
+        node.drive([commands(0.0)])
+    return commands
+
+
+def test_pressures_are_the_named_sensors_in_pascal(node):
+    cp = np.linspace(-2.0, 1.0, sensors.COUNT)
+    frame = node.sample(cp, enable_request=True, now_ns=40)
+    message = codec.parse_pressure(frame.data)
+    expected = [cp[sensors.NAMES.index(name)] * Q for name in NAMES]
+    assert message.pressure_pa == pytest.approx(expected, abs=0.0501)  # half a step of 0.1 Pa
+    assert (message.valid, message.enable_request, message.age_ns) == ((True,) * 4, True, 0)
+    assert frame.timestamp_ns == 40
+    assert not codec.parse_pressure(node.sample(cp, enable_request=False, now_ns=41).data).enable_request
+    assert node.frames_sent == 2
+
+
+@pytest.mark.parametrize("pressure_pa", [3276.8, -3276.8, 1e6, -1e6, float("inf")])
+def test_a_pressure_out_of_range_saturates_and_is_marked(node, pressure_pa):
+    cp = np.zeros(sensors.COUNT)
+    cp[sensors.NAMES.index("upper_00")] = pressure_pa / Q
+    message = codec.parse_pressure(node.sample(cp, enable_request=True, now_ns=0).data)
+    assert message.valid == (True, False, True, True)
+    assert message.pressure_pa == pytest.approx([0.0, np.sign(pressure_pa) * 3276.7, 0.0, 0.0])
+
+
+def test_a_pressure_at_the_end_of_the_range_is_valid(node):
+    cp = np.zeros(sensors.COUNT)
+    cp[sensors.NAMES.index("base_3")] = -3276.7 / Q
+    assert codec.parse_pressure(node.sample(cp, enable_request=True, now_ns=0).data).valid == (True,) * 4
+
+
+def test_the_jets_follow_the_newest_command(node, trusted):
+    frames = [trusted(0.03), trusted(-0.05)]
+    driven = node.drive(frames)
+    assert driven.action == pytest.approx(-0.05, abs=2e-6)
+    assert driven.command is frames[-1]
+    assert node.frames_rejected == 0
+
+
+def test_commands_are_not_followed_before_the_stream_is_trusted(node):
+    commands = Commands()
+    assert [node.drive([commands(0.05)]).action for _ in range(3)] == pytest.approx([0.0, 0.05, 0.05], abs=2e-6)
+
+
+def test_a_shut_command_shuts_whatever_the_flow(node, trusted):
+    node.drive([trusted(0.05)])
+    assert node.drive([trusted(0.05, enable=False)]).action == 0.0
+
+
+def test_the_jets_own_limit_holds(node, trusted):
+    assert node.drive([trusted(0.1)]).action == CONFIG.flow.action_limit
+    assert node.drive([trusted(-0.1)]).action == -CONFIG.flow.action_limit
+
+
+@pytest.mark.parametrize("hold", [0, 1, 2])
+def test_missing_commands_hold_and_then_shut(hold):
+    node, commands = PressureNode(NAMES, Config(ecu=EcuConfig(hold_periods=hold))), Commands()
+    for _ in range(3):
+        full = node.drive([commands(0.05)]).action
+    driven = [node.drive([]) for _ in range(4)]
+    assert [item.action for item in driven] == [full] * hold + [0.0] * (4 - hold)
+    assert all(item.command is None and item.sampled_ns is None for item in driven)
+
+
+def test_a_corrupted_command_is_rejected_and_counted(node, trusted):
+    full = node.drive([trusted(0.05)]).action
+    frame = trusted(-0.05)
+    driven = node.drive([replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))])
+    assert (driven.action, driven.command) == (full, None)
+    assert node.frames_rejected == 1
+    assert node.drive([trusted(-0.05)]).action == pytest.approx(-0.05, abs=2e-6)
+
+
+def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
+    cp = np.zeros(sensors.COUNT)
+    for k in range(300):  # the counter wraps at 256
+        node.sample(cp, enable_request=True, now_ns=1000 * k)
+    assert node.drive([trusted(0.0, echo=299 % 256)]).sampled_ns == 299_000
+    assert node.drive([trusted(0.0, echo=298 % 256)]).sampled_ns == 298_000
+    assert node.drive([trusted(0.0)]).sampled_ns is None
+
+
+def test_unknown_sensors_are_refused():
+    with pytest.raises(ConfigError, match="base_10"):
+        PressureNode(("base_10",), CONFIG)
