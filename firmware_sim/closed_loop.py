@@ -16,6 +16,7 @@ from contract.atomic import replacing
 from contract.bundle import Bundle
 from contract.config import Config
 from contract.config_loading import to_tree
+from contract.errors import BusError, StillwakeError
 from firmware_sim import run_log
 from firmware_sim.controller import OnnxController
 from firmware_sim.ecu import Ecu
@@ -58,10 +59,12 @@ def run_closed_loop(
         progress: called with (row, periods done, periods in all) after every period.
 
     Raises:
-        StillwakeError: if the folder cannot be written or the bundle does not fit the vehicle.
+        StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
+            virtual time, or a span is shorter than a control period.
     """
-    periods = [round(span / config.flow.control_period) for span in (lead_in, controlled)]
-    total = sum(periods)
+    if config.bus.interface != "virtual":
+        raise BusError(f"bus.interface = {config.bus.interface!r}: virtual time needs 'virtual'")
+    before_periods, total = _periods(config, lead_in=lead_in, controlled=controlled)
     controller = OnnxController(bundle)
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config)
@@ -70,25 +73,34 @@ def run_closed_loop(
     rows: list[Row] = []
     highlight = bundle.manifest.sensors
     with ExitStack() as stack:
+        # Whole runs only: every file appears when the block has succeeded, and none before.
+        part = {name: stack.enter_context(replacing(output / name)) for name in (SERIES, SUMMARY, BEFORE, AFTER)}
         capture = stack.enter_context(frame_log.recording(output / FRAMES))
         vehicle, ecu_bus, monitor = (stack.enter_context(PythonCanBus.open(config.bus)) for _ in range(3))
         node = PressureNode(bundle.manifest.sensors, config)
         wires = Wires(vehicle=vehicle, ecu=ecu_bus, monitor=monitor)
         loop = VirtualLoop(wake, node, ecu, wires, config, capture)
         for k in range(total):
-            if k == periods[0]:
-                before = vorticity_figure(wake, highlight, title=f"without control, t = {wake.t:.1f} $t_c$")
-            rows.append(loop.period(enable_request=k >= periods[0]))
+            if k == before_periods:
+                picture = vorticity_figure(wake, highlight, title=f"without control, t = {wake.t:.1f} $t_c$")
+                picture.savefig(part[BEFORE], format="png")
+            rows.append(loop.period(enable_request=k >= before_periods))
             progress(rows[-1], k + 1, total)
-        after = vorticity_figure(wake, highlight, title=f"under control, t = {wake.t:.1f} $t_c$")
-    log = RunLog.of(rows, periods[0], loop.totals(), _facts(bundle, config, settle, ecu))
-    run_log.save(output / SERIES, log)
-    for name, figure in ((BEFORE, before), (AFTER, after)):
-        with replacing(output / name) as temporary:
-            figure.savefig(temporary, format="png")
-    with replacing(output / SUMMARY) as temporary:
-        temporary.write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
+        picture = vorticity_figure(wake, highlight, title=f"under control, t = {wake.t:.1f} $t_c$")
+        picture.savefig(part[AFTER], format="png")
+        log = RunLog.of(rows, before_periods, loop.totals(), _facts(bundle, config, settle, ecu))
+        run_log.save(part[SERIES], log)
+        part[SUMMARY].write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
     return log
+
+
+def _periods(config: Config, **spans: float) -> tuple[int, int]:
+    """Control periods of the first span in t_c, and of all together."""
+    counts = [round(span / config.flow.control_period) for span in spans.values()]
+    for (name, span), count in zip(spans.items(), counts, strict=True):
+        if count < 1:
+            raise StillwakeError(f"{name} = {span}: shorter than a control period of {config.flow.control_period}")
+    return counts[0], sum(counts)
 
 
 def summary(log: RunLog) -> dict[str, Any]:

@@ -54,17 +54,19 @@ class OnnxController:
         except Exception as error:
             raise BundleError(f"{CONTROLLER} does not load: {error}") from error
         manifest = bundle.manifest
+        horizon = manifest.mpc.horizon
         expected = {
             "window": [manifest.window, len(manifest.sensors) + 1],
-            "plan": [manifest.mpc.horizon],
-            "free": [manifest.mpc.horizon],
+            "plan": [horizon],
+            "free": [horizon],
+            "new_plan": [horizon],
+            "forces": [horizon, 2],
+            "cost": [],
         }
-        found = {item.name: item.shape for item in self._session.get_inputs()}
+        found = {item.name: item.shape for item in (*self._session.get_inputs(), *self._session.get_outputs())}
         for name, shape in expected.items():
             if found.get(name) != shape:
-                raise BundleError(
-                    f"{CONTROLLER}: input {name!r} has shape {found.get(name)}, the manifest says {shape}"
-                )
+                raise BundleError(f"{CONTROLLER}: {name!r} has shape {found.get(name)}, the manifest says {shape}")
 
     def warm_up(self, steps: int) -> None:
         """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations."""

@@ -1,0 +1,227 @@
+"""A release on the real wake, for a few periods: what the run folder holds, and what is refused."""
+
+import json
+import re
+
+import can
+import numpy as np
+import pytest
+
+from can_bridge.messages import Mode
+from contract import bundle
+from contract.config import BusConfig, Config, EcuConfig, MpcConfig
+from contract.errors import BundleError, BusError, StillwakeError
+from export.random_program import random_program
+from firmware_sim import closed_loop
+from firmware_sim.closed_loop import run_closed_loop
+from firmware_sim.controller import OnnxController
+from firmware_sim.report import write_report
+
+CONFIG = Config(bus=BusConfig(channel="closed-loop"))
+LEAD_IN, CONTROLLED = 35, 5  # periods
+FIGURES = (
+    *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "base_Cp_uncontrolled", "base_Cp_controlled"),
+    *("abs_Cl_uncontrolled", "abs_Cl_controlled", "mean_Cl_controlled", "mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"),
+)
+
+
+@pytest.fixture(scope="module")
+def release(random_release) -> bundle.Bundle:
+    return bundle.load(random_release)
+
+
+@pytest.fixture(scope="module")
+def run(release, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run") / "new"
+    seen = []
+    log = run_closed_loop(
+        folder,
+        release,
+        CONFIG,
+        lead_in=7.0,
+        controlled=1.0,
+        settle=0.2,
+        progress=lambda row, done, total: seen.append((row, done, total)),
+    )
+    write_report(folder)
+    return folder, log, seen
+
+
+def test_the_folder_holds_the_run_and_nothing_half_written(run):
+    folder, _, _ = run
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "frames.log",
+        "report.html",
+        "series.npz",
+        "summary.json",
+        "vorticity_controlled.png",
+        "vorticity_uncontrolled.png",
+    ]
+
+
+def test_the_summary_has_every_figure(run):
+    folder, log, _ = run
+    found = json.loads((folder / "summary.json").read_text())
+    for name in FIGURES:
+        assert isinstance(found[name], float), name
+    assert (found["frames_sent"], found["frames_lost"], found["frames_rejected"]) == (80, 0, 0)
+    assert found["sensors"] == list(random_program(1).sensors)
+    assert "random" in found["controller"]
+    assert "int8" in found["controller"]
+    cd = log.series["Cd"]
+    assert found["Cd_uncontrolled"] == pytest.approx(cd[:LEAD_IN].mean(), abs=1e-6)
+    assert found["Cd_controlled"] == pytest.approx(cd[LEAD_IN + 1 :].mean(), abs=1e-6)
+    expected = 100 * (1 - cd[LEAD_IN + 1 :].mean() / cd[:LEAD_IN].mean())
+    assert found["reduction_percent"] == pytest.approx(expected, abs=1e-5)
+    # The developed wake's known ranges.
+    assert 0.9 < found["Cd_uncontrolled"] < 1.3
+    assert -1.0 < found["base_Cp_uncontrolled"] < -0.2
+    assert 0.0 < found["mpc_ms_p50"] <= found["mpc_ms_p99"] <= found["mpc_ms_max"]
+
+
+def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
+    _, log, seen = run
+    assert [(done, total) for _, done, total in seen] == [(k + 1, LEAD_IN + CONTROLLED) for k in range(40)]
+    assert log.enabled_at == LEAD_IN
+    modes, actions = log.series["mode"], log.series["action"]
+    assert set(modes[:LEAD_IN]) == {Mode.OFF}
+    assert set(modes[LEAD_IN:]) == {Mode.CONTROL}
+    assert not actions[: LEAD_IN + 1].any()
+    assert actions[LEAD_IN + 1 :].all()
+    np.testing.assert_array_equal(actions[LEAD_IN + 1 :], log.series["command"][LEAD_IN:-1])
+    assert np.diff(log.series["t"]) == pytest.approx(0.2)
+
+
+def test_the_captured_frames_are_a_log_python_can_reads(run):
+    folder, _, _ = run
+    with can.CanutilsLogReader(folder / "frames.log") as reader:
+        messages = list(reader)
+    # A pressure frame, a command and a status in every period.
+    ids = [message.arbitration_id for message in messages]
+    assert ids == [0x120, 0x130, 0x140] * (LEAD_IN + CONTROLLED)
+    assert all(message.is_fd for message in messages)
+    times = [message.timestamp for message in messages]
+    assert times == sorted(times)
+    assert times[3] - times[0] == pytest.approx(0.02, abs=2e-6)
+
+
+def test_the_page_needs_no_other_file(run):
+    folder, _, _ = run
+    page = (folder / "report.html").read_text()
+    references = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)""", page) + re.findall(r"url\(([^)]*)", page)
+    assert len(references) == 3
+    assert all(reference.startswith("data:image/png;base64,iVBOR") for reference in references)
+    assert not re.search(r"(https?|file):", page)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert f"{summary['Cd_uncontrolled']:.4f}" in page
+    assert summary["controller"] in page
+
+
+def test_the_page_can_be_written_again_from_the_folder_alone(run):
+    folder, _, _ = run
+    first = (folder / "report.html").read_text()
+    (folder / "report.html").unlink()
+    assert write_report(folder) == folder / "report.html"
+    assert (folder / "report.html").read_text() == first
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path, run):
+    with pytest.raises(StillwakeError, match=r"series\.npz"):
+        write_report(tmp_path)
+    (tmp_path / "series.npz").write_bytes((run[0] / "series.npz").read_bytes())
+    with pytest.raises(StillwakeError, match=r"vorticity_uncontrolled\.png: No such file"):
+        write_report(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["series.npz"]
+
+
+class Stopped(BaseException):
+    """Stands for a signal."""
+
+
+@pytest.mark.parametrize("existing", [True, False])
+def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, tmp_path, existing):
+    folder = tmp_path / "run"
+    if existing:
+        folder.mkdir()
+        (folder / "series.npz").write_text("old")
+
+    def stop(row, done, total) -> None:
+        if done == 2:
+            assert any(folder.iterdir())
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        run_closed_loop(folder, release, CONFIG, lead_in=0.2, controlled=1.0, settle=0.0, progress=stop)
+    assert [path.name for path in tmp_path.rglob("*")] == (["run", "series.npz"] if existing else [])
+    if existing:
+        assert (folder / "series.npz").read_text() == "old"
+
+
+def test_a_run_that_cannot_be_kept_is_refused_at_once(release, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StillwakeError, match="cannot write"):
+        run_closed_loop(tmp_path / "file" / "run", release, CONFIG, lead_in=1.0, controlled=1.0, settle=0.0)
+
+
+def test_only_the_virtual_bus_carries_virtual_time(release, tmp_path):
+    config = Config(bus=BusConfig(interface="socketcan", channel="can0"))
+    with pytest.raises(BusError, match=r"bus\.interface = 'socketcan'"):
+        run_closed_loop(tmp_path / "run", release, config, lead_in=1.0, controlled=1.0, settle=0.0)
+
+
+@pytest.mark.parametrize(
+    ("lead_in", "controlled", "named"), [(0.05, 1.0, "lead_in = 0.05"), (1.0, 0.0, "controlled = 0.0")]
+)
+def test_spans_below_a_control_period_are_refused(release, tmp_path, lead_in, controlled, named):
+    with pytest.raises(StillwakeError, match=named):
+        run_closed_loop(tmp_path / "run", release, CONFIG, lead_in=lead_in, controlled=controlled, settle=0.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_figure_that_does_not_exist_is_null(run):
+    _, log, _ = run
+    found = closed_loop.summary(type(log)(**{**vars(log), "facts": {**log.facts, "settle": 99.0}}))
+    assert found["Cd_controlled"] is None
+    assert found["reduction_percent"] is None
+    assert found["Cd_uncontrolled"] is not None
+
+
+def test_the_controller_is_the_bundles(release):
+    controller = OnnxController(release)
+    controller.warm_up(1)
+    manifest = release.manifest
+    horizon = manifest.mpc.horizon
+    window = np.zeros((manifest.window, 5))
+    plan, committed = np.linspace(0.0, 0.07, horizon), np.zeros(horizon)
+    held = controller.control_step(window, plan, committed)
+    np.testing.assert_allclose(held.plan, np.append(plan[1:], plan[-1]), atol=1e-8)
+    free = controller.control_step(window, plan, np.ones(horizon))
+    assert (free.plan != held.plan).all()
+    assert np.abs(free.plan).max() <= manifest.action_limit
+    assert free.cost < held.cost
+    assert free.forces.shape == (horizon, 2)
+
+
+def test_a_model_that_contradicts_its_manifest_is_refused(release):
+    class Altered:
+        """The release with other facts about it."""
+
+        def __init__(self, **changes) -> None:
+            self.files = release.files
+            self.manifest = type(release.manifest)(**{**vars(release.manifest), **changes})
+
+    with pytest.raises(BundleError, match="'window' has shape"):
+        OnnxController(Altered(window=7))
+    with pytest.raises(BundleError, match="'plan' has shape"):
+        OnnxController(Altered(mpc=MpcConfig(horizon=9)))
+    broken = Altered()
+    broken.files = {"controller.onnx": b"no model"}
+    with pytest.raises(BundleError, match=r"controller\.onnx does not load"):
+        OnnxController(broken)
+
+
+def test_the_ecu_setting_decides_what_is_charged_for_computing(run):
+    _, log, _ = run
+    ages = log.series["age_ms"][3:]
+    assert ages == pytest.approx(ages[0])
+    assert EcuConfig().compute_time_ms < ages[0] < EcuConfig().compute_time_ms + 1.0
