@@ -4,13 +4,12 @@ Rooms are imported where a command needs them, so that `run` on a vehicle needs 
 compiler, and a missing extra is one clear line.
 """
 
-import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from datetime import UTC, datetime
+from datetime import date
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -27,9 +26,9 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from contract.atomic import replacing
 from contract.config_loading import load_config, to_tree
 from contract.errors import StillwakeError
+from contract.results import write_result
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 console = Console()
@@ -90,6 +89,8 @@ def record(
     plans = [plan for plan in plans if plan.steps > 0]
     if not plans:
         raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
+    if output.is_dir():
+        raise StillwakeError(f"cannot write {output}: it is a directory, not an HDF5 file")
     with _progress_bar("steps") as bar:
         tasks = {plan.name: bar.add_task(plan.name, total=plan.steps, note="") for plan in plans}
         record_dataset(output, plans, config, lambda name, done, _: bar.update(tasks[name], completed=done))
@@ -133,7 +134,7 @@ def train(
         )
     console.print(_metrics_table(trained.metrics))
     if json_file is not None:
-        _write_result(
+        write_result(
             json_file,
             figures={"metrics": trained.metrics, "sensors": trained.sensors, "stable": trained.ranking["stable"]},
             facts={
@@ -142,6 +143,7 @@ def train(
                 "versions": trained.versions,
                 "minutes": (time.monotonic() - began) / 60.0,
             },
+            on=date.today(),
         )
     stable = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in trained.ranking["stable"].items())
     console.print(f"sensors: {', '.join(trained.sensors)}   top sets identical over the repeats: {stable}")
@@ -229,7 +231,7 @@ def run(
         )
     page = write_report(output)
     if json_file is not None:
-        _write_result(json_file, figures=summary(log), facts=log.facts)
+        write_result(json_file, figures=summary(log), facts=log.facts, on=date.today())
     table = Table("", "uncontrolled", "controlled")
     for label, before, under in drag_rows(log):
         table.add_row(label, before, under)
@@ -271,13 +273,6 @@ def develop(
         develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, wake)
     console.print(f"wrote {output}")
-
-
-def _write_result(path: Path, *, figures: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
-    """Figures with what they were made from, for `benchmarks/tables.py` and other programs."""
-    date = datetime.now(UTC).date().isoformat()
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"date": date, "figures": figures, "facts": facts}, indent=2) + "\n")
 
 
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:

@@ -5,10 +5,8 @@
 Each grid develops its own wake from rest. The finest takes about ten minutes on one core.
 """
 
-import json
 import time
-from datetime import UTC, datetime
-from importlib.metadata import version
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -19,8 +17,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from contract import sensors
-from contract.atomic import replacing
 from contract.config import FlowConfig
+from contract.results import versions, write_result
 from wake.develop import develop
 from wake.truck_wake import TruckWake
 
@@ -48,17 +46,12 @@ def main(
         table.add_row(str(row["case"]), *(f"{row[name]:.4f}" for name in _COLUMNS[1:]))
     Console().print(table)
     if json_file is not None:
-        result = {
-            "date": datetime.now(UTC).date().isoformat(),
-            "figures": rows,
-            "facts": {
-                "develop_time": develop_time,
-                "average_time": average_time,
-                "versions": {name: version(name) for name in ("stillwake", "numpy", "numba")},
-            },
+        facts = {
+            "develop_time": develop_time,
+            "average_time": average_time,
+            "versions": versions("stillwake", "numpy", "numba"),
         }
-        with replacing(json_file) as temporary:
-            temporary.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_result(json_file, figures=rows, facts=facts, on=date.today())
 
 
 def _uncontrolled(refinement: float, develop_time: float, average_time: float, bar: Progress) -> dict[str, Any]:

@@ -6,9 +6,7 @@ Full amplitude from the shipped start; averages leave out the settling time. The
 run, so that both can stand in one table.
 """
 
-import json
-from datetime import UTC, datetime
-from importlib.metadata import version
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +17,7 @@ from rich.progress import track
 from rich.table import Table
 
 from contract import sensors
-from contract.atomic import replacing
+from contract.results import versions, write_result
 from wake.truck_wake import Sample, TruckWake, developed_state
 
 FREQUENCIES = (0.0, 0.17, 0.18, 0.19, 0.20, 0.21, 0.22)
@@ -39,18 +37,13 @@ def main(
         table.add_row(f"{row['frequency']:.3f}", *(f"{row[name]:.4f}" for name in row if name != "frequency"))
     Console().print(table)
     if json_file is not None:
-        result = {
-            "date": datetime.now(UTC).date().isoformat(),
-            "figures": rows,
-            "facts": {
-                "amplitude": wake.config.action_limit,
-                "controlled": controlled,
-                "settle": settle,
-                "versions": {name: version(name) for name in ("stillwake", "numpy", "numba")},
-            },
+        facts = {
+            "amplitude": wake.config.action_limit,
+            "controlled": controlled,
+            "settle": settle,
+            "versions": versions("stillwake", "numpy", "numba"),
         }
-        with replacing(json_file) as temporary:
-            temporary.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_result(json_file, figures=rows, facts=facts, on=date.today())
 
 
 def _force(wake: TruckWake, frequency: float, controlled: float, settle: float) -> dict[str, Any]:

@@ -23,12 +23,3 @@ def _box_distance(x: Array, y: Array, radius: float) -> Array:
     outside = np.hypot(np.maximum(qx, 0.0), np.maximum(qy, 0.0))
     inside = np.minimum(np.maximum(qx, qy), 0.0)
     return outside + inside - radius
-
-
-def outward_normal(x: float, y: float) -> tuple[float, float]:
-    """Unit normal at the outline's point nearest to (x, y), pointing into the fluid."""
-    step = 1e-6
-    nx = float(signed_distance(x + step, y) - signed_distance(x - step, y))
-    ny = float(signed_distance(x, y + step) - signed_distance(x, y - step))
-    length = np.hypot(nx, ny)
-    return nx / length, ny / length

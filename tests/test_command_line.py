@@ -1,0 +1,262 @@
+"""The command line as a user meets it: what goes wrong is one line, a non-zero exit, and nothing half-written."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import stillwake
+from contract import dataset
+
+VERBS = [command.name or command.callback.__name__ for command in stillwake.app.registered_commands]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
+    """Run `stillwake` with these arguments, in this process."""
+
+    def run(*arguments: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["stillwake", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            stillwake.main()
+        code = stop.value.code
+        return Outcome(0 if code is None else code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def refused(cli, tmp_path) -> Callable[..., str]:
+    """Run it, see that it fails as it should and leaves `tmp_path` as it was; return the line."""
+
+    def run(*arguments: object) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        outcome = cli(*arguments)
+        assert outcome.code == 1
+        assert outcome.err.startswith("error: ")
+        assert outcome.err.count("\n") == 1
+        assert "wrote" not in outcome.out
+        assert sorted(tmp_path.rglob("*")) == before
+        return outcome.err
+
+    return run
+
+
+def test_the_verbs_are_there():
+    assert {"record", "train", "export", "run", "report"} <= set(VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_explains_itself(cli, verb):
+    outcome = cli(verb, "--help")
+    assert outcome.code == 0
+    assert f"stillwake {verb}" in outcome.out
+    assert outcome.err == ""
+
+
+def test_without_a_verb_it_lists_them(cli):
+    outcome = cli()
+    assert outcome.code != 0
+    assert all(verb in outcome.out + outcome.err for verb in VERBS)
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["run"], ["run", "x", "--nonsense"], ["nonsense"], ["run", "x", "--lead-in", "0"]]
+)
+def test_a_wrong_call_is_explained_without_a_traceback(cli, arguments):
+    outcome = cli(*arguments)
+    assert outcome.code == 2
+    assert "--help" in outcome.err
+    assert not Path("x").exists()
+
+
+def test_a_missing_bundle(refused, tmp_path):
+    line = refused("run", tmp_path / "run", "--bundle", tmp_path / "nowhere")
+    assert f"bundle {tmp_path}/nowhere: no such directory or zip" in line
+
+
+@pytest.mark.parametrize("name", ["controller.onnx", "manifest.json"])
+@pytest.mark.parametrize("place", [0.0, 0.5, 0.999])
+def test_a_tampered_bundle(refused, tmp_path, random_release, name, place):
+    bundle = tmp_path / "bundle"
+    shutil.copytree(random_release, bundle)
+    data = bytearray((bundle / name).read_bytes())
+    data[int(place * len(data))] ^= 0x01
+    (bundle / name).write_bytes(data)
+    line = refused("run", tmp_path / "run", "--bundle", bundle)
+    assert name in line
+    assert "altered" in line or "damaged" in line
+
+
+def test_a_bundle_for_another_vehicle(refused, tmp_path, random_release):
+    settings = ["--set", "operating_point.speed=20.0"]
+    line = refused("run", tmp_path / "run", "--bundle", random_release, *settings)
+    assert "operating point" in line
+    assert "speed=20.0" in line
+
+
+@pytest.fixture
+def recording(tmp_path) -> Path:
+    """A copy of the shipped recording."""
+    path = tmp_path / "recording.h5"
+    shutil.copy(stillwake.SHIPPED_RECORDING, path)
+    return path
+
+
+def test_a_recording_with_nan(refused, tmp_path, recording):
+    with h5py.File(recording, "r+") as file:
+        episode = next(iter(file["episodes"]))
+        file["episodes"][episode]["Cp"][7, 3] = np.nan
+    line = refused("train", tmp_path / "model", "--dataset", recording)
+    assert f"episode {episode}: field 'Cp' holds a value that is not finite, first at step 7" in line
+
+
+def test_a_recording_with_a_sensor_too_few(refused, tmp_path, recording):
+    with h5py.File(recording, "r+") as file:
+        node = next(iter(file["episodes"].values()))
+        units, values = node["Cp"].attrs["units"], node["Cp"][:, :89]
+        del node["Cp"]
+        node["Cp"] = values
+        node["Cp"].attrs["units"] = units
+    line = refused("train", tmp_path / "model", "--dataset", recording)
+    assert f"'Cp' has shape ({len(values)}, 89), must be ({len(values)}, 90)" in line
+
+
+def test_a_recording_of_other_sensors(refused, tmp_path, recording):
+    with h5py.File(recording, "r+") as file:
+        file.attrs["sensors"] = json.dumps(["base_0"])
+    assert "other sensors" in refused("train", tmp_path / "model", "--dataset", recording)
+
+
+def test_a_missing_recording(refused, tmp_path):
+    assert "no such dataset" in refused("train", tmp_path / "model", "--dataset", tmp_path / "nowhere.h5")
+
+
+def test_an_output_that_cannot_be_written(refused, tmp_path, random_release):
+    (tmp_path / "file").write_text("")
+    inside = tmp_path / "file" / "out"
+    assert f"cannot write {inside}" in refused("run", inside, "--bundle", random_release)
+    assert f"cannot write {inside}" in refused("record", inside, "--training", 3)
+    # A run needs a folder, a recording a file.
+    assert "cannot write" in refused("run", tmp_path / "file", "--bundle", random_release)
+    (tmp_path / "folder").mkdir()
+    assert "is a directory" in refused("record", tmp_path / "folder", "--training", 3)
+
+
+def test_nothing_to_record(refused, tmp_path):
+    none = ["--training", 0, "--chirp", 0, "--uncontrolled", 0]
+    assert "nothing to record" in refused("record", tmp_path / "a.h5", *none)
+
+
+@pytest.mark.parametrize("verb", ["record", "train", "export", "run", "develop"])
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ("nonsense.key=1", "nonsense"),
+        ("ecu.nonsense=1", "nonsense"),
+        ("ecu", "section.key=value"),
+        ("ecu.hold_periods=-1", "EcuConfig.hold_periods = -1: must be non-negative"),
+    ],
+)
+def test_a_setting_that_does_not_exist(refused, tmp_path, verb, setting, named):
+    outputs = [tmp_path / "in", tmp_path / "out"] if verb == "export" else [tmp_path / "out"]
+    assert named in refused(verb, *outputs, "--set", setting)
+
+
+def test_a_folder_without_a_run(refused, tmp_path):
+    assert "series.npz" in refused("report", tmp_path)
+
+
+def test_a_run_and_its_report(cli, tmp_path, random_release):
+    folder = tmp_path / "run"
+    outcome = cli("run", folder, "--bundle", random_release, "--lead-in", 0.4, "--controlled", 0.4, "--settle", 0)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "mean Cd (wall)" in outcome.out
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["frames_sent"], summary["frames_lost"]) == (8, 0)
+    # The window was never full.
+    assert summary["mpc_ms_p50"] is None
+    (folder / "report.html").unlink()
+    assert cli("report", folder).code == 0
+    assert (folder / "report.html").is_file()
+
+
+# Shells start background jobs deaf to Ctrl-C, and a test may run in one. Blocks of the shipped size take too long.
+BOOTSTRAP = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from wake import recorder
+recorder.BLOCK_STEPS = 8
+import stillwake
+stillwake.main()
+"""
+
+
+def start(*arguments: object) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-c", BOOTSTRAP, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> Outcome:
+    """Press Ctrl-C as soon as something is seen."""
+    deadline = time.monotonic() + 60.0
+    while not seen():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60.0)
+    return Outcome(process.returncode, out, err)
+
+
+def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
+    output, parts = tmp_path / "a.h5", tmp_path / "a.h5.parts"
+    command = ["record", output, "--training", 20, "--chirp", 0, "--uncontrolled", 0]
+    first = parts / "training_1_000000.npz"
+    outcome = stop_after(start(*command), first.is_file)
+    assert (outcome.code, outcome.err) == (130, "stopped\n")
+    assert "wrote" not in outcome.out
+    assert not output.exists()
+    assert {path.suffix for path in parts.iterdir()} == {".npz", ".json"}
+    made = first.stat().st_mtime_ns
+
+    process = start(*command)
+    stamps = set()
+    while process.poll() is None:
+        if first.is_file():
+            stamps.add(first.stat().st_mtime_ns)
+        time.sleep(0.01)
+    assert (process.returncode, process.stderr.read()) == (0, "")
+    assert stamps == {made}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+    assert len(dataset.read(output).episodes[0]) == 20
+
+
+def test_a_run_stopped_by_ctrl_c_leaves_nothing(tmp_path, random_release):
+    process = start("run", tmp_path / "run", "--bundle", random_release, "--lead-in", 0.4, "--controlled", 1000)
+    # Drawn when control is requested.
+    outcome = stop_after(process, lambda: any(tmp_path.glob("run/.vorticity_uncontrolled*.part")))
+    assert (outcome.code, outcome.err) == (130, "stopped\n")
+    assert "wrote" not in outcome.out
+    assert list(tmp_path.iterdir()) == []
