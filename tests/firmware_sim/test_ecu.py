@@ -219,13 +219,20 @@ def test_overruns_are_whole_periods_left_out(bench):
     assert bench.status.overruns == 0xFFFF
 
 
-def test_a_skipped_period_has_a_row_of_its_own(bench):
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_skipped_period_has_a_row_of_its_own(bench_of, recording_controller, delay):
+    counter = iter(range(10_000))
+    bench = bench_of(recording_controller(lambda i: 0.0005 * next(counter)), delay_steps=delay)
     bench.into_control()
-    before = bench.step(bench.pressure((0.5, 0.5, 0.5, 0.5)), periods=2).flow_m2_per_s / SCALE
+    sent = [bench.good(1)[0].flow_m2_per_s / SCALE]
+    sent.append(bench.step(bench.pressure((0.5, 0.5, 0.5, 0.5)), periods=2).flow_m2_per_s / SCALE)
+    sent.append(sent[-1])  # the jets stay while the ECU is silent
     bench.step(bench.pressure((0.7, 0.7, 0.7, 0.7)))
     window = bench.controller.calls[-1][0]
     np.testing.assert_allclose(window[-3:, 0], [0.5, 0.5, 0.7], atol=CP_QUANTUM)
-    np.testing.assert_array_equal(window[-2:, 4], [before, before])
+    in_force = sent if delay == 0 else sent[:-1]
+    np.testing.assert_array_equal(window[-len(in_force) :, 4], in_force)
+    assert len(set(sent)) == 2
 
 
 def test_status_names_the_bundle(bench, bundle_of):

@@ -143,12 +143,17 @@ def test_the_ramp_starts_in_the_substep_after_the_command_arrives(harness, compu
         assert [row.age_ms for row in rows[WARM:]] == pytest.approx([arrival_ns / 1e6] * (12 - WARM))
 
 
-def test_a_command_that_misses_its_period_acts_in_the_next(harness):
-    with harness(19.9) as h:  # done within the period, on the bus across its end
+@pytest.mark.parametrize("compute_ms", [19.8, 19.9])
+def test_a_command_that_misses_its_period_acts_in_the_next(harness, compute_ms):
+    """It is on the bus across the period's end, or sent after it."""
+    sent_ns = FRAME_NS[PRESSURE.frame_id] + round(compute_ms * 1e6)
+    assert (sent_ns < 20_000_000) == (compute_ms == 19.8)
+    arrival_ns = sent_ns + FRAME_NS[JET_COMMAND.frame_id]
+    assert arrival_ns > 20_000_000
+    with harness(compute_ms) as h:
         rows = h.run(16)
         assert h.targets()[WARM + 1 :] == [row.command for row in rows[WARM:-1]]
         assert {h.starts()[k] for k in range(WARM + 1, 16)} == {1}
-        arrival_ns = FRAME_NS[PRESSURE.frame_id] + 19_900_000 + FRAME_NS[JET_COMMAND.frame_id]
         # The age is that of the pressures behind the command, not of the period's own.
         assert [row.age_ms for row in rows[WARM + 1 :]] == pytest.approx([arrival_ns / 1e6] * (15 - WARM))
         assert h.ecu.status().overruns == 0
@@ -279,6 +284,16 @@ def test_corrupted_frames_are_rejected_on_the_side_that_receives_them(harness, f
         totals = h.loop.totals()
         assert (totals.sent, totals.lost, totals.rejected) == (120, 0, pressures + commands)
         assert h.ecu.status().crc_errors == pressures
+
+
+def test_frames_that_come_while_the_ecu_is_busy_are_checked_too(harness, faults):
+    def corrupting(bus: Bus) -> Faulty:
+        faults.append(Faulty(bus, corrupt=0.2))
+        return faults[-1]
+
+    with harness(25.0, vehicle=corrupting) as h:
+        h.run(61)  # it steps in every other period, the last included
+        assert h.ecu.status().crc_errors == len(faults[0].corrupted) > 8
 
 
 def test_a_lost_command_leaves_the_jets_where_they_are_for_a_period(harness, faults):
