@@ -40,6 +40,8 @@ INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as shells have it."""
 GATE_WINDOWS: Final = 50
 """Consecutive recorded windows that the export gates replay."""
+CALIBRATION_WINDOWS: Final = 400
+"""Consecutive recorded windows from which int8 rounding is calibrated."""
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file; default: the release settings.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures and their settings here.")]
@@ -174,7 +176,7 @@ def export(
     config = load_config(config_file, overrides)
     trained = load_trained(model)
     program = trained.program(config.mpc)
-    test = recordings.read(SHIPPED_RECORDING if dataset is None else dataset).with_role("test")[0]
+    recording = recordings.read(SHIPPED_RECORDING if dataset is None else dataset)
     report = write_release(
         output,
         program,
@@ -184,7 +186,8 @@ def export(
         budget_ms=config.period_ns / 1e6,
         control_period=config.flow.control_period,
         provenance=trained.provenance,
-        windows=recorded_windows(program, test, GATE_WINDOWS),
+        windows=recorded_windows(program, recording.with_role("test")[0], GATE_WINDOWS),
+        calibration=recorded_windows(program, recording.with_role("train")[0], CALIBRATION_WINDOWS),
     )
     table = Table("gate", "measured")
     for title, part in (("graph against reference", report.parity), ("int8 against float32", report.quantisation)):

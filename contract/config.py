@@ -210,6 +210,8 @@ class EcuConfig:
     """Missed periods after that during which the command is halved each period, before zero and latch."""
     rearm_frames: int = 5
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
+    deadline_misses: int = 3
+    """Steps in a row that each came a whole period or more late, after which the ECU switches itself off."""
     delay_steps: int = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     command_step: float = 0.075
@@ -221,7 +223,19 @@ class EcuConfig:
         _require(self.command_step > 0, self, "command_step", "positive")
         for name in ("hold_periods", "decay_periods", "delay_steps"):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
-        _require(self.rearm_frames >= 1, self, "rearm_frames", "at least 1")
+        for name in ("rearm_frames", "deadline_misses"):
+            _require(getattr(self, name) >= 1, self, name, "at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleConfig:
+    """The simulated vehicle (ours)."""
+
+    actuator_delay: int = 0
+    """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller believes."""
+
+    def __post_init__(self) -> None:
+        _require(self.actuator_delay >= 0, self, "actuator_delay", "non-negative")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,6 +250,7 @@ class Config:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     bus: BusConfig = field(default_factory=BusConfig)
     ecu: EcuConfig = field(default_factory=EcuConfig)
+    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
 
     @property
     def period_ns(self) -> int:

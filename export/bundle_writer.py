@@ -9,6 +9,7 @@ import numpy as np
 
 from contract import bundle
 from contract.operating_point import OperatingPoint
+from export.calibrate import correct_biases
 from export.onnx_graph import build_controller
 from export.onnx_weights import Precision
 from export.parity import ParityReport, check_parity
@@ -47,6 +48,7 @@ def write_release(
     control_period: float,
     provenance: Mapping[str, Any],
     windows: Sequence[Array] | None = None,
+    calibration: Sequence[Array] | None = None,
     limits: QuantisationLimits | None = None,
 ) -> ReleaseReport:
     """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all.
@@ -58,6 +60,8 @@ def write_release(
         control_period: in t_c.
         provenance: of the training; the gates' figures are added under `export`.
         windows: recorded windows (L, S+1), consecutive ones, for the gates; random ones if None.
+        calibration: other recorded windows, consecutive ones, from which rounded biases are corrected; not
+            corrected if None.
         limits: what int8 weights may change.
 
     Raises:
@@ -68,12 +72,15 @@ def write_release(
     if windows is None:
         rng = np.random.default_rng(0)
         windows = [random_window(program, rng) for _ in range(_RANDOM_WINDOWS)]
-    model = build_controller(program, precision).SerializeToString()
     effective, quantisation = program, None
     if precision == "int8":
         effective = quantise(program)
+        if calibration is not None:
+            effective = correct_biases(program, effective, calibration)
         quantisation = compare_quantised(program, effective, windows)
         check_quantisation(quantisation, QuantisationLimits() if limits is None else limits)
+    # Rounding what is already rounded changes nothing, so this is the effective program in either precision.
+    model = build_controller(effective, precision).SerializeToString()
     report = ReleaseReport(
         controller_bytes=len(model), parity=check_parity(effective, model, windows), quantisation=quantisation
     )

@@ -8,7 +8,7 @@ import numpy.typing as npt
 import onnxruntime
 
 from contract.bundle import CONTROLLER, Bundle
-from contract.errors import BundleError
+from contract.errors import BundleError, StillwakeError
 
 Array = npt.NDArray[np.float64]
 
@@ -28,11 +28,19 @@ class ControlStep:
     cost: float
 
 
+class ControllerError(StillwakeError):
+    """The controller could not compute its step; the ECU latches a fault."""
+
+
 class Controller(Protocol):
     """What the ECU needs of a controller."""
 
     def control_step(self, window: Array, plan: Array, free: Array) -> ControlStep:
-        """One control step from a window (L, S+1), the previous plan (H,) and the mask of free actions (H,)."""
+        """One control step from a window (L, S+1), the previous plan (H,) and the mask of free actions (H,).
+
+        Raises:
+            ControllerError: if there is no answer.
+        """
 
 
 class OnnxController:
@@ -77,9 +85,12 @@ class OnnxController:
 
     def control_step(self, window: Array, plan: Array, free: Array) -> ControlStep:
         feeds = {"window": window, "plan": plan, "free": free}
-        new_plan, forces, cost = self._session.run(
-            ["new_plan", "forces", "cost"], {name: value.astype(np.float32) for name, value in feeds.items()}
-        )
+        try:
+            new_plan, forces, cost = self._session.run(
+                ["new_plan", "forces", "cost"], {name: value.astype(np.float32) for name, value in feeds.items()}
+            )
+        except Exception as error:
+            raise ControllerError(f"{CONTROLLER} failed: {error}") from error
         return ControlStep(
             plan=np.asarray(new_plan, dtype=np.float64), forces=np.asarray(forces, dtype=np.float64), cost=float(cost)
         )

@@ -22,7 +22,7 @@ from can_bridge.messages import COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mod
 from contract.bundle import Bundle
 from contract.config import Config
 from contract.errors import BundleError
-from firmware_sim.controller import Controller
+from firmware_sim.controller import Controller, ControllerError
 from firmware_sim.fail_safe import FailSafe
 from firmware_sim.history import History
 
@@ -80,6 +80,7 @@ class Ecu:
         self._last_step_ns: int | None = None
         self._pressure_ns: int | None = None
         self._overruns = 0
+        self._late_in_a_row = 0
         self._missed = 0
         self.trace = Trace(mode=Mode.OFF, action=0.0, forces=None, interventions=Intervention(0))
 
@@ -151,10 +152,16 @@ class Ecu:
         return sum(self._receiver.counts[check] for check in (Check.ERROR, Check.REPEATED, Check.WRONG_SEQUENCE))
 
     def _skip(self, now_ns: int) -> None:
-        """Count the whole periods since the last step beyond one, in which the last command stayed in force."""
+        """Count the whole periods since the last step beyond one, in which the last command stayed in force.
+
+        An ECU that is late again and again cannot keep its budget: it switches itself off.
+        """
         if self._last_step_ns is not None:
             skipped = max(0, round((now_ns - self._last_step_ns) / self._config.period_ns) - 1)
             self._overruns += skipped
+            self._late_in_a_row = self._late_in_a_row + 1 if skipped else 0
+            if self._late_in_a_row >= self._config.ecu.deadline_misses:
+                self._fail_safe = self._fail_safe.latch(Reason.DEADLINE)
             # The window keeps one row a period. Counting further than the count goes changes nothing more.
             for _ in range(min(skipped, COUNT_LIMIT)):
                 self._history.repeat_last(self._sent[0])
@@ -180,8 +187,11 @@ class Ecu:
             # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
             # whatever the gate, a hold or the wire made of the plan.
             plan[1 : len(self._sent)] = list(self._sent)[1:]
-            planned = self._controller.control_step(self._history.window(), plan, self._free)
-            if not (np.isfinite(planned.plan).all() and np.isfinite(planned.forces).all()):
+            try:
+                planned = self._controller.control_step(self._history.window(), plan, self._free)
+            except ControllerError:
+                planned = None
+            if planned is None or not (np.isfinite(planned.plan).all() and np.isfinite(planned.forces).all()):
                 self._fail_safe = self._fail_safe.latch(Reason.INTERNAL)
                 return 0.0, None
             self._plan = planned.plan

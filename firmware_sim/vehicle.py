@@ -1,5 +1,6 @@
 """The vehicle's side of the bus: it samples the wall pressures, and drives the jets as commanded."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,6 +49,9 @@ class PressureNode:
         self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
         self._misses = 0
         self._action = 0.0
+        # Oldest first; the front is what the jets follow now.
+        delay = config.vehicle.actuator_delay
+        self._wanted = deque([0.0] * (delay + 1), maxlen=delay + 1)
         self._sampled_ns: dict[int, int] = {}  # by the counter of the Pressure frame
         self.frames_sent = 0
 
@@ -80,14 +84,19 @@ class PressureNode:
             self._misses += 1
             if self._misses > self._config.ecu.hold_periods:
                 self._action = 0.0
-            return Actuation(action=self._action, command=None, sampled_ns=None)
+            return Actuation(action=self._follow(), command=None, sampled_ns=None)
         self._misses = 0
         flow = command.flow_m2_per_s if command.enable else 0.0
         limit = self._config.flow.action_limit
         self._action = float(np.clip(flow / self._config.operating_point.flow_rate_scale, -limit, limit))
         echoed = command.pressure_counter
         sampled_ns = None if echoed is None else self._sampled_ns.get(echoed)
-        return Actuation(action=self._action, command=frame, sampled_ns=sampled_ns)
+        return Actuation(action=self._follow(), command=frame, sampled_ns=sampled_ns)
+
+    def _follow(self) -> float:
+        """What was wanted `actuator_delay` periods ago, now wanted being the newest."""
+        self._wanted.append(self._action)
+        return self._wanted[0]
 
     @property
     def frames_rejected(self) -> int:

@@ -11,6 +11,7 @@ from can_bridge.messages import Mode, Reason
 from contract.config import Config, EcuConfig, FlowConfig
 from contract.errors import BundleError
 from contract.operating_point import OperatingPoint
+from firmware_sim.controller import ControllerError
 from firmware_sim.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5
@@ -254,3 +255,29 @@ def test_status_names_the_bundle(bench, bundle_of):
 def test_a_bundle_for_another_vehicle_is_refused(bundle_of, recording_controller, bundle_changes, config, named):
     with pytest.raises(BundleError, match=named):
         Ecu(bundle_of(**bundle_changes), recording_controller(), config)
+
+
+def test_a_controller_that_fails_latches_and_shuts_the_jets(bench_of, recording_controller):
+    def fail(i: int) -> float:
+        raise ControllerError("no answer")
+
+    controller = recording_controller()
+    bench = bench_of(controller)
+    bench.into_control()
+    controller.plan = fail
+    command = bench.step(bench.pressure())
+    assert (command.mode, command.enable, command.flow_m2_per_s) == (Mode.FAULT, False, 0.0)
+    assert bench.status.reason is Reason.INTERNAL
+
+
+def test_an_ecu_late_again_and_again_switches_itself_off(bench_of):
+    bench = bench_of(deadline_misses=3)
+    bench.into_control()
+    modes = []
+    for periods in (2, 2, 1, 2, 2, 2, 1):
+        modes.append(bench.step(bench.pressure(), periods=periods).mode)
+    # A step is late if the clock moved on by two periods after the one before: two, one on time, then three.
+    assert modes[:6] == [Mode.CONTROL] * 6
+    assert modes[6] is Mode.FAULT
+    assert bench.status.reason is Reason.DEADLINE
+    assert bench.status.overruns == 5

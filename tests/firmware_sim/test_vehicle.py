@@ -10,7 +10,7 @@ from can_bridge.e2e_sender import E2eSender
 from can_bridge.message_specs import JET_COMMAND
 from can_bridge.messages import JetCommand, Mode
 from contract import sensors
-from contract.config import Config, EcuConfig
+from contract.config import Config, EcuConfig, VehicleConfig
 from contract.errors import ConfigError
 from firmware_sim.vehicle import PressureNode
 
@@ -126,3 +126,12 @@ def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
 def test_unknown_sensors_are_refused():
     with pytest.raises(ConfigError, match="base_10"):
         PressureNode(("base_10",), CONFIG)
+
+
+def test_late_jets_follow_every_command_so_many_periods_later():
+    late = replace(CONFIG, vehicle=VehicleConfig(actuator_delay=2))
+    node, commands = PressureNode(NAMES, late), Commands()
+    wanted = [0.0, 0.01, -0.02, 0.03, 0.0]
+    followed = [node.drive([commands(action)]).action for action in wanted]
+    # The first frame only makes the stream known.
+    assert followed == pytest.approx([0.0, 0.0, 0.0, 0.01, -0.02], abs=1e-5)

@@ -14,7 +14,7 @@ from can_bridge.bit_timing import worst_case_ns
 from can_bridge.bus import Bus
 from can_bridge.frame import Frame
 from can_bridge.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.messages import Mode
+from can_bridge.messages import Mode, Reason
 from can_bridge.python_can_bus import PythonCanBus
 from contract import sensors
 from contract.config import Config, EcuConfig
@@ -162,7 +162,7 @@ def test_a_command_that_misses_its_period_acts_in_the_next(harness, compute_ms):
 
 @pytest.mark.parametrize(("compute_ms", "every"), [(20.0, 1), (20.001, 2), (25.0, 2), (41.0, 3)])
 def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute_ms, every):
-    with harness(compute_ms, hold_periods=3) as h:
+    with harness(compute_ms, hold_periods=3, deadline_misses=1000) as h:
         rows = h.run(31)
         stepped = [k for k, row in enumerate(rows) if not isnan(row.step_ms)]
         assert stepped == list(range(0, 31, every))
@@ -179,6 +179,13 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
         ages = [row.age_ms for row in rows[-8:] if not isnan(row.age_ms)]
         assert ages
         assert min(ages) > compute_ms
+
+
+def test_an_ecu_that_is_always_too_slow_ends_up_off(harness):
+    with harness(25.0, hold_periods=3, deadline_misses=3) as h:
+        assert h.run(31)[-1].mode == Mode.FAULT
+        assert h.ecu.status().reason is Reason.DEADLINE
+        assert h.targets()[-1] == 0.0
 
 
 def test_two_runs_are_equal_to_the_bit(harness):
