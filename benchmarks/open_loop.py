@@ -20,7 +20,7 @@ from contract import sensors
 from contract.results import versions, write_result
 from wake.truck_wake import Sample, TruckWake, developed_state
 
-FREQUENCIES = (0.0, 0.17, 0.18, 0.19, 0.20, 0.21, 0.22)
+FREQUENCIES = (0.0, 0.18, 0.19, 0.20, 0.21)
 
 
 def main(

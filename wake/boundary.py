@@ -45,9 +45,10 @@ class Boundary:
 
     Attributes:
         fluid: cells whose centre lies in the fluid, (nx, ny).
-        open_u, open_v: faces between two fluid cells, (nx + 1, ny) and (nx, ny + 1); outer boundaries are not open.
+        open_u, open_v: faces between two fluid cells, (nx + 1, ny) and (nx, ny + 1), and the outlet; the other outer
+            boundaries are not open.
         u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
-        u_ghosts, v_ghosts: maps on the padded arrays u (nx + 1, ny + 2) and v (nx + 2, ny + 1).
+        u_ghosts, v_ghosts: maps on the padded arrays u (nx + 2, ny + 2) and v (nx + 2, ny + 1).
     """
 
     fluid: Mask
@@ -67,6 +68,7 @@ def build(grid: Grid, distance: SignedDistance) -> Boundary:
     open_u = np.zeros((nx + 1, ny), dtype=bool)
     open_v = np.zeros((nx, ny + 1), dtype=bool)
     open_u[1:-1] = fluid[1:] & fluid[:-1]
+    open_u[-1] = fluid[-1]
     open_v[:, 1:-1] = fluid[:, 1:] & fluid[:, :-1]
     touched_u, touched_v = _stencil(open_u, open_v)
     return Boundary(

@@ -4,8 +4,9 @@ Central differences on the staggered grid, second order on smoothly stretched gr
 with equal weights, so that it neither makes nor destroys kinetic energy (Verstappen and Veldman, J. Comput. Phys.
 187, 2003). It is written in advective form, which equals the flux form on a divergence-free field; on the stages of a
 Runge-Kutta step, which are not projected, the flux form would count each divergence twice and halve the stable step.
-Arrays are padded: u is (nx + 1, ny + 2) and v is (nx + 2, ny + 1), with one layer beyond the edges along
-which the component is tangential. Runs (i, j0, j1) of unpadded indices name the faces to treat, so that the loops
+Arrays are padded: u is (nx + 2, ny + 2) and v is (nx + 2, ny + 1), with one layer beyond the edges along
+which the component is tangential and one behind the outlet; p is (nx + 1, ny), its last column mirrored behind the
+outlet with the other sign. Runs (i, j0, j1) of unpadded indices name the faces to treat, so that the loops
 over j hold no branch.
 """
 
@@ -110,8 +111,10 @@ def _fill_ghosts(flat: Array, target: Index, start: Index, source: Index, weight
 
 @njit(cache=True)
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
-    """The padding: slip sides for u, inflow and outflow for v."""
-    nx, ny = u.shape[0] - 1, u.shape[1] - 2
+    """The padding: slip sides and outflow for u, inflow and outflow for v."""
+    nx, ny = u.shape[0] - 2, u.shape[1] - 2
+    for j in range(ny):
+        u[nx + 1, j + 1] = u[nx, j + 1]
     for i in range(nx + 1):
         u[i, 0] = u[i, 1]
         u[i, ny + 1] = u[i, ny]
@@ -163,10 +166,8 @@ def stage(
     _v_rate(qv, a, u, v, p, nu, spacing, v_runs)
     _add_scaled(u, qu, step, u_runs, 0, 1)
     _add_scaled(v, qv, step, v_runs, 1, 0)
-    outlet = u.shape[0] - 1
     for j in range(len(inflow_u)):
         u[0, j + 1] = inflow_u[j]
-        u[outlet, j + 1] = u[outlet - 1, j + 1]
     for k in range(len(slot_rows)):
         u[rear, slot_rows[k] + 1] = slot_velocity[k]
     fill_edges(u, v, inflow_v)
@@ -192,6 +193,8 @@ def correct(
     nx, ny = phi.shape
     for r in range(u_runs.shape[0]):
         i, j0, j1 = u_runs[r, 0], u_runs[r, 1], u_runs[r, 2]
+        if i == nx:
+            continue
         rd = 1.0 / dxc[i]
         ui, pw, pe = u[i, j0 + 1 : j1 + 1], phi[i - 1, j0:j1], phi[i, j0:j1]
         for k in range(j1 - j0):
@@ -210,3 +213,5 @@ def correct(
         pi, fi = p[i], phi[i]
         for j in range(ny):
             pi[j] += fi[j] * rdt
+    for j in range(ny):
+        p[nx, j] = -p[nx - 1, j]

@@ -3,7 +3,9 @@
 The stages carry the pressure gradient of the step's start, the projection adds its change (Williamson's low-storage
 coefficients; second order in time for the velocity, because the stages' divergence enters at second order). Boundary
 conditions: uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body, prescribed
-flow through the slots. Pressure here is kinematic, p / (rho U_inf^2); Cp is twice that.
+flow through the slots. The outlet's velocity solves the momentum equation like any other, with a mirrored cell behind
+it; copying it from upstream instead would leave the last cells no transverse flow, and a vortex that leaves would shake
+the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp is twice that.
 """
 
 from dataclasses import dataclass
@@ -40,17 +42,17 @@ class Flow:
     @classmethod
     def zeros(cls, shape: tuple[int, int]) -> "Flow":
         nx, ny = shape
-        return cls.of(np.zeros((nx + 1) * (ny + 2) + (nx + 2) * (ny + 1) + nx * ny), shape)
+        return cls.of(np.zeros((nx + 2) * (ny + 2) + (nx + 2) * (ny + 1) + (nx + 1) * ny), shape)
 
     @classmethod
     def of(cls, flat: Array, shape: tuple[int, int]) -> "Flow":
         nx, ny = shape
-        nu, nv = (nx + 1) * (ny + 2), (nx + 2) * (ny + 1)
+        nu, nv = (nx + 2) * (ny + 2), (nx + 2) * (ny + 1)
         return cls(
             flat=flat,
-            u=flat[:nu].reshape(nx + 1, ny + 2),
+            u=flat[:nu].reshape(nx + 2, ny + 2),
             v=flat[nu : nu + nv].reshape(nx + 2, ny + 1),
-            p=flat[nu + nv :].reshape(nx, ny),
+            p=flat[nu + nv :].reshape(nx + 1, ny),
         )
 
 
@@ -83,7 +85,11 @@ class FlowSolver:
         self._slot_rows = np.flatnonzero(self._profile).astype(np.int64)
         self._inflow_u = np.ones(ny) if inflow_u is None else inflow_u
         self._inflow_v = np.zeros(ny + 1) if inflow_v is None else inflow_v
-        self._qu = np.zeros((nx + 1, ny + 2))
+        # Spacings with the mirrored cells before the inlet and behind the outlet.
+        dxc = grid.dxc.copy()
+        dxc[0], dxc[-1] = grid.dx[0], grid.dx[-1]
+        self._spacing = (np.append(grid.dx, grid.dx[-1]), dxc, grid.dy, grid.dyc)
+        self._qu = np.zeros((nx + 2, ny + 2))
         self._qv = np.zeros((nx + 2, ny + 1))
         self._b = np.zeros((nx, ny))
         self._phi = np.zeros((nx, ny))
@@ -92,8 +98,7 @@ class FlowSolver:
         """Uniform flow around the body, made divergence-free: a start to be followed by small steps."""
         flow = Flow.zeros(self.grid.shape)
         flow.u[0, 1:-1] = self._inflow_u
-        flow.u[1:, 1:-1][self.boundary.open_u[1:]] = 1.0
-        flow.u[-1, 1:-1] = 1.0
+        flow.u[1:-1, 1:-1][self.boundary.open_u[1:]] = 1.0
         self.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
         flow.p[:] = 0.0
         return flow
@@ -121,7 +126,7 @@ class FlowSolver:
         for a, b, action in zip(_A, _B, actions, strict=True):
             kernels.stage(
                 flow.u, flow.v, flow.p, self._qu, self._qv, a, dt * b, self.viscosity,
-                (grid.dx, grid.dxc, grid.dy, grid.dyc), boundary.u_runs, boundary.v_runs, *walls,
+                self._spacing, boundary.u_runs, boundary.v_runs, *walls,
                 self._inflow_u, self._inflow_v, grid.rear, self._slot_rows, action * self._profile[self._slot_rows],
             )  # fmt: skip
         kernels.clear_walls(flow.u, flow.v, *walls)

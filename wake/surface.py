@@ -52,14 +52,14 @@ class Surface:
         self._grid = grid
         self._boundary = boundary
         nx, ny = grid.shape
-        self._u_start, self._v_start = 0, (nx + 1) * (ny + 2)
+        self._u_start, self._v_start = 0, (nx + 2) * (ny + 2)
         self._p_start = self._v_start + (nx + 2) * (ny + 1)
         rows = [
             self._wall_pressure(x, y, *normal) for (x, y), normal in zip(sensors.positions(), _normals(), strict=True)
         ]
         rows += [*self._wall_force(viscosity), self._slot_force(viscosity), *self._slot_pressure(slot_profile)]
         rows.append(self._sample(WAKE_PROBE[0], WAKE_PROBE[1], "v"))
-        self._matrix = _sparse(rows, self._p_start + nx * ny)
+        self._matrix = _sparse(rows, self._p_start + (nx + 1) * ny)
 
     def measure(self, flat: Array) -> Measured:
         """Evaluate on the flow's buffer."""

@@ -25,7 +25,7 @@ from wake.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
-STATE_SCHEMA: Final = "stillwake-flow/1"
+STATE_SCHEMA: Final = "stillwake-flow/2"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,7 +165,7 @@ class TruckWake:
         """dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
         u, v = self.flow.u, self.flow.v
         dvdx = (v[2:-1, 1:-1] - v[1:-2, 1:-1]) / self.grid.dxc[1:-1, None]
-        dudy = (u[1:-1, 2:-1] - u[1:-1, 1:-2]) / self.grid.dyc[None, 1:-1]
+        dudy = (u[1:-2, 2:-1] - u[1:-2, 1:-2]) / self.grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
 
     def _checked(self, action: float) -> float:
