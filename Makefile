@@ -24,11 +24,16 @@ retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake export runs/model runs/bundle
 	$(BIN)/stillwake run runs/retrained --bundle runs/bundle
 
-# Everything slow: the tests left out of `make test`, and the figures in results/ that docs/results.md shows.
+# Everything slow: all figures in results/, and the tables made of them.
 full: test
-	$(BIN)/python -m pytest -m full
 	$(BIN)/stillwake run runs/demo --json results/demo.json
+	$(BIN)/stillwake run runs/limits --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
+	$(BIN)/stillwake train runs/model --json results/model.json
+	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
+	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
+	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
+	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
 	$(MAKE) tables
 
 tables: $(VENV)/dev.stamp

@@ -23,6 +23,7 @@ class FlowConfig:
     """The plant and its clock (paper, section 2.1)."""
 
     reynolds: float = 500.0
+    """U_inf W / nu: the paper's regime, three to four orders of magnitude below a truck on a road."""
     control_period: float = 0.2
     substeps: int = 30
     """Time steps of the solver in a control period: dt = 1/150, set by the jets at full amplitude (ours)."""

@@ -18,6 +18,3 @@ DOMAIN_Y: Final = (-7.5, 7.5)
 
 WAKE_PROBE: Final = (10.0, 0.0)
 """Where the paper watches the transverse velocity U_y."""
-
-REYNOLDS: Final = 500.0
-"""U_inf W / nu. The paper's regime, three to four orders of magnitude below a truck on a road."""

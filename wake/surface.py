@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 Terms = defaultdict[int, float]
 
 _ARC_POINTS: Final = 64
-"""Quadrature points on each rounded corner; doubling them moves Cd by less than 1e-5."""
+"""Quadrature points on each rounded corner; a test holds that doubling them hardly moves the force."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,6 +5,7 @@ import pytest
 
 from contract import sensors
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from wake import jets, surface
 from wake.solver import Flow
 from wake.surface import Measured
 from wake.truck_wake import TruckWake
@@ -41,6 +42,17 @@ def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> Non
     assert along.Cd + along.Cd_slot == pytest.approx(-2 * AREA, rel=1e-5)
     across = _measure(shared_wake, lambda x, y: y)
     assert across.Cl == pytest.approx(-2 * AREA, rel=1e-5)
+
+
+def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = wake.surface.measure(wake.flow.flat)
+    monkeypatch.setattr(surface, "_ARC_POINTS", 2 * surface._ARC_POINTS)
+    viscosity = 1.0 / wake.config.reynolds
+    finer = surface.Surface(wake.grid, wake.boundary, viscosity, jets.slot_profile(wake.grid))
+    fine = finer.measure(wake.flow.flat)
+    # Far below what the grid itself leaves open.
+    assert fine.Cd == pytest.approx(coarse.Cd, abs=1e-4)
+    assert fine.Cl == pytest.approx(coarse.Cl, abs=1e-4)
 
 
 def test_wall_shear_of_a_known_layer(shared_wake: TruckWake) -> None:
