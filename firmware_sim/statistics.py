@@ -70,7 +70,7 @@ def _average(log: RunLog, part: slice) -> Regime:
         duration=float(len(s["t"]) * (log.series["t"][1] - log.series["t"][0])),
         Cd=float(s["Cd"].mean()),
         Cd_std=float(s["Cd"].std()),
-        Cd_net=float((s["Cd"] + s["Cd_slot"] + s["Cd_momentum"]).mean()),
+        Cd_net=float((s["Cd"] + s["Cd_slot_pressure"] + s["Cd_slot_viscous"] + s["Cd_momentum"]).mean()),
         base_Cp=float(s["base_Cp"].mean()),
         mean_Cl=float(s["Cl"].mean()),
         abs_Cl=float(np.abs(s["Cl"]).mean()),

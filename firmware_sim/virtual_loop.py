@@ -117,7 +117,13 @@ class VirtualLoop:
         if driven.command is not None and driven.sampled_ns is not None:
             age_ms = (self._arrival_ns(driven.command) - driven.sampled_ns) / 1e6
         return Row(
-            **{name: getattr(sample, name) for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power")},
+            t=sample.t,
+            Cd=sample.Cd,
+            Cl=sample.Cl,
+            Cd_slot_pressure=sample.Cd_slot_pressure,
+            Cd_slot_viscous=sample.Cd_slot_viscous,
+            Cd_momentum=sample.Cd_momentum,
+            jet_power=sample.jet_power,
             Uy_probe=sample.Uy_probe,
             base_Cp=float(np.mean(sample.Cp[sensors.BASE])),
             action=sample.action,

@@ -83,7 +83,8 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
 
 
 def _ledger(sample: Sample, clipped: bool) -> dict[str, Any]:
-    fields = ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "Cd_net", "jet_power", "Uy_probe", "action")
+    slot = ("Cd_slot", "Cd_slot_pressure", "Cd_slot_viscous")
+    fields = ("t", "Cd", "Cl", *slot, "Cd_momentum", "Cd_net", "jet_power", "Uy_probe", "action")
     return {name: getattr(sample, name) for name in fields} | {"clipped": clipped}
 
 

@@ -32,7 +32,7 @@ class Measured:
     Attributes:
         Cp: at the 90 sensors.
         Cd, Cl: wall force, pressure and viscous, without the slot faces.
-        Cd_slot: force on the slot faces.
+        Cd_slot_pressure, Cd_slot_viscous: force on the slot faces.
         slot_Cp: mean Cp over the upper and the lower slot, weighted with the jet's profile.
         Uy_probe: transverse velocity at the wake probe.
     """
@@ -40,7 +40,8 @@ class Measured:
     Cp: Array
     Cd: float
     Cl: float
-    Cd_slot: float
+    Cd_slot_pressure: float
+    Cd_slot_viscous: float
     slot_Cp: tuple[float, float]
     Uy_probe: float
 
@@ -57,7 +58,7 @@ class Surface:
         rows = [
             self._wall_pressure(x, y, *normal) for (x, y), normal in zip(sensors.positions(), _normals(), strict=True)
         ]
-        rows += [*self._wall_force(viscosity), self._slot_force(viscosity), *self._slot_pressure(slot_profile)]
+        rows += [*self._wall_force(viscosity), *self._slot_force(viscosity), *self._slot_pressure(slot_profile)]
         rows.append(self._sample(WAKE_PROBE[0], WAKE_PROBE[1], "v"))
         self._matrix = _sparse(rows, self._p_start + (nx + 1) * ny)
 
@@ -69,9 +70,10 @@ class Surface:
             Cp=cp,
             Cd=float(rest[0]),
             Cl=float(rest[1]),
-            Cd_slot=float(rest[2]),
-            slot_Cp=(float(rest[3]), float(rest[4])),
-            Uy_probe=float(rest[5]),
+            Cd_slot_pressure=float(rest[2]),
+            Cd_slot_viscous=float(rest[3]),
+            slot_Cp=(float(rest[4]), float(rest[5])),
+            Uy_probe=float(rest[6]),
         )
 
     def _index(self, component: str, i: int, j: int) -> int:
@@ -158,18 +160,19 @@ class Surface:
         grid = self._grid
         return range(grid.upper - grid.slot_cells, grid.upper), range(grid.lower, grid.lower + grid.slot_cells)
 
-    def _slot_force(self, viscosity: float) -> Terms:
+    def _slot_force(self, viscosity: float) -> tuple[Terms, Terms]:
         """Pressure and normal viscous stress on the slot faces."""
         grid = self._grid
-        force: Terms = defaultdict(float)
+        pressure: Terms = defaultdict(float)
+        viscous: Terms = defaultdict(float)
         for rows in self._slot_rows():
             for j in rows:
                 y, dy = float(grid.yc[j]), float(grid.dy[j])
-                _add(force, -dy, self._wall_pressure(LENGTH, y, 1.0, 0.0))
+                _add(pressure, -dy, self._wall_pressure(LENGTH, y, 1.0, 0.0))
                 stress = 4.0 * viscosity * dy / float(grid.dx[grid.rear])
-                force[self._index("u", grid.rear + 1, j)] += stress
-                force[self._index("u", grid.rear, j)] -= stress
-        return force
+                viscous[self._index("u", grid.rear + 1, j)] += stress
+                viscous[self._index("u", grid.rear, j)] -= stress
+        return pressure, viscous
 
     def _slot_pressure(self, slot_profile: Array) -> list[Terms]:
         """Mean Cp over each slot, weighted with the jet's velocity."""

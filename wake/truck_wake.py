@@ -36,7 +36,7 @@ class Sample:
         t: time in t_c.
         Cp: at the 90 sensors, relative to the outlet.
         Cd, Cl: wall force without the slot faces.
-        Cd_slot: pressure and viscous force on the slot faces.
+        Cd_slot_pressure, Cd_slot_viscous: pressure and viscous force on the slot faces.
         Cd_momentum: reaction to the momentum the jets carry, negative for thrust.
         jet_power: power the jets hand to the flow, per unit of rho U_inf^3 W / 2.
         Uy_probe: transverse velocity at (10, 0).
@@ -47,11 +47,17 @@ class Sample:
     Cp: Array
     Cd: float
     Cl: float
-    Cd_slot: float
+    Cd_slot_pressure: float
+    Cd_slot_viscous: float
     Cd_momentum: float
     jet_power: float
     Uy_probe: float
     action: float
+
+    @property
+    def Cd_slot(self) -> float:
+        """Force on the slot faces."""
+        return self.Cd_slot_pressure + self.Cd_slot_viscous
 
     @property
     def Cd_net(self) -> float:
@@ -154,7 +160,8 @@ class TruckWake:
             Cp=measured.Cp,
             Cd=measured.Cd,
             Cl=measured.Cl,
-            Cd_slot=measured.Cd_slot,
+            Cd_slot_pressure=measured.Cd_slot_pressure,
+            Cd_slot_viscous=measured.Cd_slot_viscous,
             Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * a * a,
             jet_power=a * (upper - lower),
             Uy_probe=measured.Uy_probe,

@@ -49,7 +49,8 @@ class Oscillator:
             Cp=self.x * np.cos(phase) + self.v * np.sin(phase),
             Cd=1.0 + self.x**2,
             Cl=self.v,
-            Cd_slot=0.0,
+            Cd_slot_pressure=0.1 * self.x,
+            Cd_slot_viscous=-0.01 * self.v,
             Cd_momentum=-(self.action**2),
             jet_power=0.0,
             Uy_probe=self.x - self.v,
@@ -333,5 +334,6 @@ def test_a_row_is_the_plants_sample_at_the_periods_start(harness):
         sample = h.plant.sample()
         row = h.run(1)[0]
         assert row.base_Cp == sample.Cp[sensors.indices([f"base_{i}" for i in range(10)])].mean()
-        for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power", "Uy_probe", "action"):
+        slot = ("Cd_slot_pressure", "Cd_slot_viscous")
+        for name in ("t", "Cd", "Cl", *slot, "Cd_momentum", "jet_power", "Uy_probe", "action"):
             assert getattr(row, name) == getattr(sample, name), name

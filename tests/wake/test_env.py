@@ -6,7 +6,7 @@ from gymnasium.utils.env_checker import check_env
 from contract.errors import ConfigError
 from wake.env import TruckWakeEnv
 
-LEDGER = {"t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power", "Uy_probe"}
+LEDGER = {"t", "Cd", "Cl", "Cd_slot", "Cd_slot_pressure", "Cd_slot_viscous", "Cd_momentum", "jet_power", "Uy_probe"}
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,8 @@ def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake: Tr
     measured = _measure(shared_wake, lambda x, y: np.ones_like(x))
     slots = 2 * 2 * JET_WIDTH
     assert measured.Cd == pytest.approx(slots, abs=1e-4)  # the arc's quadrature
-    assert measured.Cd_slot == pytest.approx(-slots, abs=1e-12)
+    assert measured.Cd_slot_pressure == pytest.approx(-slots, abs=1e-12)
+    assert measured.Cd_slot_viscous == 0.0
     assert measured.Cl == pytest.approx(0.0, abs=1e-12)
     assert measured.slot_Cp == pytest.approx((2.0, 2.0), abs=1e-12)
 
@@ -39,7 +40,7 @@ def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake: Tr
 def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> None:
     # -Integral p n dS = -grad p * area, and a force coefficient is twice the kinematic force.
     along = _measure(shared_wake, lambda x, y: x)
-    assert along.Cd + along.Cd_slot == pytest.approx(-2 * AREA, rel=1e-5)
+    assert along.Cd + along.Cd_slot_pressure == pytest.approx(-2 * AREA, rel=1e-5)
     across = _measure(shared_wake, lambda x, y: y)
     assert across.Cl == pytest.approx(-2 * AREA, rel=1e-5)
 
@@ -53,6 +54,16 @@ def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypat
     # Far below what the grid itself leaves open.
     assert fine.Cd == pytest.approx(coarse.Cd, abs=1e-4)
     assert fine.Cl == pytest.approx(coarse.Cl, abs=1e-4)
+
+
+def test_the_jets_normal_stress_on_the_slots_is_apart_from_their_pressure(shared_wake: TruckWake) -> None:
+    grid, nu, slope = shared_wake.grid, 1.0 / shared_wake.config.reynolds, 0.7
+    flow = Flow.zeros(grid.shape)
+    flow.u[:-1, 1:-1] = slope * (grid.xf - LENGTH)[:, None]
+    measured = shared_wake.surface.measure(flow.flat)
+    # A normal stress of 2 nu du/dx on two slots; a force coefficient is twice the kinematic force.
+    assert measured.Cd_slot_viscous == pytest.approx(2 * 2 * nu * slope * 2 * JET_WIDTH, rel=1e-9)
+    assert measured.Cd_slot_pressure == 0.0
 
 
 def test_wall_shear_of_a_known_layer(shared_wake: TruckWake) -> None:
