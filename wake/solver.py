@@ -15,7 +15,7 @@ import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
 
 from contract.errors import PlantError
-from wake import kernels, poisson
+from wake import kernels, poisson, stability
 from wake.boundary import Boundary
 from wake.grid import Grid
 
@@ -93,6 +93,7 @@ class FlowSolver:
         self._qv = np.zeros((nx + 2, ny + 1))
         self._b = np.zeros((nx, ny))
         self._phi = np.zeros((nx, ny))
+        self._before = Flow.zeros(grid.shape)
 
     def start(self) -> Flow:
         """Uniform flow around the body, made divergence-free: a start to be followed by small steps."""
@@ -107,8 +108,9 @@ class FlowSolver:
         """Take `steps` time steps in place while the action ramps linearly between the two values.
 
         Raises:
-            PlantError: if the flow is no longer finite or faster than any physical one here.
+            PlantError: if the flow is no longer finite or faster than any physical one here; it is left as it was.
         """
+        self._before.flat[:] = flow.flat
         # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.
         self._qu[:] = 0.0
         self._qv[:] = 0.0
@@ -116,9 +118,19 @@ class FlowSolver:
             for step in range(steps):
                 ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in _STAGE_END]
                 self._step(flow, dt, ramp)
-        fastest = float(np.abs(flow.u).max())
+        fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
-            raise PlantError(f"the flow diverged (|u| = {fastest:.3g} U_inf): take a time step below dt = {dt:.2g}")
+            flow.flat[:] = self._before.flat
+            raise self._diverged(dt, steps, max(abs(action_from), abs(action_to)))
+
+    def _diverged(self, dt: float, steps: int, action: float) -> PlantError:
+        flow, rear = self._before, self.grid.rear
+        flow.u[rear, self._slot_rows + 1] = action * self._profile[self._slot_rows]
+        number = stability.convective_number(self.grid, flow.u, flow.v, dt)
+        return PlantError(
+            f"the flow diverged within {steps} steps of dt = {dt:.3g}: convective number {number:.2f} at their start, "
+            f"must be below {stability.CONVECTIVE_LIMIT:g}: take dt = {stability.safe_step(number, dt):.2g}"
+        )
 
     def _step(self, flow: Flow, dt: float, actions: list[float]) -> None:
         grid, boundary = self.grid, self.boundary

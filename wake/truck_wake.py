@@ -17,7 +17,7 @@ import numpy.typing as npt
 from contract.atomic import replacing
 from contract.config import FlowConfig
 from contract.errors import PlantError
-from wake import boundary, jets
+from wake import boundary, jets, stability
 from wake.body import signed_distance
 from wake.grid import truck_grid
 from wake.solver import Flow, FlowSolver
@@ -65,13 +65,27 @@ class Sample:
         return self.Cd + self.Cd_slot + self.Cd_momentum
 
 
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """The plant a state was made on; the clock is None where an old file does not tell."""
+
+    shape: tuple[int, int]
+    reynolds: float
+    control_period: float | None = None
+    substeps: int | None = None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Everything that decides the future: the flow, the substep count since t = 0 and the jet."""
+    """Everything that decides the future: the flow, the substep count since t = 0 and the jet.
+
+    A state that knows its origin is only taken by a plant of the same kind.
+    """
 
     flat: Array
     substep: int
     action: float
+    origin: Origin | None = None
 
 
 class TruckWake:
@@ -80,6 +94,9 @@ class TruckWake:
     Args:
         config: Reynolds number, control period, substeps and action bound.
         refinement: divides every grid spacing; 1 is the grid all shipped data was recorded on.
+
+    Raises:
+        PlantError: if the time step is bound to diverge on this grid.
     """
 
     def __init__(self, config: FlowConfig | None = None, refinement: float = 1.0) -> None:
@@ -88,6 +105,14 @@ class TruckWake:
         self.boundary = boundary.build(self.grid, signed_distance)
         profile = jets.slot_profile(self.grid)
         viscosity = 1.0 / self.config.reynolds
+        stability.check_step(
+            self.grid,
+            self.boundary.fluid,
+            viscosity,
+            jet_speed=self.config.action_limit * float(np.abs(profile).max()),
+            period=self.config.control_period,
+            substeps=self.config.substeps,
+        )
         self.solver = FlowSolver(self.grid, self.boundary, viscosity, slot_profile=profile)
         self.surface = Surface(self.grid, self.boundary, viscosity, profile)
         self.flow = Flow.zeros(self.grid.shape)
@@ -112,19 +137,33 @@ class TruckWake:
         """Continue from a state, bit for bit.
 
         Raises:
-            PlantError: if it belongs to another grid or is not finite.
+            PlantError: if it belongs to another grid, Reynolds number or clock, or is not finite.
         """
+        if state.origin is not None:
+            self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:
             raise PlantError(f"flow state has {state.flat.size} values, this grid needs {self.flow.flat.size}")
         if not np.isfinite(state.flat).all():
             raise PlantError("flow state holds values that are not finite")
+        if not abs(state.action) <= self.config.action_limit * (1.0 + 1e-12):
+            raise PlantError(f"flow state has action {state.action}: must be within +-{self.config.action_limit}")
         self.flow.flat[:] = state.flat
         self._substep, self._action = state.substep, state.action
         return self.sample()
 
     def state(self) -> State:
         """A copy to `reset` to later."""
-        return State(flat=self.flow.flat.copy(), substep=self._substep, action=self._action)
+        return State(
+            flat=self.flow.flat.copy(),
+            substep=self._substep,
+            action=self._action,
+            origin=Origin(
+                shape=self.grid.shape,
+                reynolds=self.config.reynolds,
+                control_period=self.config.control_period,
+                substeps=self.config.substeps,
+            ),
+        )
 
     def advance(self, action: float) -> Sample:
         """Ramp to `action` over the rest of the control period and return the next sample.
@@ -175,6 +214,24 @@ class TruckWake:
         dudy = (u[1:-2, 2:-1] - u[1:-2, 1:-2]) / self.grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
 
+    def _check_origin(self, origin: Origin, substep: int) -> None:
+        config = self.config
+        if origin.shape != self.grid.shape:
+            (nx, ny), (mine_x, mine_y) = origin.shape, self.grid.shape
+            raise PlantError(f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}")
+        if origin.reynolds != config.reynolds:
+            raise PlantError(
+                f"flow state is of reynolds = {origin.reynolds:g}, this plant has {config.reynolds:g}: "
+                "`stillwake develop` makes a start for it"
+            )
+        # At t = 0 every clock agrees.
+        clock = (origin.control_period, origin.substeps)
+        if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):
+            raise PlantError(
+                f"flow state stands at step {substep} of a clock with {origin.substeps} substeps in "
+                f"{origin.control_period} t_c, this plant has {config.substeps} in {config.control_period}"
+            )
+
     def _checked(self, action: float) -> float:
         limit = self.config.action_limit
         if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
@@ -194,6 +251,8 @@ def save_state(path: Path, wake: TruckWake) -> None:
             action=state.action,
             shape=wake.grid.shape,
             reynolds=wake.config.reynolds,
+            control_period=wake.config.control_period,
+            substeps=wake.config.substeps,
         )
 
 
@@ -207,7 +266,19 @@ def load_state(path: Path) -> State:
         with np.load(path, allow_pickle=False) as data:
             if str(data["schema"]) != STATE_SCHEMA:
                 raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
-            return State(flat=data["flat"], substep=int(data["substep"]), action=float(data["action"]))
+            nx, ny = data["shape"]
+            clocked = "substeps" in data.files
+            return State(
+                flat=data["flat"],
+                substep=int(data["substep"]),
+                action=float(data["action"]),
+                origin=Origin(
+                    shape=(int(nx), int(ny)),
+                    reynolds=float(data["reynolds"]),
+                    control_period=float(data["control_period"]) if clocked else None,
+                    substeps=int(data["substeps"]) if clocked else None,
+                ),
+            )
     except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
         raise PlantError(f"{path}: not a flow state ({error})") from error
 
