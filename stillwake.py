@@ -159,6 +159,7 @@ def export(
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[Path | None, typer.Option(help="Recording the gates are run on; default: shipped.")] = None,
+    c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -168,6 +169,7 @@ def export(
     """
     from contract import dataset as recordings
     from export.bundle_writer import write_release
+    from export.c_release import write_c_release
     from export.from_training import load_trained
     from export.recorded_windows import recorded_windows
 
@@ -177,6 +179,8 @@ def export(
     trained = load_trained(model)
     program = trained.program(config.mpc)
     recording = recordings.read(SHIPPED_RECORDING if dataset is None else dataset)
+    windows = recorded_windows(program, recording.with_role("test")[0], GATE_WINDOWS)
+    library = None if c_folder is None else write_c_release(c_folder, program, windows)
     report = write_release(
         output,
         program,
@@ -186,16 +190,22 @@ def export(
         budget_ms=config.period_ns / 1e6,
         control_period=config.flow.control_period,
         provenance=trained.provenance,
-        windows=recorded_windows(program, recording.with_role("test")[0], GATE_WINDOWS),
+        windows=windows,
         calibration=recorded_windows(program, recording.with_role("train")[0], CALIBRATION_WINDOWS),
     )
     table = Table("gate", "measured")
-    for title, part in (("graph against reference", report.parity), ("int8 against float32", report.quantisation)):
+    for title, part in (
+        ("graph against reference", report.parity),
+        ("int8 against float32", report.quantisation),
+        ("C against reference", None if library is None else library.parity),
+    ):
         if part is not None:
             for key, value in asdict(part).items():
                 table.add_row(f"{title}: {key}", f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)
     console.print(f"wrote {output}: {precision}, controller.onnx {report.controller_bytes / 1024:.0f} KiB")
+    if library is not None:
+        console.print(f"wrote {c_folder}: C99, float32, {library.workspace_bytes / 1024:.0f} KiB of workspace")
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Latency of one control step: the paper's recipe in eager PyTorch against the ONNX graphs, in the same run.
+"""Latency of one control step: the paper's recipe in eager PyTorch, the ONNX graphs and the C library, in one run.
 
     python benchmarks/controller.py [--json FILE] [--repeats N]
 
@@ -8,6 +8,7 @@ are random at the paper's sizes (time does not depend on them); other sizes are 
 
 import json
 import platform
+import subprocess
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -23,6 +24,8 @@ from rich.table import Table
 
 from contract.atomic import replacing
 from contract.config import ModelConfig, MpcConfig
+from export.c_host import OPTIMISED, CController, host_compiler
+from export.c_library import c_library
 from export.eager import EagerController
 from export.onnx_graph import build_controller
 from export.onnx_session import OnnxController
@@ -35,7 +38,7 @@ _EAGER_EVERY = 5
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
-    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each ONNX graph.")] = 300,
+    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
     dynamics_width: int = 256,
     decoder_width: int = 128,
     horizon: int = 25,
@@ -50,10 +53,13 @@ def main(
     load_ms = [_timed(lambda: OnnxController(graphs["float32"])) for _ in range(5)]
     eager = EagerController(program, torch.float32)
     whole, small = OnnxController(graphs["float32"]), OnnxController(graphs["int8"])
+    compiler = host_compiler()
+    c = CController(program, c_library(program), compiler=compiler)
     steps: dict[str, Callable[[], object]] = {
         "eager_ms": lambda: eager.control_step(case.window, case.plan, case.free),
         "onnx_ms": lambda: whole.control_step(case.window, case.plan, case.free),
         "onnx_int8_ms": lambda: small.control_step(case.window, case.plan, case.free),
+        "c_ms": lambda: c.control_step(case.window, case.plan, case.free),
     }
     for step in steps.values():
         step()  # warm caches and allocators
@@ -68,6 +74,7 @@ def main(
     figures["onnx_load_ms"] = float(np.median(load_ms))
     figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
+    figures["c_workspace_bytes"] = c.workspace_bytes
     figures["settings"] = {
         "dynamics_width": dynamics_width,
         "decoder_width": decoder_width,
@@ -75,13 +82,19 @@ def main(
         "iterations": iterations,
         "repeats": repeats,
         "threads": 1,
+        "c_flags": " ".join(OPTIMISED),
     }
     figures["versions"] = {name: version(name) for name in ("torch", "onnxruntime", "numpy")}
+    figures["versions"]["c_compiler"] = _first_line([*compiler, "--version"])
     figures["machine"] = platform.processor() or platform.machine()
     _print(figures)
     if json_file is not None:
         with replacing(json_file) as temporary:
             temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+def _first_line(command: list[str]) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[0]
 
 
 def _timed(step: Callable[[], object]) -> float:
@@ -93,8 +106,12 @@ def _timed(step: Callable[[], object]) -> float:
 
 def _print(figures: dict[str, Any]) -> None:
     table = Table("one control step", "median ms", "min ms", "times faster", "KB")
-    rows = (("eager PyTorch", "eager_ms", None), ("ONNX float32", "onnx_ms", "onnx_bytes"))
-    for label, key, size in (*rows, ("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes")):
+    rows: tuple[tuple[str, str, str | None], ...] = (
+        ("eager PyTorch", "eager_ms", None),
+        ("ONNX float32", "onnx_ms", "onnx_bytes"),
+    )
+    rows += (("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"), ("C float32", "c_ms", None))
+    for label, key, size in rows:
         table.add_row(
             label,
             f"{figures[key]:.2f}",

@@ -164,6 +164,7 @@ def _controller(results: Path) -> str:
             ("eager PyTorch", "eager_ms", None),
             ("ONNX float32", "onnx_ms", found["onnx_bytes"] / 1024),
             ("ONNX int8 weights", "onnx_int8_ms", found["onnx_int8_bytes"] / 1024),
+            ("C float32", "c_ms", None),
         )
     ]
     return f"""## One control step, one thread
@@ -171,6 +172,10 @@ def _controller(results: Path) -> str:
     python benchmarks/controller.py --json results/controller.json
 
 {_table(("", "median ms", "min ms", "times faster", "KiB"), rows)}
+
+The C library is compiled with `{found["settings"]["c_flags"]}` by {found["versions"]["c_compiler"]} and needs
+{found["c_workspace_bytes"] / 1024:.0f} KiB of workspace. {found["onnx_ms"] / found["c_ms"]:.1f} times faster than ONNX float32 by the
+median, {found["min"]["onnx_ms"] / found["min"]["c_ms"]:.1f} times by the minimum.
 """
 
 

@@ -130,6 +130,11 @@ def dbc_bytes() -> bytes:
     return files("contract").joinpath("stillwake.dbc").read_bytes()
 
 
+def dbc_sha256() -> str:
+    """Its hash, in hex, as manifests and generated headers hold it."""
+    return _sha256(dbc_bytes())
+
+
 def pack(manifest: Manifest, contents: Mapping[str, bytes]) -> dict[str, bytes]:
     """All files of the bundle, the manifest with its hashes included.
 
@@ -141,7 +146,7 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes]) -> dict[str, bytes]:
     body = {
         "schema": SCHEMA,
         **asdict(manifest),
-        "dbc_sha256": _sha256(dbc_bytes()),
+        "dbc_sha256": dbc_sha256(),
         "files": {name: _sha256(data) for name, data in sorted(contents.items())},
     }
     body["manifest_sha256"] = _manifest_digest(body)
@@ -194,7 +199,7 @@ def load(path: Path) -> Bundle:
     if _manifest_digest({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc}) != digest:
         raise BundleError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
     _verify_files(path, found, hashes)
-    if dbc != _sha256(dbc_bytes()):
+    if dbc != dbc_sha256():
         raise BundleError(f"bundle {path}: built for another stillwake.dbc")
     return Bundle(manifest=_parse(path, body), files=found, digest=digest)
 

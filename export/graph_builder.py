@@ -8,20 +8,11 @@ import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from contract.errors import ExportError
+from export.float32 import as_float32
 
 OPSET: Final = 18
 """The oldest with LayerNormalization and axes as inputs of every reduction."""
 IR_VERSION: Final = 8
-
-
-def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
-    """The values rounded to float32; raises ExportError, with the name, if one has no finite float32."""
-    with np.errstate(over="ignore"):
-        array = np.asarray(values, dtype=np.float64).astype(np.float32)
-    if not np.isfinite(array).all():
-        raise ExportError(f"{name}: a value is too large for float32")
-    return array
 
 
 class Graph:

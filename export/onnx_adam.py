@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from export.float32 import float32_within
 from export.graph_builder import Graph
 from export.program import ControllerProgram
 from export.reference_mpc import ADAM_BETAS, ADAM_EPSILON
@@ -24,7 +25,7 @@ def lower_adam(
     rates = graph.constant(mpc.learning_rate / (1.0 - beta1**number), "adam_rate")
     unbias = graph.constant(1.0 / np.sqrt(1.0 - beta2**number), "adam_unbias")
     is_free = graph.op("Greater", free, graph.constant(0.5))
-    limit = _float32_within(program.action_limit)
+    limit = float32_within(program.action_limit)
     low, high = graph.constant(-limit), graph.constant(limit)
 
     body = graph.body()
@@ -46,9 +47,3 @@ def lower_adam(
 
 def _blend(body: Graph, old: str, new: str, beta: float) -> str:
     return body.op("Add", body.op("Mul", old, body.constant(beta)), body.op("Mul", new, body.constant(1.0 - beta)))
-
-
-def _float32_within(limit: float) -> float:
-    """The largest float32 that is not above the limit: rounding must not let an action out of bounds."""
-    rounded = np.float32(limit)
-    return float(np.nextafter(rounded, np.float32(0.0)) if float(rounded) > limit else rounded)

@@ -10,7 +10,8 @@ from typing import Final, Literal, Protocol, get_args
 import numpy as np
 
 from contract.errors import ExportError
-from export.graph_builder import Graph, as_float32
+from export.float32 import as_float32
+from export.graph_builder import Graph
 from export.quantise import quantise_matrix
 from export.weights import LAYER_NORM_EPSILON, Array, Norm
 

@@ -1,4 +1,4 @@
-"""The gate between reference and ONNX: the same control steps through both, largest differences, a tolerance.
+"""The gate between reference and a lowering: the same control steps through both, largest differences, a tolerance.
 
 Tolerances and why: float32 keeps about 7 digits, and a roll-out of 25 steps with layer norms amplifies that to
 some 1e-6 in a force of order 1. Adam moves an action by about lr an iteration whatever the gradient's size, so
@@ -8,6 +8,7 @@ falls between the two roundings, the move itself differs by some part of lr.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -15,8 +16,16 @@ from contract.errors import ExportError
 from export.onnx_session import OnnxController
 from export.program import ControllerProgram
 from export.random_program import random_window
-from export.reference_mpc import control_step
+from export.reference_mpc import Solution, control_step
 from export.weights import Array
+
+
+class Lowering(Protocol):
+    """A lowered program that can be run here."""
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> Solution:
+        """As `reference_mpc.control_step`, without the program."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +46,7 @@ class ParityTolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class ParityReport:
-    """Largest differences between graph and reference over `cases` control steps; actions in U_inf W."""
+    """Largest differences between lowering and reference over `cases` control steps; actions in U_inf W."""
 
     cases: int
     action: float
@@ -89,21 +98,33 @@ def check_parity(
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
-    """Run a serialised controller against the reference.
+    """Run a serialised ONNX controller against the reference; as `check_lowering`."""
+    return check_lowering(program, OnnxController(model), "ONNX graph", windows, tolerance=tolerance)
+
+
+def check_lowering(
+    program: ControllerProgram,
+    lowering: Lowering,
+    name: str,
+    windows: Sequence[Array] | None = None,
+    *,
+    tolerance: ParityTolerance | None = None,
+) -> ParityReport:
+    """Run a lowering against the reference.
 
     Args:
-        program: what the model should compute; for int8, `quantise` of the program it was built from.
+        program: what it should compute; for int8 weights, `quantise` of the program it was built from.
+        name: of the lowering, for the message.
         windows: recorded windows (L, S+1) to use; random ones if None.
 
     Raises:
         ExportError: a difference is above its tolerance or not a number; the message names it.
     """
     tolerance = ParityTolerance() if tolerance is None else tolerance
-    controller = OnnxController(model)
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, case.window, case.plan, case.free, case.weights)
-        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        found = lowering.control_step(case.window, case.plan, case.free, case.weights)
         differences.append(
             (
                 np.abs(found.plan - expected.plan).max(),
@@ -114,7 +135,7 @@ def check_parity(
     action, force, cost = (float(value) for value in np.max(differences, axis=0))
     report = ParityReport(cases=len(differences), action=action, force=force, cost=cost)
     reach = program.mpc.iterations * program.mpc.learning_rate
-    for name, difference, allowed in (
+    for figure, difference, allowed in (
         ("action", action, tolerance.move * reach),
         ("force", force, tolerance.force),
         ("cost", cost, tolerance.cost),
@@ -122,7 +143,7 @@ def check_parity(
         # Written so that a NaN fails.
         if not difference <= allowed:
             raise ExportError(
-                f"ONNX graph and reference differ by {difference:.2g} in {name}, at most {allowed:.2g} is allowed"
+                f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"
             )
     return report
 

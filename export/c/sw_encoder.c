@@ -1,0 +1,56 @@
+/* z_t = f_enc(window): LSTM over the rows from a zero state, layer norm of its last output, two linear layers. */
+#include "sw_kernels.h"
+#include "sw_math.h"
+#include "sw_norm.h"
+#include "sw_parts.h"
+#include "sw_weights.h"
+
+/* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
+static void update_cells(sw_encoder_scratch *e)
+{
+    const float *i = e->gates, *f = i + SW_LSTM_P, *g = f + SW_LSTM_P, *o = g + SW_LSTM_P;
+    float *restrict normed = e->normed;
+    for (int k = 0; k < SW_LSTM_P; k++) {
+        const float c = sw_logistic(f[k]) * e->cell[k] + sw_logistic(i[k]) * sw_tanh(g[k]);
+        e->cell[k] = c;
+        normed[k] = sw_logistic(o[k]) * sw_tanh(c);
+    }
+    for (int k = 0; k < SW_LSTM; k++) e->hidden[SW_COLUMNS + k] = normed[k];
+}
+
+/* (h - mean) / sqrt(var + eps), with gain and offset; padding becomes zero. */
+static void normalise(sw_encoder_scratch *e)
+{
+    float mean = 0.0f, squares = 0.0f;
+    for (int k = 0; k < SW_LSTM; k++) mean += e->normed[k];
+    mean /= (float)SW_LSTM;
+    for (int k = 0; k < SW_LSTM; k++) {
+        const float apart = e->normed[k] - mean;
+        squares += apart * apart;
+    }
+    const float r = sw_inverse_sqrt(squares / (float)SW_LSTM + SW_NORM_EPSILON);
+    for (int k = 0; k < SW_LSTM_P; k++) {
+        e->normed[k] = (e->normed[k] - mean) * r * sw_encoder_gain[k] + sw_encoder_offset[k];
+    }
+}
+
+void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
+{
+    sw_encoder_scratch *e = &work->phase.encoder;
+    for (int k = 0; k < SW_COLUMNS + SW_LSTM; k++) e->hidden[k] = 0.0f;
+    for (int k = 0; k < SW_LSTM_P; k++) e->cell[k] = 0.0f;
+    for (int row = 0; row < SW_WINDOW; row++) {
+        for (int c = 0; c < SW_COLUMNS; c++) {
+            e->hidden[c] = (window[row][c] - sw_window_mean[c]) * sw_window_factor[c];
+        }
+        sw_combine(e->gates, sw_lstm_bias, &sw_lstm_weight[0][0], e->hidden, SW_COLUMNS + SW_LSTM, SW_CELLS);
+        update_cells(e);
+    }
+    normalise(e);
+    sw_combine(e->head, sw_head_bias, &sw_head_weight[0][0], e->normed, SW_LSTM, SW_HEAD_P);
+    for (int k = 0; k < SW_HEAD_P; k++) {
+        e->head[k] = sw_max(e->head[k], 0.0f) + (sw_exp(sw_min(e->head[k], 0.0f)) - 1.0f);
+    }
+    sw_dots(work->z, &sw_latent_weight[0][0], e->head, SW_LATENT, SW_HEAD_P);
+    for (int l = 0; l < SW_LATENT; l++) work->z[l] += sw_latent_bias[l];
+}

@@ -1,0 +1,77 @@
+/* exp, tanh, the logistic function and the square root, without branches so that loops over them vectorise.
+ * The error bounds are held by tests over all arguments that a controller meets.
+ */
+#ifndef SW_MATH_H
+#define SW_MATH_H
+
+#include <stdint.h>
+
+#ifdef __FAST_MATH__
+#error "rounding by adding a large number, as sw_exp does, needs IEEE arithmetic: compile without -ffast-math"
+#endif
+
+static inline float sw_min(float a, float b) { return a < b ? a : b; }
+static inline float sw_max(float a, float b) { return a > b ? a : b; }
+static inline float sw_abs(float a) { return a < 0.0f ? -a : a; }
+
+static inline float sw_from_bits(uint32_t bits)
+{
+    union {
+        uint32_t bits;
+        float value;
+    } pun;
+    pun.bits = bits;
+    return pun.value;
+}
+
+static inline uint32_t sw_to_bits(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } pun;
+    pun.value = value;
+    return pun.bits;
+}
+
+/* exp(x) within 1.5e-7 relative for -87 <= x <= 88; held at its value there beyond.
+ * x = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), q fitted for the least largest error.
+ */
+static inline float sw_exp(float x)
+{
+    const float magic = 12582912.0f; /* 1.5 2^23: adding it rounds to an integer, which the low bits then hold */
+    const float held = sw_min(sw_max(x, -87.0f), 88.0f);
+    const float shifted = held * 1.44269504f + magic;
+    const float n = shifted - magic;
+    /* ln 2 in two parts, the first with so few digits that its product with n is exact. */
+    const float r = (held - n * 0.693359375f) + n * 2.12194440e-4f;
+    float q = 1.38145406e-3f;
+    q = q * r + 8.36874545e-3f;
+    q = q * r + 4.16683890e-2f;
+    q = q * r + 1.66665211e-1f;
+    q = q * r + 4.99999940e-1f;
+    q = q * (r * r) + r + 1.0f;
+    return sw_from_bits(sw_to_bits(q) + (sw_to_bits(shifted) << 23));
+}
+
+/* 1 / (1 + exp(-x)) within 1.5e-7. */
+static inline float sw_logistic(float x) { return 1.0f / (1.0f + sw_exp(-x)); }
+
+/* tanh(x) within 3e-7. */
+static inline float sw_tanh(float x) { return 1.0f - 2.0f / (1.0f + sw_exp(2.0f * x)); }
+
+/* 1 / sqrt(x) within 3e-7 relative for normal x > 0: a guess from the exponent, then Newton's iteration. */
+static inline float sw_inverse_sqrt(float x)
+{
+    const float half = 0.5f * x;
+    float y = sw_from_bits(0x5f375a86u - (sw_to_bits(x) >> 1));
+    y = y * (1.5f - half * y * y);
+    y = y * (1.5f - half * y * y);
+    y = y * (1.5f - half * y * y);
+    return y;
+}
+
+/* sqrt(x) within 3e-7 relative for normal x; 0 for smaller ones, which are below 1.1e-19. */
+static inline float sw_sqrt(float x) { return x < 1.17549435e-38f ? 0.0f : x * sw_inverse_sqrt(x); }
+
+#endif

@@ -1,0 +1,52 @@
+/* Layer norm and ELU as one, and their adjoint.
+ *
+ * The matrices in front of a norm are stored centred, C W with C = I - 11^T / n, so that its input u has mean zero:
+ * the norm is xhat = r u with r = 1 / sqrt(mean u^2 + eps), and h = ELU(y), y = gain xhat + offset. The adjoint needs
+ * xhat and slope = ELU'(y) gain r: with t = slope dJ/dh, it is dJ/du = t - xhat mean(t xhat). The projection onto mean
+ * zero that is missing there is in the centred matrix already.
+ *
+ * Padding stays zero: there u, gain and offset are.
+ */
+#ifndef SW_NORM_H
+#define SW_NORM_H
+
+#include "sw_kernels.h"
+#include "sw_math.h"
+
+#define SW_NORM_EPSILON 1e-5f
+
+/* From u, in `hidden`, to h in its place, xhat and slope; `width` counts what is not padding. */
+static inline void sw_norm_elu(float *restrict hidden, float *restrict xhat, float *restrict slope,
+                               const float *restrict gain, const float *restrict offset, int width, int padded)
+{
+    float squares[SW_LANES] = {0};
+    for (int c = 0; c < padded; c += SW_LANES) {
+        for (int j = 0; j < SW_LANES; j++) squares[j] += hidden[c + j] * hidden[c + j];
+    }
+    const float r = sw_inverse_sqrt(sw_lane_sum(squares) / (float)width + SW_NORM_EPSILON);
+    for (int c = 0; c < padded; c++) {
+        const float normed = r * hidden[c];
+        const float y = gain[c] * normed + offset[c];
+        const float below = sw_exp(sw_min(y, 0.0f));
+        xhat[c] = normed;
+        slope[c] = below * (gain[c] * r);
+        hidden[c] = sw_max(y, 0.0f) + (below - 1.0f);
+    }
+}
+
+/* From dJ/dh, in `d`, to dJ/du in its place. */
+static inline void sw_norm_elu_adjoint(float *restrict d, const float *restrict xhat, const float *restrict slope,
+                                       int width, int padded)
+{
+    float products[SW_LANES] = {0};
+    for (int c = 0; c < padded; c += SW_LANES) {
+        for (int j = 0; j < SW_LANES; j++) {
+            d[c + j] *= slope[c + j];
+            products[j] += d[c + j] * xhat[c + j];
+        }
+    }
+    const float along = sw_lane_sum(products) / (float)width;
+    for (int c = 0; c < padded; c++) d[c] -= along * xhat[c];
+}
+
+#endif

@@ -1,0 +1,31 @@
+/* The parts of a control step, in the order they run. Each file implements one. */
+#ifndef SW_PARTS_H
+#define SW_PARTS_H
+
+#include "stillwake.h"
+
+/* Latent state, work->z, from a window. */
+void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS]);
+
+/* Latent states, work->latents, under work->plan from work->z; leaves the tape. */
+void sw_roll_out(sw_workspace *work);
+
+/* work->forces from work->latents; leaves the tape. */
+void sw_decode(sw_workspace *work);
+
+/* Unweighted cost terms of work->forces and work->plan. */
+void sw_cost_terms(const sw_workspace *work, float action_in_force, float terms[SW_TERMS]);
+
+/* dJ/dforces, work->d_forces, and dJ/da with the forces held fixed, work->gradient. */
+void sw_cost_gradient(sw_workspace *work, float action_in_force, const float weights[SW_TERMS]);
+
+/* dJ/dz through the forces alone, work->d_latents, from work->d_forces. */
+void sw_decode_adjoint(sw_workspace *work);
+
+/* Adds to work->gradient what an action does through the latent states. */
+void sw_roll_out_adjoint(sw_workspace *work);
+
+/* Projected Adam on the actions that are free; `iteration` counts from 0. */
+void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int iteration);
+
+#endif

@@ -1,0 +1,68 @@
+/* Scratch memory of a control step. Public only because the caller owns it. */
+#ifndef SW_WORKSPACE_H
+#define SW_WORKSPACE_H
+
+#include "sw_settings.h"
+
+/* A vector's length rounded up to whole vector registers; what is added is zero throughout. */
+#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
+
+/* Tables start at a cache line where the compiler can be told so; only speed depends on it. */
+#if defined(__GNUC__)
+#define SW_ALIGNED __attribute__((aligned(64)))
+#else
+#define SW_ALIGNED
+#endif
+
+#define SW_LSTM_P SW_PADDED(SW_LSTM)
+#define SW_HEAD_P SW_PADDED(SW_HEAD)
+#define SW_DYN1_P SW_PADDED(SW_DYN1)
+#define SW_DYN2_P SW_PADDED(SW_DYN2)
+#define SW_HORIZON_P SW_PADDED(SW_HORIZON)
+
+/* Numbers of the forward pass that the adjoint comes back to (sw_norm.h), and what they are made from. */
+typedef struct {
+    float xhat1[SW_HORIZON][SW_DYN1_P];
+    float slope1[SW_HORIZON][SW_DYN1_P];
+    float xhat2[SW_HORIZON][SW_DYN2_P];
+    float slope2[SW_HORIZON][SW_DYN2_P];
+    float hidden1[SW_DYN1_P];
+    float hidden2[SW_DYN2_P];
+} sw_dynamics_tape;
+
+/* The decoder works on the whole horizon at once: the step is the last index of every array. */
+typedef struct {
+    float xhat[SW_BLOCKS][SW_DECODER][SW_HORIZON_P];
+    float slope[SW_BLOCKS][SW_DECODER][SW_HORIZON_P];
+    float x[SW_DECODER][SW_HORIZON_P];
+    float y[SW_DECODER][SW_HORIZON_P];
+} sw_decoder_tape;
+
+typedef struct {
+    float gates[4 * SW_LSTM_P];
+    float hidden[SW_SENSORS + 1 + SW_LSTM]; /* the row of the window, then the hidden state */
+    float cell[SW_LSTM_P];
+    float normed[SW_LSTM_P];
+    float head[SW_HEAD_P];
+} sw_encoder_scratch;
+
+typedef struct {
+    float z[SW_LATENT];                        /* latent state now */
+    float latents[SW_LATENT][SW_HORIZON_P];    /* one to SW_HORIZON steps ahead */
+    float forces[2][SW_HORIZON_P];             /* Cd, then Cl */
+    float d_forces[2][SW_HORIZON_P];           /* dJ/d(Cd, Cl) */
+    float d_latents[SW_LATENT][SW_HORIZON_P];  /* dJ/dz through the forces alone */
+    float plan[SW_HORIZON];
+    float gradient[SW_HORIZON];                /* dJ/da */
+    float moment1[SW_HORIZON];                 /* Adam's m and v */
+    float moment2[SW_HORIZON];
+    union {
+        sw_encoder_scratch encoder;
+        struct {
+            sw_dynamics_tape dynamics;
+            sw_decoder_tape decoder;
+        } tape;
+    } phase;
+} sw_workspace;
+
+#endif

@@ -1,0 +1,116 @@
+"""The C99 library of one control step: hand-written sources from `export/c/`, generated settings and weights.
+
+The generated text is numbers only. `sw_settings.h` has the sizes, the settings, and the hashes of the program and of
+the DBC it was built beside; `sw_weights.c` has the arrays that `sw_weights.h` declares.
+"""
+
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.atomic import replacing
+from contract.bundle import dbc_sha256
+from contract.errors import ExportError
+from export.c_arrays import LANES, float_arrays
+from export.float32 import as_float32, float32_within
+from export.program import ControllerProgram
+from export.program_hash import program_sha256
+from export.weights import Array
+
+SETTINGS: Final = "sw_settings.h"
+WEIGHTS: Final = "sw_weights.c"
+EXAMPLE: Final = "main.c"
+"""Runs a control step from recorded numbers on a host; not part of the library."""
+
+_LINE: Final = 8
+
+
+def c_library(program: ControllerProgram) -> dict[str, bytes]:
+    """All files of the library by name, float32.
+
+    Raises:
+        ExportError: a value that float32 cannot hold, or a program that the library cannot run; the message names it.
+    """
+    return hand_written() | {
+        SETTINGS: _settings(program).encode(),
+        WEIGHTS: _weights(float_arrays(program)).encode(),
+    }
+
+
+def hand_written() -> dict[str, bytes]:
+    """The sources that are the same for every program."""
+    folder = files("export").joinpath("c")
+    return {item.name: item.read_bytes() for item in folder.iterdir() if item.name.endswith((".c", ".h"))}
+
+
+def write_c_library(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write the library's folder, whole or not at all.
+
+    Raises:
+        ExportError: the folder holds something else.
+        StillwakeError: it cannot be written.
+    """
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / SETTINGS).is_file():
+        # Writing replaces the whole folder.
+        raise ExportError(f"{folder}: that directory holds something else; name another")
+    with replacing(folder) as temporary:
+        temporary.mkdir()
+        for name, content in contents.items():
+            (temporary / name).write_bytes(content)
+
+
+def _settings(program: ControllerProgram) -> str:
+    mpc = program.mpc
+    numbers: dict[str, int | str] = {
+        "SW_PROGRAM_SHA256": f'"{program_sha256(program)}"',
+        "SW_DBC_SHA256": f'"{dbc_sha256()}"',
+        "SW_SENSOR_NAMES": f'"{" ".join(program.sensors)}"',
+        "SW_LANES": LANES,
+        "SW_WINDOW": program.window,
+        "SW_SENSORS": len(program.sensors),
+        "SW_LSTM": program.encoder.lstm.width,
+        "SW_HEAD": len(program.encoder.hidden.bias),
+        "SW_LATENT": program.latent,
+        "SW_DYN1": len(program.dynamics.input.bias),
+        "SW_DYN2": len(program.dynamics.hidden.bias),
+        "SW_DECODER": len(program.decoder.input.bias),
+        "SW_BLOCKS": len(program.decoder.blocks),
+        "SW_HORIZON": mpc.horizon,
+        "SW_ITERATIONS": mpc.iterations,
+        "SW_DRAG_REFERENCE": _number(np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference"))),
+        "SW_ACTION_LIMIT": _number(np.float32(float32_within(program.action_limit))),
+    }
+    lines = "\n".join(f"#define {name} {value}" for name, value in numbers.items())
+    return f"/* Generated: sizes and settings of one trained program. */\n{_guarded('SW_SETTINGS_H', lines)}"
+
+
+def _weights(arrays: Mapping[str, Array]) -> str:
+    text = ["/* Generated: the numbers of one trained program, rounded to float32. */", '#include "sw_weights.h"']
+    for name, values in arrays.items():
+        sides = "".join(f"[{size}]" for size in values.shape)
+        text.append(f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name))};")
+    return "\n\n".join(text) + "\n"
+
+
+def _initialiser(values: np.typing.NDArray[np.float32]) -> str:
+    if values.ndim > 1:
+        return "{\n" + ",\n".join(_initialiser(part) for part in values) + "}"
+    return "{" + ",\n ".join(_lines(values)) + "}"
+
+
+def _lines(values: np.typing.NDArray[np.float32]) -> Iterator[str]:
+    for start in range(0, len(values), _LINE):
+        yield ", ".join(_number(value) for value in values[start : start + _LINE])
+
+
+def _number(value: np.float32) -> str:
+    """The shortest decimal that is this float32 again."""
+    text = np.format_float_scientific(value, trim="0")
+    return f"{text}f"
+
+
+def _guarded(name: str, body: str) -> str:
+    return f"#ifndef {name}\n#define {name}\n\n{body}\n\n#endif\n"

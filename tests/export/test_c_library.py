@@ -1,0 +1,172 @@
+"""What the C library promises whoever compiles it: standard, silent, freestanding, sane, and whole or not written."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.bundle import dbc_sha256
+from contract.config import ModelConfig, MpcConfig
+from contract.errors import ExportError
+from export.c_host import STANDARD, compile_c, host_compiler
+from export.c_library import EXAMPLE, SETTINGS, WEIGHTS, c_library, write_c_library
+from export.c_release import RECORDED, recorded_rows, write_c_release
+from export.program_hash import program_sha256
+from export.random_program import random_program, random_window
+from export.reference_mpc import control_step
+
+MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
+PROGRAM = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
+
+
+@pytest.fixture(scope="module")
+def contents() -> dict[str, bytes]:
+    return c_library(PROGRAM)
+
+
+@pytest.fixture
+def folder(tmp_path, contents) -> Path:
+    write_c_library(tmp_path / "c", contents)
+    return tmp_path / "c"
+
+
+def compiled(folder: Path, *command: str) -> list[Path]:
+    """Object files of the library, without the example."""
+    sources = [item.name for item in folder.glob("*.c") if item.name != EXAMPLE]
+    subprocess.run([*command, "-c", *sources], cwd=folder, check=True)
+    return sorted(folder.glob("*.o"))
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2", "-O3"])
+def test_gcc_takes_it_without_a_warning(folder, level):
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    compiled(folder, "gcc", *STANDARD, "-Wshadow", "-Wstrict-prototypes", "-Werror", level)
+
+
+def test_clang_takes_it_without_a_warning(folder):
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("ziglang (extra mcu) is not installed")
+    compiled(folder, sys.executable, "-m", "ziglang", "cc", *STANDARD, "-Wshadow", "-Werror", "-O2")
+
+
+def test_fast_math_is_refused(folder):
+    command = [*host_compiler(), "-std=c99", "-ffast-math", "-c", "sw_control_step.c"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "compile without -ffast-math" in done.stderr
+
+
+def test_cppcheck_finds_nothing(folder):
+    if shutil.which("cppcheck") is None:
+        pytest.skip("cppcheck is not installed")
+    options = ("--enable=warning,style,performance,portability", "--std=c99", "--quiet", "--error-exitcode=1")
+    done = subprocess.run(["cppcheck", *options, "."], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_it_calls_nothing_and_writes_no_static_memory(folder):
+    """Undefined symbols: only what every freestanding compiler may call by itself. No .data, no .bss."""
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not installed")
+    objects = compiled(folder, *host_compiler(), "-std=c99", "-O2", "-ffreestanding")
+    listing = subprocess.run(["nm", *objects], capture_output=True, text=True, check=True).stdout
+    symbols = re.findall(r"^\s*(?:[0-9a-f]+)?\s+([A-Za-z])\s+(\S+)$", listing, flags=re.MULTILINE)
+    defined = {name for kind, name in symbols if kind != "U"}
+    assert {name for kind, name in symbols if kind == "U"} - defined <= {"memset", "memcpy", "memmove"}
+    assert not [name for kind, name in symbols if kind in "dDbBcC"]
+    assert "sw_control_step" in defined
+
+
+def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents):
+    """And the example program prints what the reference computes."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    program = tmp_path / "replay"
+    sanitisers = ("-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all")
+    compile_c(contents, program, compiler=["gcc"], flags=("-O1", "-g", *sanitisers))
+    rng = np.random.default_rng(0)
+    series = np.concatenate([random_window(PROGRAM, rng) for _ in range(4)]).astype(np.float32).astype(np.float64)
+    windows = [series[i : i + PROGRAM.window] for i in range(len(series) - PROGRAM.window + 1)]
+    done = subprocess.run([program], input=recorded_rows(windows), capture_output=True, text=True, check=True)
+    found = np.array([line.split() for line in done.stdout.splitlines()], dtype=np.float64)
+    plan, expected = np.zeros(PROGRAM.mpc.horizon), []
+    for window in windows:
+        solution = control_step(PROGRAM, window, plan, np.ones(PROGRAM.mpc.horizon))
+        plan = solution.plan
+        expected.append([plan[0], *solution.forces.mean(axis=0), solution.cost])
+    # As in the parity tests of a closed loop.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2.5e-5)
+
+
+def test_the_header_says_what_it_is(contents):
+    text = contents[SETTINGS].decode()
+    for expected in (
+        f'#define SW_PROGRAM_SHA256 "{program_sha256(PROGRAM)}"',
+        f'#define SW_DBC_SHA256 "{dbc_sha256()}"',
+        "#define SW_WINDOW 6",
+        "#define SW_HORIZON 7",
+        "#define SW_DYN2 21",
+        '#define SW_SENSOR_NAMES "upper_39 lower_39 base_0 base_9"',
+    ):
+        assert expected in text
+
+
+def test_the_hash_changes_with_a_weight_and_with_a_setting():
+    other = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7, iterations=6))
+    nudged = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
+    nudged.decoder.output.bias.flags.writeable = True
+    nudged.decoder.output.bias[0] += 1e-9
+    assert len({program_sha256(program) for program in (PROGRAM, other, nudged)}) == 3
+    assert program_sha256(random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))) == program_sha256(PROGRAM)
+
+
+def test_every_number_is_the_float32_it_stands_for(contents):
+    """The text of a weight read back by Python is the rounded weight to the bit."""
+    body = re.search(r"sw_latent_bias\[3\] = \{(.*?)\};", contents[WEIGHTS].decode(), flags=re.DOTALL)
+    found = np.array([number.rstrip("f") for number in body[1].split(", ")], dtype=np.float32)
+    np.testing.assert_array_equal(found, PROGRAM.encoder.output.bias.astype(np.float32))
+
+
+def test_a_value_too_large_for_float32_is_refused():
+    program = random_program(3, model=MODEL)
+    program.dynamics.output.bias.flags.writeable = True
+    program.dynamics.output.bias[1] = 1e39
+    with pytest.raises(ExportError, match="sw_dyn3_bias: a value is too large for float32"):
+        c_library(program)
+
+
+def test_another_folder_is_never_replaced(tmp_path, contents):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(ExportError, match="holds something else"):
+        write_c_library(tmp_path, contents)
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
+
+
+def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path):
+    rng = np.random.default_rng(0)
+    long = np.concatenate([random_window(PROGRAM, rng) for _ in range(2)])
+    windows = [long[i : i + PROGRAM.window] for i in range(4)]
+    write_c_library(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
+    report = write_c_release(tmp_path / "c", PROGRAM, windows)
+    assert report.parity.cases == 4
+    assert np.loadtxt(tmp_path / "c" / RECORDED).shape == (PROGRAM.window + 3, 5)
+    assert {item.name for item in (tmp_path / "c").iterdir()} == {*c_library(PROGRAM), RECORDED}
+
+
+def test_without_a_compiler_the_line_says_so(monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(ExportError, match="no C compiler: install gcc or clang"):
+        host_compiler()
+
+
+def test_a_compiler_that_complains_is_quoted(tmp_path):
+    with pytest.raises(ExportError, match="error"):
+        compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=host_compiler(), flags=())

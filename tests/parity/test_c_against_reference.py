@@ -1,0 +1,164 @@
+"""Third link of the chain: the C library, compiled here = NumPy reference.
+
+Tolerances are those of the ONNX float graph, for the same reasons (`export.parity`): both compute in float32.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.errors import ExportError
+from export.c_host import CController, host_compiler
+from export.c_library import c_library
+from export.parity import check_lowering, control_cases
+from export.program import ControllerProgram
+from export.random_program import random_program, random_window
+from export.reference_mpc import control_step, shift
+
+SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
+HORIZON = 8
+FAST_BUILD = ("-O1",)
+NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")
+
+try:
+    host_compiler()
+except ExportError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+
+def in_c(program: ControllerProgram) -> CController:
+    return CController(program, c_library(program), flags=FAST_BUILD)
+
+
+def odd_sized_program(seed: int) -> ControllerProgram:
+    """Sizes that are mostly no multiple of the padding, and solver settings off their defaults."""
+    rng = np.random.default_rng([seed, 3])
+    model = ModelConfig(
+        window=int(rng.integers(1, 12)),
+        latent=int(rng.integers(1, 11)),
+        lstm_width=int(rng.integers(1, 40)),
+        dynamics_width=int(rng.integers(2, 50)),
+        decoder_width=int(rng.integers(2, 40)),
+        decoder_blocks=int(rng.integers(1, 4)),
+    )
+    mpc = MpcConfig(
+        horizon=int(rng.integers(2, 36)),
+        iterations=int(rng.integers(1, 10)),
+        learning_rate=float(10.0 ** rng.uniform(-4, -2)),
+        drag_reference=float(rng.uniform(0.5, 1.5)),
+        weights=CostWeights(**dict(zip(vars(CostWeights()), rng.uniform(0.0, 3.0, 7).tolist(), strict=True))),
+    )
+    return random_program(
+        seed,
+        model=model,
+        mpc=mpc,
+        action_limit=float(rng.uniform(0.02, 0.2)),
+        sensors=NAMES[: int(rng.integers(1, 7))],
+    )
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[ControllerProgram, CController]:
+    program = random_program(5, model=SMALL, mpc=MpcConfig(horizon=HORIZON))
+    return program, in_c(program)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_nets_of_odd_sizes(seed):
+    program = odd_sized_program(seed)
+    rng = np.random.default_rng(seed)
+    windows = [random_window(program, rng) for _ in range(8)]
+    check_lowering(program, in_c(program), "C library", windows)
+
+
+def test_paper_size_as_built_for_speed():
+    program = random_program(11)
+    report = check_lowering(program, CController(program, c_library(program)), "C library")
+    # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
+    assert report.action < 2e-6
+
+
+def test_a_closed_loop_of_steps_stays_together(small):
+    """Plans fed back for 30 steps: differences must not accumulate beyond the gate's tolerance for one."""
+    program, controller = small
+    rng = np.random.default_rng(4)
+    plan = found = np.zeros(HORIZON)
+    for _ in range(30):
+        window = random_window(program, rng).astype(np.float32).astype(np.float64)
+        plan = control_step(program, window, plan, np.ones(HORIZON)).plan
+        found = controller.control_step(window, found, np.ones(HORIZON)).plan
+        np.testing.assert_allclose(found, plan, rtol=0, atol=2.5e-5)
+
+
+def test_default_weights_are_the_programs_and_others_can_be_given(small):
+    program, controller = small
+    (case,) = control_cases(program, count=1)
+    default = controller.control_step(case.window, case.plan, case.free)
+    given = controller.control_step(case.window, case.plan, case.free, np.array(program.mpc.weights.as_tuple()))
+    np.testing.assert_array_equal(given.plan, default.plan)
+    calm = controller.control_step(case.window, case.plan, case.free, np.eye(7)[5])
+    assert np.abs(calm.plan).sum() < np.abs(default.plan).sum()
+
+
+def test_equal_forces_share_the_subgradient():
+    """With the decoder's output switched off every Cd ties and every Cl is 0: the kinks of all terms at once."""
+    program = random_program(3, model=SMALL, mpc=MpcConfig(horizon=HORIZON))
+    output = program.decoder.output
+    still = replace(output, weight=0 * output.weight, bias=0 * output.bias)
+    program = replace(program, decoder=replace(program.decoder, output=still))
+    check_lowering(program, in_c(program), "C library")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    plan=st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array),
+    free=st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array),
+    scale=st.sampled_from([0.0, 1.0, 1e3, 1e9]),
+    seed=st.integers(0, 100),
+)
+def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, scale, seed):
+    program, controller = small
+    window = random_window(program, np.random.default_rng(seed))
+    found = controller.control_step(window, plan, free, scale * np.array(program.mpc.weights.as_tuple())).plan
+    committed = free == 0
+    assert np.abs(found[~committed]).max(initial=0.0) <= program.action_limit
+    np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
+
+
+def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read_before_it_is_written(small):
+    program, controller = small
+    cases = list(control_cases(program, count=4))
+    first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
+    for case, expected in zip(reversed(cases), reversed(first), strict=True):
+        controller.spoil_workspace()
+        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        np.testing.assert_array_equal(found.plan, expected.plan)
+        np.testing.assert_array_equal(found.forces, expected.forces)
+        assert found.cost == expected.cost
+
+
+@pytest.mark.parametrize("where", ["window", "plan", "weights"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_number_that_is_not_finite_is_reported(small, where, value):
+    program, controller = small
+    (case,) = control_cases(program, count=1)
+    arguments = {
+        "window": case.window.copy(),
+        "plan": case.plan.copy(),
+        "weights": np.array(program.mpc.weights.as_tuple()),
+    }
+    arguments[where][(-1,) * arguments[where].ndim] = value
+    with pytest.raises(ExportError, match="not a finite number"):
+        controller.control_step(free=case.free, **arguments)
+    controller.control_step(case.window, case.plan, case.free)
+
+
+def test_gate_refuses_the_library_of_another_program(small):
+    program, controller = small
+    other = replace(program, mpc=replace(program.mpc, iterations=program.mpc.iterations + 1))
+    with pytest.raises(ExportError, match=r"C library and reference differ by .* in action"):
+        check_lowering(other, controller, "C library")
