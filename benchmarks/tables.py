@@ -167,15 +167,17 @@ def _controller(results: Path) -> str:
             ("C float32", "c_ms", None),
         )
     ]
+    by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (found, found["min"]))
+    workspace = f"{found['c_workspace_bytes'] / 1024:.0f} KiB"
     return f"""## One control step, one thread
 
     python benchmarks/controller.py --json results/controller.json
 
 {_table(("", "median ms", "min ms", "times faster", "KiB"), rows)}
 
-The C library is compiled with `{found["settings"]["c_flags"]}` by {found["versions"]["c_compiler"]} and needs
-{found["c_workspace_bytes"] / 1024:.0f} KiB of workspace. {found["onnx_ms"] / found["c_ms"]:.1f} times faster than ONNX float32 by the
-median, {found["min"]["onnx_ms"] / found["min"]["c_ms"]:.1f} times by the minimum.
+The C library, compiled with `{found["settings"]["c_flags"]}` by
+{found["versions"]["c_compiler"]}, needs {workspace} of workspace. It is {by_median:.1f} times faster than ONNX
+float32 by the median, {by_minimum:.1f} times by the minimum.
 """
 
 
