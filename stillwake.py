@@ -4,6 +4,7 @@ Rooms are imported where a command needs them, so that `run` on a vehicle needs 
 compiler, and a missing extra is one clear line.
 """
 
+import os
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -48,7 +49,8 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the fi
 Overrides = Annotated[list[str], typer.Option("--set", help="Override, e.g. --set mpc.weights.lift=0.1 (repeatable).")]
 
 
-def _progress_bar(unit: str) -> Progress:
+def _progress_bar(unit: str, *, estimate_over: float = 30.0) -> Progress:
+    """Bars with the time left, from the speed over the last `estimate_over` seconds."""
     return Progress(
         TextColumn("[bold]{task.description}"),
         BarColumn(bar_width=12),
@@ -57,7 +59,12 @@ def _progress_bar(unit: str) -> Progress:
         TimeRemainingColumn(compact=True, elapsed_when_finished=True),
         TextColumn("{task.fields[note]}"),
         console=console,
+        speed_estimate_period=estimate_over,
     )
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @app.callback()
@@ -68,10 +75,25 @@ def _root() -> None:
 @app.command()
 def record(
     output: Annotated[Path, typer.Argument(help="HDF5 file to write.")],
-    training: Annotated[int, typer.Option(help="Control steps of the training waveform.")] = 6000,
-    chirp: Annotated[int, typer.Option(help="Control steps of the chirp (test data).")] = 1500,
-    uncontrolled: Annotated[int, typer.Option(help="Control steps without forcing.")] = 500,
-    seed: Annotated[int, typer.Option(help="Seed of the training waveform.")] = 1,
+    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform (6000).")] = None,
+    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, test data (1500).")] = None,
+    uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).")] = None,
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper",
+            help="The paper's data set instead: 50,000 training steps in ten episodes, 2,500 uncontrolled, 10,000 of "
+            "the chirp to test on, and 10,000 of the extended chirp of its appendix A.",
+        ),
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the training waveform; of the first one with --paper.")] = 1,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes, an episode each at a time; default: one a core.", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Record on this dask scheduler's workers; they must see the output's folder at its path."),
+    ] = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
@@ -79,24 +101,51 @@ def record(
 
     Can be stopped at any time; the same command continues where it was.
     """
-    from wake.recorder import EpisodePlan
+    from wake.episode_plan import EpisodePlan, paper_plans
     from wake.recorder import record as record_dataset
 
     config = load_config(config_file, overrides)
-    plans = [
-        EpisodePlan(forcing="training", steps=training, seed=seed),
-        EpisodePlan(forcing="chirp", steps=chirp, seed=0),
-        EpisodePlan(forcing="none", steps=uncontrolled, seed=0),
-    ]
-    plans = [plan for plan in plans if plan.steps > 0]
+    if paper and any(steps is not None for steps in (training, chirp, uncontrolled)):
+        raise StillwakeError("--paper says how much to record: leave --training, --chirp and --uncontrolled out")
+    plans: tuple[EpisodePlan, ...] = (
+        EpisodePlan(forcing="training", steps=6000 if training is None else training, seed=seed),
+        EpisodePlan(forcing="chirp", steps=1500 if chirp is None else chirp, seed=0),
+        EpisodePlan(forcing="none", steps=500 if uncontrolled is None else uncontrolled, seed=0),
+    )
+    plans = tuple(plan for plan in (paper_plans(seed) if paper else plans) if plan.steps > 0)
     if not plans:
         raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
     if output.is_dir():
         raise StillwakeError(f"cannot write {output}: it is a directory, not an HDF5 file")
-    with _progress_bar("steps") as bar:
-        tasks = {plan.name: bar.add_task(plan.name, total=plan.steps, note="") for plan in plans}
-        record_dataset(output, plans, config, lambda name, done, _: bar.update(tasks[name], completed=done))
-    console.print(f"wrote {output}: {sum(plan.steps for plan in plans)} control steps")
+    total = sum(plan.steps for plan in plans)
+    # A block takes seconds, and is counted when it is whole: only many of them show the speed.
+    with _progress_bar("steps", estimate_over=600.0) as bar:
+        done: dict[str, int] = {}
+        tasks: dict[str, TaskID] = {}
+
+        def show(name: str, steps: int, episode_total: int) -> None:
+            done[name] = steps
+            if len(done) < len(plans):
+                return
+            # What an earlier call recorded counts as done, but not for the speed.
+            for label, completed, of in [
+                *((p.name, done[p.name], p.steps) for p in plans),
+                ("all", sum(done.values()), total),
+            ]:
+                if label not in tasks:
+                    tasks[label] = bar.add_task(label, total=of, completed=completed, note="")
+                bar.update(tasks[label], completed=completed)
+
+        record_dataset(
+            output,
+            plans,
+            config,
+            workers=_cores() if workers is None else workers,
+            scheduler=scheduler,
+            progress=show,
+            notice=bar.console.print,
+        )
+    console.print(f"wrote {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
 
 
 @app.command()

@@ -47,9 +47,20 @@ class ForcingConfig:
     envelope_depth: float = 0.45
     chirp_start: float = 0.1
     chirp_end: float = 0.4
+    extended_chirp_start: float = 0.01
+    """The extended chirp reaches past what the training waveform explores (paper, appendix A)."""
+    extended_chirp_end: float = 0.8
 
     def __post_init__(self) -> None:
-        for name in ("base_frequency", "modulation_cutoff", "envelope_frequency", "chirp_start", "chirp_end"):
+        for name in (
+            "base_frequency",
+            "modulation_cutoff",
+            "envelope_frequency",
+            "chirp_start",
+            "chirp_end",
+            "extended_chirp_start",
+            "extended_chirp_end",
+        ):
             _require(getattr(self, name) > 0, self, name, "positive")
         _require(self.modulation_index >= 0, self, "modulation_index", "non-negative")
         _require(0 <= self.envelope_depth < 1, self, "envelope_depth", "in [0, 1)")

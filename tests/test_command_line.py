@@ -203,7 +203,7 @@ BOOTSTRAP = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from wake import recorder
-recorder.BLOCK_STEPS = 8
+recorder.record.__kwdefaults__["block_steps"] = 8
 import stillwake
 stillwake.main()
 """
@@ -233,12 +233,12 @@ def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> Outcome:
 def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
     output, parts = tmp_path / "a.h5", tmp_path / "a.h5.parts"
     command = ["record", output, "--training", 20, "--chirp", 0, "--uncontrolled", 0]
-    first = parts / "training_1_000000.npz"
+    first = parts / "training_1" / "000000.npz"
     outcome = stop_after(start(*command), first.is_file)
     assert (outcome.code, outcome.err) == (130, "stopped\n")
     assert "wrote" not in outcome.out
     assert not output.exists()
-    assert {path.suffix for path in parts.iterdir()} == {".npz", ".json"}
+    assert {path.suffix for path in parts.rglob("*") if path.is_file()} == {".npz", ".json"}
     made = first.stat().st_mtime_ns
 
     process = start(*command)

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfilt
 from contract.config import FlowConfig, ForcingConfig
 
 Array = npt.NDArray[np.float64]
-ForcingName = Literal["training", "chirp", "none"]
+ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
@@ -41,10 +41,13 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
 def chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
     """A linear sweep at full amplitude from `chirp_start` to `chirp_end`; shape (steps,), in U_inf W."""
     del rng
-    t = np.arange(steps) * flow.control_period
-    duration = max(steps, 1) * flow.control_period
-    sweep = (forcing.chirp_end - forcing.chirp_start) / duration
-    return flow.action_limit * np.sin(2.0 * np.pi * (forcing.chirp_start * t + 0.5 * sweep * t**2))
+    return _sweep(steps, forcing.chirp_start, forcing.chirp_end, flow)
+
+
+def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
+    """A linear sweep at full amplitude from `extended_chirp_start` to `extended_chirp_end`; shape (steps,)."""
+    del rng
+    return _sweep(steps, forcing.extended_chirp_start, forcing.extended_chirp_end, flow)
 
 
 def none(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
@@ -53,5 +56,16 @@ def none(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Ge
     return np.zeros(steps)
 
 
+def _sweep(steps: int, start: float, end: float, flow: FlowConfig) -> Array:
+    t = np.arange(steps) * flow.control_period
+    rate = (end - start) / (max(steps, 1) * flow.control_period)
+    return flow.action_limit * np.sin(2.0 * np.pi * (start * t + 0.5 * rate * t**2))
+
+
 Signal = Callable[[int, ForcingConfig, FlowConfig, np.random.Generator], Array]
-SIGNALS: Final[dict[ForcingName, Signal]] = {"training": training, "chirp": chirp, "none": none}
+SIGNALS: Final[dict[ForcingName, Signal]] = {
+    "training": training,
+    "chirp": chirp,
+    "extended_chirp": extended_chirp,
+    "none": none,
+}

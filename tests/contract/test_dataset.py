@@ -14,9 +14,9 @@ from contract.errors import DatasetError, StillwakeError
 
 def episode(name: str = "first", steps: int = 12, role: str = "train", **changes: object) -> Episode:
     rng = np.random.default_rng(steps)
-    series = {field: rng.normal(size=steps) for field in UNITS}
+    series = {field: rng.normal(scale=0.2, size=steps) for field in UNITS}
     series["t"] = 0.2 * np.arange(steps)
-    series["Cp"] = rng.normal(size=(steps, sensors.COUNT))
+    series["Cp"] = rng.normal(scale=0.5, size=(steps, sensors.COUNT))
     series |= changes.pop("series", {})
     fields = {"initial_action": 0.01, "provenance": {"seed": 3, "versions": {"numpy": "2"}}, **changes}
     return Episode(name=name, role=role, series=series, **fields)
@@ -29,7 +29,7 @@ def written(tmp_path):
     return path
 
 
-def test_round_trip_keeps_order_and_single_precision(tmp_path, written):
+def test_round_trip_keeps_order_and_all_but_half_a_quantum(tmp_path, written):
     original = Dataset(episodes=(episode("b"), episode("a", steps=7, role="test")))
     read = dataset.read(written)
     assert [item.name for item in read.episodes] == ["b", "a"]
@@ -37,9 +37,69 @@ def test_round_trip_keeps_order_and_single_precision(tmp_path, written):
         assert (after.role, after.initial_action, after.provenance) == (
             before.role, before.initial_action, before.provenance,
         )  # fmt: skip
-        assert (after.series["t"] == before.series["t"]).all()
-        for field in UNITS.keys() - {"t"}:
-            assert (after.series[field] == before.series[field].astype(np.float32)).all()
+        for field in UNITS:
+            error = np.abs(after.series[field] - before.series[field]).max()
+            # 16 bits over +-4 for Cp and over +-1 for the rest, which these stay within; time and action are exact.
+            assert error <= (0.0 if field in ("t", "action") else 2**-14 if field == "Cp" else 2**-16), field
+            assert after.series[field].dtype == np.float64
+
+
+@pytest.mark.parametrize(("field", "peak"), [("Cp", 4.1), ("Cd", 2.3), ("Cl", -127.0), ("jet_power", 1.0)])
+def test_a_series_that_reaches_far_is_kept_more_coarsely_but_whole(tmp_path, field, peak):
+    series = dict(episode().series)
+    series[field] = series[field].copy()
+    series[field].flat[5] = peak
+    dataset.write(tmp_path / "data.h5", Dataset(episodes=(episode(series=series),)))
+    read = dataset.read(tmp_path / "data.h5").episodes[0].series[field]
+    # Half of 1/32767 of the peak, at worst twice that because quanta are powers of two.
+    assert np.abs(read - series[field]).max() <= abs(peak) / 32767
+    assert read.flat[5] == pytest.approx(peak, rel=1 / 32767)
+
+
+@pytest.mark.parametrize("field", sorted(UNITS.keys() - {"t", "action"}))
+def test_a_value_beyond_16_bits_is_refused_and_nothing_written(tmp_path, field):
+    series = dict(episode().series)
+    series[field] = series[field].copy()
+    series[field].flat[5] = -129.0
+    with pytest.raises(DatasetError, match=f"episode first: field '{field}' holds 129, more than 127.996"):
+        dataset.write(tmp_path / "data.h5", Dataset(episodes=(episode(series=series),)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writing_what_was_read_changes_nothing(tmp_path, written):
+    dataset.write(tmp_path / "again.h5", dataset.read(written))
+    assert (tmp_path / "again.h5").read_bytes() == written.read_bytes()
+
+
+def test_hdf5_readers_need_only_the_quantum(written):
+    values = dataset.read(written).episodes[0].series["Cp"]
+    with h5py.File(written) as file:
+        node = file["episodes/b/Cp"]
+        assert node.dtype == np.int16
+        assert (node[:] * node.attrs["quantum"] == values).all()
+
+
+def test_the_ledger_adds_up():
+    one = episode()
+    s = one.series
+    assert one.Cd_slot == pytest.approx(s["Cd_slot_pressure"] + s["Cd_slot_viscous"])
+    assert one.Cd_net == pytest.approx(s["Cd"] + s["Cd_slot_pressure"] + s["Cd_slot_viscous"] + s["Cd_momentum"])
+
+
+def test_the_first_schema_is_still_read(tmp_path, written):
+    series = dict(episode("a", steps=7).series)
+    with h5py.File(written, "r+") as file:
+        file.attrs["schema"] = "stillwake-dataset/1"
+        for name in ("a", "b"):
+            node = file["episodes"][name]
+            del node["Cd_slot_viscous"], node["Cd"]
+            node.move("Cd_slot_pressure", "Cd_slot")
+            node["Cd"] = np.linspace(0, 1, len(node["t"]), dtype=np.float32)
+            node["Cd"].attrs["units"] = "1"
+    read = dataset.read(written).episodes[1]
+    assert read.series["Cd"] == pytest.approx(np.linspace(0, 1, 7))
+    assert read.Cd_slot == pytest.approx(series["Cd_slot_pressure"], abs=2**-16)
+    assert not read.series["Cd_slot_viscous"].any()
 
 
 def test_previous_action_is_the_action_one_step_late():
@@ -88,7 +148,7 @@ def test_episode_that_does_not_fit_is_refused_by_name(build, culprit):
 
 
 def other_schema(file: h5py.File) -> None:
-    file.attrs["schema"] = "stillwake-dataset/2"
+    file.attrs["schema"] = "stillwake-dataset/3"
 
 
 def no_schema(file: h5py.File) -> None:
@@ -130,19 +190,33 @@ def other_units(file: h5py.File) -> None:
 
 
 def sensor_missing(file: h5py.File) -> None:
-    cp = file["episodes/a/Cp"][:, :4]
+    cp, attributes = file["episodes/a/Cp"][:, :4], dict(file["episodes/a/Cp"].attrs)
     del file["episodes/a/Cp"]
-    file["episodes/a"].create_dataset("Cp", data=cp).attrs["units"] = "1"
+    file["episodes/a"].create_dataset("Cp", data=cp).attrs.update(attributes)
 
 
 def nan_in_the_middle(file: h5py.File) -> None:
-    file["episodes/a/Cd"][3] = np.nan
+    file["episodes/a/action"][3] = np.nan
+
+
+def without_quantum(file: h5py.File) -> None:
+    del file["episodes/a/Cd"].attrs["quantum"]
+
+
+def quantum_of_nothing(file: h5py.File) -> None:
+    file["episodes/a/Cd"].attrs["quantum"] = -0.1
+
+
+def wider_integers(file: h5py.File) -> None:
+    values, attributes = file["episodes/a/Cd"][:], dict(file["episodes/a/Cd"].attrs)
+    del file["episodes/a/Cd"]
+    file["episodes/a"].create_dataset("Cd", data=values.astype(np.int64)).attrs.update(attributes)
 
 
 @pytest.mark.parametrize(
     ("spoil", "culprit"),
     [
-        (other_schema, "schema 'stillwake-dataset/2', this version reads 'stillwake-dataset/1'"),
+        (other_schema, "schema 'stillwake-dataset/3', this version reads 'stillwake-dataset/2'"),
         (no_schema, "schema None"),
         (other_sensor_order, "other sensors"),
         (no_episodes, "no episode"),
@@ -150,10 +224,13 @@ def nan_in_the_middle(file: h5py.File) -> None:
         (no_field, "episode a: field 'Cl' is missing"),
         (no_attribute, "initial_action"),
         (stray_array, "episode stray: field 't' is missing"),
-        (text_for_numbers, "damaged"),
+        (text_for_numbers, "episode a: field 'Cl' is stored as object with quantum nan"),
         (other_units, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
         (sensor_missing, r"episode a: field 'Cp' has shape \(7, 4\), must be \(7, 90\)"),
-        (nan_in_the_middle, "episode a: field 'Cd' .* step 3"),
+        (nan_in_the_middle, "episode a: field 'action' .* step 3"),
+        (without_quantum, "episode a: field 'Cd' is stored as int16 with quantum nan"),
+        (quantum_of_nothing, "episode a: field 'Cd' is stored as int16 with quantum -0.1"),
+        (wider_integers, "episode a: field 'Cd' is stored as int64"),
     ],
 )
 def test_spoilt_file_is_refused_by_name(written, spoil, culprit):

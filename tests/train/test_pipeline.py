@@ -139,7 +139,10 @@ def test_nan_in_the_recording_is_refused_by_its_field(recording: Path, small_con
     import h5py
 
     with h5py.File(recording, "r+") as file:
-        file["episodes/waveform/Cl"][7] = np.nan
+        lift = file["episodes/waveform/Cl"][:] * file["episodes/waveform/Cl"].attrs["quantum"]
+        lift[7] = np.nan
+        del file["episodes/waveform/Cl"]
+        file["episodes/waveform"].create_dataset("Cl", data=lift).attrs["units"] = "1"
     with pytest.raises(DatasetError, match="field 'Cl' holds a value that is not finite, first at step 7"):
         train_all(recording, small_config, tmp_path / "model")
 
