@@ -251,6 +251,23 @@ class VehicleConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OpenFoamConfig:
+    """The second plant's mesh and start (ours). Its time step in a coupled run is `flow`'s."""
+
+    refinement: float = 1.0
+    """Divides every spacing of the body-fitted mesh; the time step must shrink with it."""
+    develop_time: float = 50.0
+    """Time without jets before a first run, t_c, from the own solver's developed wake."""
+    develop_substeps: int = 20
+    """Time steps a control period meanwhile."""
+
+    def __post_init__(self) -> None:
+        _require(self.refinement > 0, self, "refinement", "positive")
+        _require(self.develop_time > 0, self, "develop_time", "positive")
+        _require(self.develop_substeps >= 1, self, "develop_substeps", "at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Config:
     """All settings. Sub-trees are named as in TOML."""
 
@@ -263,6 +280,7 @@ class Config:
     bus: BusConfig = field(default_factory=BusConfig)
     ecu: EcuConfig = field(default_factory=EcuConfig)
     vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+    openfoam: OpenFoamConfig = field(default_factory=OpenFoamConfig)
 
     @property
     def period_ns(self) -> int:

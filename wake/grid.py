@@ -69,11 +69,11 @@ def truck_grid(refinement: float = 1.0) -> Grid:
     """
     front, rear = DOMAIN_X[0], DOMAIN_X[1]
     x_parts = [
-        _segment(_SPACING_X, start, end, refinement) for start, end in ((front, 0.0), (0.0, LENGTH), (LENGTH, rear))
+        graded_faces(_SPACING_X, start, end, refinement) for start, end in ((front, 0.0), (0.0, LENGTH), (LENGTH, rear))
     ]
     slot = HALF_WIDTH - JET_WIDTH
     y_parts = [
-        _segment(_SPACING_Y, start, end, refinement)
+        graded_faces(_SPACING_Y, start, end, refinement)
         for start, end in ((0.0, slot), (slot, HALF_WIDTH), (HALF_WIDTH, DOMAIN_Y[1]))
     ]
     slot_cells = len(y_parts[1]) - 1
@@ -115,6 +115,18 @@ def from_faces(xf: Array, yf: Array) -> Grid:
     )
 
 
+def graded_faces(spacing: Sequence[tuple[float, float]], start: float, end: float, refinement: float) -> Array:
+    """Faces from start to end whose local spacing follows (station, spacing) pairs, linear between them, divided by
+    `refinement` and scaled to a whole number of cells."""
+    stations, sizes = np.array(spacing).T
+    x = np.linspace(start, end, 4001)
+    cells = cumulative_trapezoid(refinement / np.interp(x, stations, sizes), x, initial=0.0)
+    count = max(1, round(float(cells[-1])))
+    faces = np.interp(np.linspace(0.0, cells[-1], count + 1), cells, x)
+    faces[0], faces[-1] = start, end
+    return faces
+
+
 def bilinear(x: Array, y: Array, px: float, py: float) -> list[tuple[tuple[int, int], float]]:
     """Nodes (i, j) of the tensor grid x, y around a point, with their weights; zero weights are left out."""
     i = int(np.clip(np.searchsorted(x, px) - 1, 0, len(x) - 2))
@@ -128,17 +140,6 @@ def bilinear(x: Array, y: Array, px: float, py: float) -> list[tuple[tuple[int, 
         ((i + 1, j + 1), a * b),
     )
     return [(face, float(w)) for face, w in corners if abs(w) > 1e-12]
-
-
-def _segment(spacing: Sequence[tuple[float, float]], start: float, end: float, refinement: float) -> Array:
-    """Faces from start to end whose local spacing follows the table, scaled to a whole number of cells."""
-    stations, sizes = np.array(spacing).T
-    x = np.linspace(start, end, 4001)
-    cells = cumulative_trapezoid(refinement / np.interp(x, stations, sizes), x, initial=0.0)
-    count = max(1, round(float(cells[-1])))
-    faces = np.interp(np.linspace(0.0, cells[-1], count + 1), cells, x)
-    faces[0], faces[-1] = start, end
-    return faces
 
 
 def _join(parts: Sequence[Array]) -> Array:

@@ -1,0 +1,107 @@
+"""The wake without jets, run by icoFoam on its own and kept for coupled runs."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.config import FlowConfig, OpenFoamConfig
+from wake.openfoam import case, fields, jets
+from wake.openfoam.mesh import Mesh
+from wake.openfoam.process import LOG, IcoFoam
+from wake.openfoam.state import FoamState, load, save, written
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float, float], None]
+
+_CHECKPOINT: Final = 5.0  # t_c between states written
+_LOOK_S: Final = 0.5
+
+
+def settle(
+    folder: Path,
+    mesh: Mesh,
+    start: Callable[[], tuple[Array, Array]],
+    config: FlowConfig,
+    *,
+    substeps: int,
+    until: float,
+    progress: Progress = lambda t, total: None,
+) -> None:
+    """Run the case in `folder` without jets until a time; continue it from its last checkpoint if there is one.
+
+    Args:
+        folder: the case; made if it does not exist.
+        mesh: its mesh.
+        start: makes velocity and kinematic pressure at t = 0; called for a new case only.
+        config: Reynolds number and control period; one measurement a period.
+        substeps: time steps a control period.
+        until: time, t_c, in whole control periods.
+        progress: called with (time, until).
+
+    Raises:
+        PlantError: if icoFoam is missing or fails.
+    """
+    if not (folder / "0" / "p").is_file():
+        shutil.rmtree(folder, ignore_errors=True)
+        case.write_mesh(folder, mesh)
+        jets.write_rest(folder, mesh)
+        case.write_start(folder, *start())
+    latest = fields.latest(folder)
+    if latest is not None and float(latest.name) > until - 0.5 * config.control_period:
+        progress(until, until)
+        return
+    every = min(round(_CHECKPOINT / config.control_period), round(until / config.control_period))
+    clock = case.Clock(
+        end=until,
+        dt=config.control_period / substeps,
+        steps_per_write=every * substeps,
+        steps_per_sample=substeps,
+    )
+    case.write_settings(folder, mesh, config, clock)
+    (folder / LOG).unlink(missing_ok=True)
+    probe = folder / "postProcessing" / case.WAKE / ("0" if latest is None else latest.name) / "U"
+    with IcoFoam(folder) as child:
+        while not child.wait(_LOOK_S):
+            progress(_last_time(probe), until)
+    progress(until, until)
+
+
+def developed(
+    folder: Path,
+    mesh: Mesh,
+    start: Callable[[], tuple[Array, Array]],
+    config: FlowConfig,
+    foam: OpenFoamConfig,
+    progress: Progress = lambda t, total: None,
+) -> FoamState:
+    """The settled wake, from `folder/developed.npz` if it is there and was made with these settings."""
+    path = folder / "developed.npz"
+    facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c of {foam.develop_substeps}"
+    if path.is_file():
+        kept, made_with = load(path)
+        if made_with == facts:
+            return kept
+    # A name of its own for every setting: a case must not be continued with another one's fields.
+    work = folder / f"developing, {facts}".replace(", ", "_").replace(" ", "-")
+    settle(
+        work, mesh, start, config, substeps=foam.develop_substeps, until=foam.develop_time, progress=progress
+    )
+    state = written(work, dt=config.control_period / foam.develop_substeps)
+    save(path, state, facts)
+    shutil.rmtree(work, ignore_errors=True)
+    return state
+
+
+def _last_time(probe: Path) -> float:
+    """Time of the last line of a probe's file; 0 while there is none."""
+    try:
+        with probe.open("rb") as file:
+            file.seek(-min(400, probe.stat().st_size), 2)
+            lines = file.read().splitlines()
+        return float(lines[-1].split()[0])
+    except (OSError, IndexError, ValueError):
+        return 0.0

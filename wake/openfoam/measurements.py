@@ -1,0 +1,140 @@
+"""What icoFoam's function objects write, as samples of the plant.
+
+Forces per unit of rho U_inf^2 W / 2 are twice the kinematic ones, for a domain of depth 1.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract import sensors
+from contract.errors import PlantError
+from wake import jets
+from wake.openfoam.case import FORCES, PRESSURES, WAKE
+from wake.openfoam.jets import JETS
+from wake.openfoam.mesh import Mesh
+from wake.openfoam.sensing import sensor_weights
+from wake.truck_wake import Sample
+
+Array = npt.NDArray[np.float64]
+
+_FILES: Final = {**dict.fromkeys(FORCES.values(), "force.dat"), PRESSURES: "p", WAKE: "U"}
+
+_SAME: Final = 1e-6  # t_c by which rounded times of one instant may differ
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """One line of every function object.
+
+    Attributes:
+        forces: total, pressure and viscous force on the truck and the two slots, (3, 3, 3), kinematic.
+        pressures: at the probed cells, kinematic.
+        wake: velocity at the wake probe, (3,).
+    """
+
+    forces: Array
+    pressures: Array
+    wake: Array
+
+
+class Instruments:
+    """Turns readings of one mesh into samples."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._weights = sensor_weights(mesh)
+
+    def sample(self, readings: Readings, *, t: float, action: float) -> Sample:
+        """A sample at time t with this jet flow rate in force.
+
+        Raises:
+            PlantError: if a reading is not finite, or there are not as many as the mesh has probes.
+        """
+        if readings.pressures.shape != (self._weights.shape[1],):
+            raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
+        cp = self._weights @ readings.pressures
+        truck, slots = 2.0 * readings.forces[0, 0], 2.0 * readings.forces[1:, 0].sum(axis=0)
+        upper, lower = cp[sensors.COUNT :]
+        if not np.isfinite([*cp, *truck, *slots, readings.wake[1]]).all():
+            raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
+        return Sample(
+            t=t,
+            Cp=cp[: sensors.COUNT],
+            Cd=float(truck[0]),
+            Cl=float(truck[1]),
+            Cd_slot=float(slots[0]),
+            Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * action**2,
+            jet_power=float(action * (upper - lower)),
+            Uy_probe=float(readings.wake[1]),
+            action=action,
+        )
+
+
+class Follower:
+    """The newest readings of a case while icoFoam writes them."""
+
+    def __init__(self, folder: Path, start: str = "0") -> None:
+        self._paths = {name: folder / "postProcessing" / name / start / file for name, file in _FILES.items()}
+        self._offsets = dict.fromkeys(_FILES, 0)
+
+    def read(self) -> Readings:
+        """The last line of every file.
+
+        Raises:
+            PlantError: if a file has no line that was not read before.
+        """
+        return _readings({name: self._last(name) for name in _FILES})
+
+    def _last(self, name: str) -> Array:
+        path = self._paths[name]
+        try:
+            with path.open("rb") as file:
+                file.seek(self._offsets[name])
+                content = file.read()
+        except OSError as error:
+            raise PlantError(f"{path}: icoFoam has written no measurements ({error.strerror})") from error
+        whole = content[: content.rfind(b"\n") + 1]
+        self._offsets[name] += len(whole)
+        lines = [line for line in whole.splitlines() if not line.startswith(b"#")]
+        if not lines:
+            raise PlantError(f"{path}: holds no new measurement")
+        return _numbers(lines[-1])
+
+
+def read_all(folder: Path) -> tuple[Array, list[Readings]]:
+    """Times and readings of a whole case, also of one that was continued: each start's lines replace the older ones
+    from there on.
+
+    Raises:
+        PlantError: if the case holds no measurements.
+    """
+    tables = {name: _series(folder / "postProcessing" / name, file) for name, file in _FILES.items()}
+    times = min((table[:, 0] for table in tables.values()), key=len)
+    tables = {name: table[np.searchsorted(table[:, 0], times - _SAME)] for name, table in tables.items()}
+    return times, [_readings({name: table[k] for name, table in tables.items()}) for k in range(len(times))]
+
+
+def _series(folder: Path, file: str) -> Array:
+    starts = sorted(folder.glob(f"*/{file}"), key=lambda path: float(path.parent.name))
+    if not starts:
+        raise PlantError(f"{folder}: icoFoam has written no measurements")
+    rows: list[Array] = []
+    for path in starts:
+        start = float(path.parent.name)
+        rows = [row for row in rows if row[0] <= start + _SAME]
+        content = path.read_bytes()
+        lines = content[: content.rfind(b"\n") + 1].splitlines()
+        rows += [_numbers(line) for line in lines if not line.startswith(b"#")]
+    return np.array(rows)
+
+
+def _numbers(line: bytes) -> Array:
+    return np.array(line.translate(None, b"()").split(), dtype=np.float64)
+
+
+def _readings(rows: dict[str, Array]) -> Readings:
+    forces = [rows[name][1:].reshape(3, 3) for name in (FORCES["truck"], *(FORCES[jet] for jet in JETS))]
+    return Readings(forces=np.array(forces), pressures=rows[PRESSURES][1:], wake=rows[WAKE][1:])

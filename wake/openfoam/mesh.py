@@ -1,0 +1,224 @@
+"""A body-fitted mesh of the truck, one cell thick: the grid lines follow the rounded leading edges exactly.
+
+Two structured blocks share their edges. A C-shaped one runs from the outlet along the lower side, around the front and
+back along the upper side; its lines leave the wall along the normal, and fan out from the rounded edges to the
+domain's corners. A tensor one fills the wake between its ends. Both are symmetric in y.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from contract.errors import ConfigError
+from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from wake.grid import graded_faces
+
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
+"""Patches of the plane mesh; OpenFOAM's two empty planes come on top."""
+
+# Wanted spacings (station, size), linear between them. Along the front (y), the sides (x) and the wake (x); away from
+# the wall; across the wake (y).
+_FRONT: Final = ((0.0, 0.03), (0.25, 0.02), (0.382, 0.0155))
+_ARC: Final = 0.0155
+_SIDE: Final = (
+    (0.118, 0.0155), (0.6, 0.036), (1.5, 0.07), (3.0, 0.11), (4.5, 0.12), (6.0, 0.1), (7.3, 0.034), (7.647, 0.016),
+)  # fmt: skip
+_WAKE: Final = ((7.647, 0.016), (7.75, 0.018), (8.3, 0.045), (9.5, 0.08), (12.0, 0.1), (23.0, 0.22))
+_NORMAL: Final = ((0.0, 0.0125), (0.04, 0.0125), (0.5, 0.04), (1.0, 0.08), (2.5, 0.3), (7.0, 0.9))
+_ACROSS: Final = ((0.0, 0.036), (0.25, 0.032), (0.43, 0.0125), (0.5, 0.0125))
+
+# Distance from the wall up to which the lines leave it along circles around the rounded edge.
+_ROUND_UP_TO: Final = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mesh:
+    """Quadrilaterals in the plane.
+
+    Attributes:
+        points: vertices, (n, 2).
+        cells: vertex indices of each cell counter-clockwise, (m, 4).
+        edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
+        owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
+        patches: edges of each patch, (k, 2), with the flow on their left, ordered by the cell they belong to.
+        patch_cells: those cells, (k,).
+    """
+
+    points: Array
+    cells: Index
+    edges: Index
+    owner: Index
+    neighbour: Index
+    patches: dict[str, Index]
+    patch_cells: dict[str, Index]
+
+    @property
+    def centres(self) -> Array:
+        """Centroids of the cells, (m, 2)."""
+        x, y, cross = self._corners()
+        area = cross.sum(axis=1)
+        along = lambda v: ((v + np.roll(v, -1, axis=1)) * cross).sum(axis=1) / (3.0 * area)  # noqa: E731
+        return np.column_stack([along(x), along(y)])
+
+    @property
+    def areas(self) -> Array:
+        """Signed areas of the cells, (m,)."""
+        return 0.5 * np.asarray(self._corners()[2].sum(axis=1))
+
+    def patch_centres(self, name: str) -> Array:
+        """Midpoints of a patch's edges, (k, 2)."""
+        return np.asarray(self.points[self.patches[name]].mean(axis=1))
+
+    def _corners(self) -> tuple[Array, Array, Array]:
+        x, y = np.moveaxis(self.points[self.cells], 2, 0)
+        return x, y, x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
+
+
+def truck_mesh(refinement: float = 1.0) -> Mesh:
+    """The mesh; every spacing is divided by `refinement`.
+
+    Raises:
+        ConfigError: if the mesh would be too coarse to give each slot two cells.
+    """
+    slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
+    if slot_cells < 2:
+        raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")
+    wake_x = graded_faces(_WAKE, LENGTH, DOMAIN_X[1], refinement)
+    around, body = _around(refinement, wake_x)
+    across = _across(refinement)
+
+    # The block around the body first, then the points of the wake's block that it does not have: all but its edges.
+    columns, rows = around.shape[:2]
+    ring = np.arange(columns * rows).reshape(columns, rows)
+    inner = np.arange(len(wake_x) * (len(across) - 2)).reshape(len(wake_x), -1) + ring.size
+    tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
+    core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
+    points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
+    # Seen along the outline from the lower outlet to the upper one, the flow lies to the left.
+    cells = np.vstack([_quads(ring), _quads(tail)])
+    cells = cells[_renumbering(cells, len(points))]
+
+    base = tail[0]
+    patches = {
+        "inlet": [],
+        "outlet": [ring[0], ring[-1], tail[-1]],
+        "sides": [],
+        "truck": [ring[body, 0], base[slot_cells : len(base) - slot_cells]],
+        "jetUpper": [base[-1 - slot_cells :]],
+        "jetLower": [base[: slot_cells + 1]],
+    }
+    outer = ring[:, -1]
+    at_inlet = np.flatnonzero(np.abs(points[outer, 0] - DOMAIN_X[0]) < 1e-9)
+    patches["inlet"].append(outer[at_inlet[0] : at_inlet[-1] + 1])
+    patches["sides"] += [outer[: at_inlet[0] + 1], outer[at_inlet[-1] :]]
+    return _connect(points, cells, patches)
+
+
+def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
+    """Points of the block around the body, (along, away, 2), and the columns that stand on its front and sides."""
+    flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
+    front = graded_faces(_FRONT, 0.0, flat, refinement)
+    # An even number of cells: the middle line ends in the domain's corner.
+    arc = np.linspace(np.pi, 0.5 * np.pi, 2 * max(2, round(0.25 * np.pi * r * refinement / _ARC)) + 1)
+    side = graded_faces(_SIDE, r, LENGTH, refinement)
+    away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
+    far = away[-1] + r
+
+    # On the fan a line is longer than the distance between wall and boundary by this much; the square, from the wall's
+    # neighbourhood on, hands it out smoothly.
+    extra = far * (1.0 / np.maximum(-np.cos(arc), np.sin(arc)) - 1.0)
+    share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
+    radius = r + away[None, :] + extra[:, None] * share[None, :]
+    upper = [
+        _grid(-away[None, :], front[:, None]),
+        _grid(r + radius * np.cos(arc)[:, None], flat + radius * np.sin(arc)[:, None])[1:],
+        _grid(side[:, None], HALF_WIDTH + away[None, :])[1:],
+        _grid(wake_x[:, None], HALF_WIDTH + away[None, :])[1:],
+    ]
+    half = np.concatenate(upper)
+    # The ends of the fan lie on the straight lines to the last bit.
+    half[len(front) - 1] = _grid(-away, flat)
+    half[len(front) + len(arc) - 2] = _grid(r, HALF_WIDTH + away)
+    whole = np.concatenate([half[:0:-1] * (1.0, -1.0), half])
+    return whole, slice(len(wake_x) - 1, len(whole) - len(wake_x) + 1)
+
+
+def _across(refinement: float) -> Array:
+    """Faces across the wake from the lower edge of the base to the upper one."""
+    slot = HALF_WIDTH - JET_WIDTH
+    middle, edge = (
+        graded_faces(_ACROSS, *span, refinement=refinement) for span in ((0.0, slot), (slot, HALF_WIDTH))
+    )
+    half = np.concatenate([middle, edge[1:]])
+    return np.concatenate([-half[:0:-1], half])
+
+
+def _grid(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
+    return np.stack(np.broadcast_arrays(x, y), axis=-1).astype(np.float64)
+
+
+def _quads(block: Index) -> Index:
+    """Cells of a structured block of vertices (i, j), counter-clockwise if j runs to the left of i."""
+    corners = (block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:])
+    return np.stack([corner.ravel() for corner in corners], axis=1)
+
+
+def _sides(cells: Index) -> tuple[Index, Index]:
+    """Every cell's four edges as vertex pairs with the cell on their left, (4 m, 2), and the cell, (4 m,)."""
+    pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
+    return pairs, np.repeat(np.arange(len(cells)), 4)
+
+
+def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
+    """Edges, their cells, and for each the position of the same edge seen from the other side (-1 if there is none)."""
+    pairs, cell = _sides(cells)
+    code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
+    order = np.argsort(code)
+    found = np.minimum(np.searchsorted(code, reverse, sorter=order), len(code) - 1)
+    other = np.where(code[order[found]] == reverse, order[found], -1)
+    return pairs, cell, other, code
+
+
+def _renumbering(cells: Index, n: int) -> Index:
+    """An order in which neighbours stand close together, for OpenFOAM's smoothers and caches."""
+    _, cell, other, _ = _match(cells, n)
+    inside = other >= 0
+    a, b = cell[inside], cell[other[inside]]
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells))).tocsr()
+    return np.asarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int64)
+
+
+def _connect(points: Array, cells: Index, lines: dict[str, list[Index]]) -> Mesh:
+    """Find the internal edges and give every boundary edge to the patch whose vertex line holds it."""
+    n = len(points)
+    pairs, cell, other, code = _match(cells, n)
+    mine = np.flatnonzero((other >= 0) & (cell < cell[other]))
+    owner, neighbour = cell[mine], cell[other[mine]]
+    order = np.lexsort((neighbour, owner))
+    outside = np.flatnonzero(other < 0)
+    patches, patch_cells, taken = {}, {}, 0
+    for name in PATCHES:
+        # A vertex line may run either way.
+        ends = np.vstack([np.column_stack([line[:-1], line[1:]]) for line in lines[name]])
+        codes = np.concatenate([ends @ np.array([n, 1]), ends @ np.array([1, n])])
+        found = outside[np.isin(code[outside], codes)]
+        found = found[np.argsort(cell[found], kind="stable")]
+        patches[name], patch_cells[name] = pairs[found], cell[found]
+        taken += len(found)
+    assert taken == len(outside), "every boundary edge belongs to one patch"
+    return Mesh(
+        points=points,
+        cells=cells,
+        edges=pairs[mine][order],
+        owner=owner[order],
+        neighbour=neighbour[order],
+        patches=patches,
+        patch_cells=patch_cells,
+    )

@@ -1,0 +1,214 @@
+"""The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
+
+It is used like `wake.truck_wake.TruckWake`, with two differences. A run has a longest duration, because icoFoam wants
+to know its instants in advance; and a state can only be taken at the end of a control period, where icoFoam writes its
+fields.
+"""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.config import FlowConfig, OpenFoamConfig
+from contract.errors import PlantError
+from wake.grid import Grid, truck_grid
+from wake.openfoam import case, fields, jets
+from wake.openfoam.coupling import PATIENCE_S, JetPipes
+from wake.openfoam.develop import developed
+from wake.openfoam.measurements import Follower, Instruments, Readings
+from wake.openfoam.mesh import truck_mesh
+from wake.openfoam.process import PROGRAM, IcoFoam
+from wake.openfoam.start import between, from_own_solver
+from wake.openfoam.state import FoamState, put, read_fields
+from wake.truck_wake import Sample, developed_state
+
+Array = npt.NDArray[np.float64]
+
+_COUPLED: Final = "coupled"
+
+
+class OpenFoamWake:
+    """The flow around the truck. Use it in a `with`, or `close` it: icoFoam is a child process.
+
+    Args:
+        folder: where the developed start is kept and the case runs; made if need be.
+        config: Reynolds number, control period, time steps a period and action bound.
+        foam: mesh and development.
+        duration: longest time that can be run after a `reset`, t_c.
+        progress: called with (time, total) while the start develops, which takes minutes the first time.
+        patience_s: longest wait for one time step.
+
+    Raises:
+        PlantError: if icoFoam is not installed or fails.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        config: FlowConfig | None = None,
+        foam: OpenFoamConfig | None = None,
+        *,
+        duration: float = 200.0,
+        progress: Callable[[float, float], None] = lambda t, total: None,
+        patience_s: float = PATIENCE_S,
+    ) -> None:
+        self.config = FlowConfig() if config is None else config
+        foam = OpenFoamConfig() if foam is None else foam
+        self.mesh = truck_mesh(foam.refinement)
+        self.grid: Grid = truck_grid()
+        """Where `vorticity` is given: the own solver's grid, so that pictures compare."""
+        self._case = folder / _COUPLED
+        self._steps = round(duration / self.config.control_period) * self.config.substeps
+        self._patience_s = patience_s
+        self._instruments = Instruments(self.mesh)
+        self._child: IcoFoam | None = None
+        self._pipes: JetPipes | None = None
+        state = developed(
+            folder, self.mesh, lambda: from_own_solver(developed_state(), self.mesh), self.config, foam, progress
+        )
+        self.reset(state)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        self.close()
+        if kind is None:
+            # What failed stays to be looked at.
+            shutil.rmtree(self._case, ignore_errors=True)
+
+    @property
+    def dt(self) -> float:
+        """Time step in t_c."""
+        return self.config.control_period / self.config.substeps
+
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+        return self._substep * self.dt
+
+    @property
+    def substeps_into_period(self) -> int:
+        return self._substep % self.config.substeps
+
+    def reset(self, state: FoamState) -> Sample:
+        """Start icoFoam anew from a state.
+
+        Raises:
+            PlantError: if it belongs to another mesh, is not finite, or icoFoam does not start.
+        """
+        velocity = state.velocity
+        if len(velocity) != len(self.mesh.cells):
+            raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
+        if not (np.isfinite(velocity).all() and np.isfinite(state.pressure).all()):
+            raise PlantError("flow state holds values that are not finite")
+        self.close()
+        shutil.rmtree(self._case, ignore_errors=True)
+        case.write_mesh(self._case, self.mesh)
+        put(state, self._case)
+        every = self.config.substeps
+        # One step more than is ever taken, so that icoFoam waits for it when the last one has been measured.
+        clock = case.Clock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
+        case.write_settings(self._case, self.mesh, self.config, clock)
+        jets.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
+        self._follower = Follower(self._case)
+        self._child = IcoFoam(self._case)
+        self._pipes = JetPipes(self._case, self.mesh, self._child, self._patience_s)
+        self._first = self._substep = state.substep
+        self._state, self._action = state, state.action
+        self._readings: Readings = state.readings
+        self._pipes.wait()
+        return self.sample()
+
+    def state(self) -> FoamState:
+        """What to `reset` to later.
+
+        Raises:
+            PlantError: in the middle of a control period.
+        """
+        if self._substep == self._first:
+            return self._state
+        return FoamState(
+            files=read_fields(self._latest()),
+            dt=self.dt,
+            readings=self._readings,
+            action=self._action,
+            substep=self._substep,
+        )
+
+    def advance(self, action: float) -> Sample:
+        """Ramp to `action` over the rest of the control period and return the next sample.
+
+        Raises:
+            PlantError: for an action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails,
+                or at the end of the longest duration.
+        """
+        return self.advance_to(self.config.substeps, action)
+
+    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+        """Advance within the current period until `substep` (1 .. substeps).
+
+        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
+        """
+        into, last = self.substeps_into_period, self.config.substeps
+        if not into < substep <= last:
+            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
+        if self._pipes is None:
+            raise PlantError("the openfoam plant is closed")
+        if self._substep - self._first + substep - into > self._steps:
+            raise PlantError(f"cannot run past {self._steps * self.dt:g} t_c: give a longer duration")
+        start, target = self._action, self._action if action is None else self._checked(action)
+        for step in range(into + 1, substep + 1):
+            self._pipes.send(start + (target - start) * (step - into) / (last - into))
+        self._pipes.wait()
+        self._readings = self._follower.read()
+        self._substep += substep - into
+        self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
+        return self.sample()
+
+    def sample(self) -> Sample:
+        """Measure now."""
+        return self._instruments.sample(self._readings, t=self.t, action=self._action)
+
+    def vorticity(self) -> Array:
+        """dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity`; at the end of a control period only."""
+        grid, mesh = self.grid, self.mesh
+        velocity = self.state().velocity
+        x, y = np.meshgrid(grid.xc, grid.yc, indexing="ij")
+        u, v = np.moveaxis(between(mesh, velocity, np.column_stack([x.ravel(), y.ravel()])).reshape(*x.shape, 2), 2, 0)
+        inside = np.zeros(x.shape, dtype=bool)
+        inside[grid.front : grid.rear, grid.lower : grid.upper] = True
+        u[inside] = v[inside] = 0.0
+        dvdx = np.diff(0.5 * (v[:, 1:] + v[:, :-1]), axis=0) / grid.dxc[1:-1, None]
+        dudy = np.diff(0.5 * (u[1:] + u[:-1]), axis=1) / grid.dyc[None, 1:-1]
+        return np.asarray(dvdx - dudy)
+
+    def close(self) -> None:
+        """End icoFoam."""
+        for part in (self._child, self._pipes):
+            if isinstance(part, IcoFoam):
+                part.stop()
+            elif part is not None:
+                part.close()
+        self._child = self._pipes = None
+
+    def _latest(self) -> Path:
+        latest, at = fields.latest(self._case), (self._substep - self._first) * self.dt
+        if latest is None or abs(float(latest.name) - at) > 0.5 * self.dt:
+            raise PlantError("fields of the openfoam plant are only there at the end of a control period")
+        return latest
+
+    def _checked(self, action: float) -> float:
+        limit = self.config.action_limit
+        if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
+            raise PlantError(f"action {action}: must be finite and within +-{limit}")
+        return float(action)
+
+
+def describe(wake: OpenFoamWake) -> str:
+    """The plant in a few words, for reports."""
+    return f"OpenFOAM {PROGRAM}, {len(wake.mesh.cells)} cells, dt {wake.dt:.4g}"

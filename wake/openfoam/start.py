@@ -1,0 +1,39 @@
+"""Start fields: a developed wake interpolated from the project's own solver, or from another mesh."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator, RegularGridInterpolator
+
+from wake.grid import truck_grid
+from wake.openfoam.mesh import Mesh
+from wake.solver import Flow
+from wake.truck_wake import State
+
+Array = npt.NDArray[np.float64]
+
+
+def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
+    """Velocity (m, 2) and kinematic pressure (m,) in the mesh's cells, from a state on the grid of refinement 1.
+
+    Linear. Cells between the outermost points and the boundary are extrapolated; the first time step removes what
+    divergence interpolation has left.
+    """
+    grid = truck_grid()
+    flow = Flow.of(state.flat, grid.shape)
+    at = mesh.centres
+
+    def read(x: Array, y: Array, values: Array) -> Array:
+        look_up = RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=None)
+        return np.asarray(look_up(at))
+
+    u = read(grid.xf, grid.yc, flow.u[:-1, 1:-1])
+    v = read(grid.xc, grid.yf, flow.v[1:-1])
+    p = read(grid.xc, grid.yc, flow.p[:-1])
+    return np.column_stack([u, v]), p
+
+
+def between(source: Mesh, values: Array, points: Array) -> Array:
+    """Cell values (m, ...) of one mesh at other points (n, 2): linear, and the nearest cell's beyond the outermost."""
+    inside = np.asarray(LinearNDInterpolator(source.centres, values)(points))
+    nearest = np.asarray(NearestNDInterpolator(source.centres, values)(points))
+    return np.where(np.isfinite(inside), inside, nearest)

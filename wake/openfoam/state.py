@@ -1,0 +1,125 @@
+"""Where an icoFoam run can continue: its own field files, what was measured then, and the jets."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.atomic import replacing
+from contract.errors import PlantError
+from wake.openfoam import dictionary, fields
+from wake.openfoam.measurements import Readings, read_all
+
+Array = npt.NDArray[np.float64]
+
+STATE_SCHEMA: Final = "stillwake-openfoam/1"
+
+# Velocity and pressure, the flux through every face, and the older level that the time scheme needs.
+_FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoamState:
+    """Everything that decides the future of a case.
+
+    Attributes:
+        files: contents of its field files by name.
+        dt: time step that led to it; the time scheme weighs the older level with it.
+        readings: what was measured at that instant.
+        action: jet flow rate in force.
+        substep: time steps since t = 0.
+    """
+
+    files: Mapping[str, bytes]
+    dt: float
+    readings: Readings
+    action: float
+    substep: int
+
+    @property
+    def velocity(self) -> Array:
+        """In the mesh's cells, (m, 2)."""
+        return fields.parse_cells(self.files["U"], "U of a state")[:, :2]
+
+    @property
+    def pressure(self) -> Array:
+        """Kinematic, in the mesh's cells, (m,)."""
+        return fields.parse_cells(self.files["p"], "p of a state")
+
+
+def read_fields(folder: Path) -> dict[str, bytes]:
+    """The field files of one time of a case.
+
+    Raises:
+        PlantError: if one is missing.
+    """
+    try:
+        return {name: (folder / name).read_bytes() for name in _FIELDS}
+    except OSError as error:
+        raise PlantError(f"{folder}: no state of icoFoam ({error})") from error
+
+
+def put(state: FoamState, case: Path) -> None:
+    """Make a state the start of a case, t = 0."""
+    start = case / "0"
+    (start / "uniform").mkdir(parents=True, exist_ok=True)
+    for name, content in state.files.items():
+        (start / name).write_bytes(content)
+    (start / "uniform" / "time").write_text(dictionary.dictionary("time", {"deltaT0": state.dt}), encoding="ascii")
+
+
+def written(folder: Path, dt: float) -> FoamState:
+    """The last state of a case without jets; its clock is set back to zero.
+
+    Raises:
+        PlantError: if the case holds no state of a later time than 0.
+    """
+    latest = fields.latest(folder)
+    if latest is None:
+        raise PlantError(f"{folder}: icoFoam has written no state")
+    times, readings = read_all(folder)
+    at = int(np.argmin(np.abs(times - float(latest.name))))
+    return FoamState(files=read_fields(latest), dt=dt, readings=readings[at], action=0.0, substep=0)
+
+
+def save(path: Path, state: FoamState, facts: str) -> None:
+    """Write a state and a line that says how it was made, whole or not at all."""
+    about = {"schema": STATE_SCHEMA, "facts": facts, "dt": state.dt, "action": state.action, "substep": state.substep}
+    readings = state.readings
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            about=json.dumps(about),
+            forces=readings.forces,
+            pressures=readings.pressures,
+            wake=readings.wake,
+            **{f"file_{name}": np.frombuffer(content, dtype=np.uint8) for name, content in state.files.items()},
+        )
+
+
+def load(path: Path) -> tuple[FoamState, str]:
+    """A saved state and how it was made.
+
+    Raises:
+        PlantError: if the file is missing, damaged or of another schema.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            about = json.loads(str(data["about"]))
+            if about["schema"] != STATE_SCHEMA:
+                raise PlantError(f"{path}: schema {about['schema']!r}, this version reads {STATE_SCHEMA!r}")
+            state = FoamState(
+                files={name: data[f"file_{name}"].tobytes() for name in _FIELDS},
+                dt=float(about["dt"]),
+                readings=Readings(forces=data["forces"], pressures=data["pressures"], wake=data["wake"]),
+                action=float(about["action"]),
+                substep=int(about["substep"]),
+            )
+            return state, str(about["facts"])
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+        raise PlantError(f"{path}: not a state of the openfoam plant ({error})") from error
