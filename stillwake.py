@@ -264,6 +264,7 @@ def run(
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+    plant: Annotated[str, typer.Option(help="stillwake (own solver) or openfoam (icoFoam; far slower).")] = "stillwake",
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
@@ -272,11 +273,14 @@ def run(
     from can_bridge.messages import Mode
     from contract.bundle import load
     from firmware_sim.closed_loop import SUMMARY, run_closed_loop, summary
+    from firmware_sim.plants import open_plant
     from firmware_sim.report import drag_rows, headline, service_rows, write_report
     from firmware_sim.run_log import Row
 
     config = load_config(config_file, overrides)
     release = load(SHIPPED_BUNDLE if bundle is None else bundle)
+    if plant not in ("stillwake", "openfoam"):
+        raise StillwakeError(f"--plant {plant}: must be stillwake or openfoam")
     console.print(f"bundle {release.manifest.name} {release.digest[:12]}: {', '.join(release.manifest.sensors)}")
     with _progress_bar("periods") as bar:
         task = bar.add_task("closed loop", total=None, note="")
@@ -288,8 +292,14 @@ def run(
             )
             bar.update(task, completed=done, total=total, note=note)
 
+        def show_start(t: float, total: float) -> None:
+            bar.update(task, completed=round(t, 1), total=total, note="t_c of the wake's development", refresh=True)
+
+        flow = open_plant(
+            "openfoam" if plant == "openfoam" else "stillwake", output, config, lead_in + controlled, show_start
+        )
         log = run_closed_loop(
-            output, release, config, lead_in=lead_in, controlled=controlled, settle=settle, progress=show
+            output, release, config, lead_in=lead_in, controlled=controlled, settle=settle, progress=show, plant=flow
         )
     page = write_report(output)
     if json_file is not None:

@@ -4,7 +4,7 @@ import json
 import math
 import platform
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -20,12 +20,12 @@ from contract.errors import BusError, StillwakeError
 from firmware_sim import run_log
 from firmware_sim.controller import OnnxController
 from firmware_sim.ecu import Ecu
+from firmware_sim.plants import LivePlant, open_plant
 from firmware_sim.run_log import Row, RunLog
 from firmware_sim.statistics import latency, reduction_percent, regimes
 from firmware_sim.vehicle import PressureNode
 from firmware_sim.virtual_loop import VirtualLoop, Wires
 from wake.pictures import vorticity_figure
-from wake.truck_wake import TruckWake, developed_state
 
 SERIES: Final = "series.npz"
 FRAMES: Final = "frames.log"
@@ -46,8 +46,9 @@ def run_closed_loop(
     controlled: float,
     settle: float,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
+    plant: AbstractContextManager[LivePlant] | None = None,
 ) -> RunLog:
-    """Run the shipped wake under the bundle's controller and keep the results in `output`.
+    """Run a wake under the bundle's controller and keep the results in `output`.
 
     Args:
         output: run folder, created if need be: series, captured frames, pictures, summary.
@@ -57,6 +58,7 @@ def run_closed_loop(
         controlled: t_c with control requested.
         settle: t_c after that which the controlled averages leave out.
         progress: called with (row, periods done, periods in all) after every period.
+        plant: the wake, opened here; the own solver from its shipped start without one.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
@@ -68,8 +70,6 @@ def run_closed_loop(
     controller = OnnxController(bundle)
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config)
-    wake = TruckWake(config.flow)
-    wake.reset(developed_state())
     rows: list[Row] = []
     highlight = bundle.manifest.sensors
     with ExitStack() as stack:
@@ -77,6 +77,7 @@ def run_closed_loop(
         part = {name: stack.enter_context(replacing(output / name)) for name in (SERIES, SUMMARY, BEFORE, AFTER)}
         capture = stack.enter_context(frame_log.recording(output / FRAMES))
         vehicle, ecu_bus, monitor = (stack.enter_context(PythonCanBus.open(config.bus)) for _ in range(3))
+        wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         node = PressureNode(bundle.manifest.sensors, config)
         wires = Wires(vehicle=vehicle, ecu=ecu_bus, monitor=monitor)
         loop = VirtualLoop(wake, node, ecu, wires, config, capture)
@@ -88,7 +89,7 @@ def run_closed_loop(
             progress(rows[-1], k + 1, total)
         picture = vorticity_figure(wake, highlight, title=f"under control, t = {wake.t:.1f} $t_c$")
         picture.savefig(part[AFTER], format="png")
-        log = RunLog.of(rows, before_periods, loop.totals(), _facts(bundle, config, settle, ecu))
+        log = RunLog.of(rows, before_periods, loop.totals(), _facts(bundle, config, settle, ecu, wake.description))
         run_log.save(part[SERIES], log)
         part[SUMMARY].write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
     return log
@@ -136,10 +137,11 @@ def summary(log: RunLog) -> dict[str, Any]:
     }
 
 
-def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu) -> dict[str, Any]:
+def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu, plant: str) -> dict[str, Any]:
     manifest = bundle.manifest
     return {
         "controller": f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
+        "plant": plant,
         "sensors": list(manifest.sensors),
         "mpc": asdict(manifest.mpc),
         "budget_ms": manifest.budget_ms,

@@ -1,6 +1,6 @@
 """Pictures of the flow."""
 
-from typing import Final
+from typing import Final, Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -10,10 +10,31 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from contract import sensors
+from contract.config import FlowConfig
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.truck_wake import TruckWake
+from wake.grid import Grid
+from wake.truck_wake import Sample
 
 Array = npt.NDArray[np.float64]
+
+
+class Pictured(Protocol):
+    """What a picture needs of a plant."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def config(self) -> FlowConfig: ...
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+
+    def sample(self) -> Sample:
+        """Measure now."""
+
+    def vorticity(self) -> Array:
+        """In the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
+
 
 VIEW: Final = (-1.5, 20.0, -3.0, 3.0)
 """Shown part of the domain: x and y limits in W."""
@@ -21,7 +42,7 @@ VIEW: Final = (-1.5, 20.0, -3.0, 3.0)
 _LEVEL: Final = 4.0  # vorticity at the ends of the colour scale, U_inf / W
 
 
-def vorticity_figure(wake: TruckWake, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
+def vorticity_figure(wake: Pictured, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
     """Vorticity around the truck, the jets as arrows, sensors as dots, the highlighted ones larger."""
     figure = Figure(figsize=(10.0, 3.1), dpi=110, layout="constrained")
     axes = figure.add_subplot()
@@ -47,7 +68,7 @@ def vorticity_figure(wake: TruckWake, highlight: tuple[str, ...] = (), title: st
     return figure
 
 
-def vorticity_image(wake: TruckWake) -> npt.NDArray[np.uint8]:
+def vorticity_image(wake: Pictured) -> npt.NDArray[np.uint8]:
     """The same as pixels, (height, width, 3)."""
     with mpl.rc_context({"font.size": 9}):
         canvas = FigureCanvasAgg(vorticity_figure(wake, title=f"t = {wake.t:.1f} $t_c$"))

@@ -120,6 +120,12 @@ class TruckWake:
         self._action = 0.0
 
     @property
+    def description(self) -> str:
+        """Solver, grid and time step in a few words."""
+        nx, ny = self.grid.shape
+        return f"stillwake, {nx} x {ny} cells, dt 1/{1.0 / self.dt:g}"
+
+    @property
     def dt(self) -> float:
         """Time step in t_c."""
         return self.config.control_period / self.config.substeps

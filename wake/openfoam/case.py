@@ -44,15 +44,15 @@ def write_mesh(folder: Path, mesh: Mesh) -> None:
 def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
     """Write the fields at t = 0, one row a cell: velocity (m, 2) and kinematic pressure (m,)."""
     (folder / "0").mkdir(exist_ok=True)
-    speeds = {
+    speeds: dict[str, dict[str, Any]] = {
         "inlet": {"type": "fixedValue", "value": "uniform (1 0 0)"},
         "outlet": {"type": "zeroGradient"},
         "sides": {"type": "slip"},
         "truck": {"type": "noSlip"},
-        **dict.fromkeys(JETS, jets.BOUNDARY),
+        **{jet: jets.BOUNDARY for jet in JETS},
         poly_mesh.PLANES: {"type": "empty"},
     }
-    pressures: dict[str, Any] = {name: {"type": "zeroGradient"} for name in PATCHES}
+    pressures: dict[str, dict[str, Any]] = {name: {"type": "zeroGradient"} for name in PATCHES}
     pressures |= {"outlet": {"type": "fixedValue", "value": "uniform 0"}, poly_mesh.PLANES: {"type": "empty"}}
     _write_field(folder, "U", "volVectorField", "[0 1 -1 0 0 0 0]", dictionary.vectors(velocity), speeds)
     _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", dictionary.scalars(pressure), pressures)

@@ -1,9 +1,10 @@
 """Step-by-step coupling of icoFoam's jets through named pipes, without compiling anything.
 
 The jets' boundary condition (`wake.openfoam.jets`) opens the file of its next instant in the first time step after the
-last one. Here every time step's end is such an instant, and its file is a named pipe, one a jet. So icoFoam stops at the start of each time step, when everything about the last one
-has been measured and written, until it is told the jets' velocity at the step's end. A ramp can then start at any time
-step of a control period, as on the project's own plant.
+last one. Here every time step's end is such an instant, and its file is a named pipe, one a jet. So icoFoam stops at
+the start of each time step, when everything about the last one has been measured and written, until it is told the
+jets' velocity at the step's end. A ramp can then start at any time step of a control period, as on the project's own
+plant.
 """
 
 import errno
@@ -21,7 +22,7 @@ from wake.openfoam.process import IcoFoam
 PATIENCE_S: Final = 120.0
 """Longest wait for one time step; one takes well under a second on a free core."""
 
-_POLL_S: Final = (2e-4, 2e-3)
+_POLL_S: Final = (2e-4, 5e-3)
 
 
 class JetPipes:
@@ -97,4 +98,3 @@ class JetPipes:
                 raise self._child.failure(f"has not finished a time step in {self._patience_s:g} s")
             time.sleep(pause)
             pause = min(2.0 * pause, _POLL_S[1])
-

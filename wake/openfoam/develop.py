@@ -1,5 +1,6 @@
 """The wake without jets, run by icoFoam on its own and kept for coupled runs."""
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +11,11 @@ import numpy.typing as npt
 
 from contract.config import FlowConfig, OpenFoamConfig
 from wake.openfoam import case, fields, jets
-from wake.openfoam.mesh import Mesh
-from wake.openfoam.process import LOG, IcoFoam
+from wake.openfoam.mesh import Mesh, truck_mesh
+from wake.openfoam.process import LOG, IcoFoam, require_installed
+from wake.openfoam.start import from_own_solver
 from wake.openfoam.state import FoamState, load, save, written
+from wake.truck_wake import developed_state
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]
@@ -71,28 +74,36 @@ def settle(
 
 
 def developed(
-    folder: Path,
-    mesh: Mesh,
-    start: Callable[[], tuple[Array, Array]],
-    config: FlowConfig,
-    foam: OpenFoamConfig,
-    progress: Progress = lambda t, total: None,
+    folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: Progress = lambda t, total: None
 ) -> FoamState:
-    """The settled wake, from `folder/developed.npz` if it is there and was made with these settings."""
-    path = folder / "developed.npz"
-    facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c of {foam.develop_substeps}"
+    """The settled wake: `folder/developed.npz` if that was made with these settings, else made and kept there.
+
+    Starts from the own solver's developed wake. Takes minutes; a later call continues where this one was interrupted.
+
+    Raises:
+        PlantError: if icoFoam is missing or fails, or the kept file is damaged.
+    """
+    require_installed()
+    mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
+    facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
     if path.is_file():
         kept, made_with = load(path)
         if made_with == facts:
             return kept
-    # A name of its own for every setting: a case must not be continued with another one's fields.
-    work = folder / f"developing, {facts}".replace(", ", "_").replace(" ", "-")
+    # Named after its settings: a case must not be continued with others.
+    work = folder / re.sub(r"[^\w.]+", "-", f"developing {facts}")
     settle(
-        work, mesh, start, config, substeps=foam.develop_substeps, until=foam.develop_time, progress=progress
+        work,
+        mesh,
+        lambda: from_own_solver(developed_state(), mesh),
+        config,
+        substeps=foam.develop_substeps,
+        until=foam.develop_time,
+        progress=progress,
     )
     state = written(work, dt=config.control_period / foam.develop_substeps)
     save(path, state, facts)
-    shutil.rmtree(work, ignore_errors=True)
+    shutil.rmtree(work)
     return state
 
 

@@ -7,7 +7,7 @@ end, and its files are named pipes.
 
 import os
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 JETS: Final = ("jetUpper", "jetLower")
 
-BOUNDARY: Final = {
+BOUNDARY: Final[dict[str, Any]] = {
     "type": "timeVaryingMappedFixedValue",
     "offset": (0, 0, 0),
     "setAverage": False,

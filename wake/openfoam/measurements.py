@@ -56,16 +56,17 @@ class Instruments:
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
         cp = self._weights @ readings.pressures
-        truck, slots = 2.0 * readings.forces[0, 0], 2.0 * readings.forces[1:, 0].sum(axis=0)
+        truck, slots = 2.0 * readings.forces[0, 0], 2.0 * readings.forces[1:].sum(axis=0)
         upper, lower = cp[sensors.COUNT :]
-        if not np.isfinite([*cp, *truck, *slots, readings.wake[1]]).all():
+        if not np.isfinite([*cp, *truck, *slots.ravel(), readings.wake[1]]).all():
             raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
         return Sample(
             t=t,
             Cp=cp[: sensors.COUNT],
             Cd=float(truck[0]),
             Cl=float(truck[1]),
-            Cd_slot=float(slots[0]),
+            Cd_slot_pressure=float(slots[1, 0]),
+            Cd_slot_viscous=float(slots[2, 0]),
             Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * action**2,
             jet_power=float(action * (upper - lower)),
             Uy_probe=float(readings.wake[1]),

@@ -63,9 +63,8 @@ class Mesh:
     def centres(self) -> Array:
         """Centroids of the cells, (m, 2)."""
         x, y, cross = self._corners()
-        area = cross.sum(axis=1)
-        along = lambda v: ((v + np.roll(v, -1, axis=1)) * cross).sum(axis=1) / (3.0 * area)  # noqa: E731
-        return np.column_stack([along(x), along(y)])
+        moments = [((v + np.roll(v, -1, axis=1)) * cross).sum(axis=1) for v in (x, y)]
+        return np.asarray(np.column_stack(moments) / (3.0 * cross.sum(axis=1))[:, None])
 
     @property
     def areas(self) -> Array:
@@ -153,9 +152,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
 def _across(refinement: float) -> Array:
     """Faces across the wake from the lower edge of the base to the upper one."""
     slot = HALF_WIDTH - JET_WIDTH
-    middle, edge = (
-        graded_faces(_ACROSS, *span, refinement=refinement) for span in ((0.0, slot), (slot, HALF_WIDTH))
-    )
+    middle, edge = (graded_faces(_ACROSS, *span, refinement=refinement) for span in ((0.0, slot), (slot, HALF_WIDTH)))
     half = np.concatenate([middle, edge[1:]])
     return np.concatenate([-half[:0:-1], half])
 

@@ -6,70 +6,63 @@ fields.
 """
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import FlowConfig, OpenFoamConfig
+from contract.config import FlowConfig
 from contract.errors import PlantError
 from wake.grid import Grid, truck_grid
 from wake.openfoam import case, fields, jets
 from wake.openfoam.coupling import PATIENCE_S, JetPipes
-from wake.openfoam.develop import developed
 from wake.openfoam.measurements import Follower, Instruments, Readings
 from wake.openfoam.mesh import truck_mesh
-from wake.openfoam.process import PROGRAM, IcoFoam
-from wake.openfoam.start import between, from_own_solver
+from wake.openfoam.process import IcoFoam, require_installed
+from wake.openfoam.start import between
 from wake.openfoam.state import FoamState, put, read_fields
-from wake.truck_wake import Sample, developed_state
+from wake.truck_wake import Sample
 
 Array = npt.NDArray[np.float64]
-
-_COUPLED: Final = "coupled"
 
 
 class OpenFoamWake:
     """The flow around the truck. Use it in a `with`, or `close` it: icoFoam is a child process.
 
     Args:
-        folder: where the developed start is kept and the case runs; made if need be.
+        folder: the case to make; an old one there is removed.
+        state: where to start.
         config: Reynolds number, control period, time steps a period and action bound.
-        foam: mesh and development.
+        refinement: divides every spacing of the mesh; the state's.
         duration: longest time that can be run after a `reset`, t_c.
-        progress: called with (time, total) while the start develops, which takes minutes the first time.
         patience_s: longest wait for one time step.
 
     Raises:
-        PlantError: if icoFoam is not installed or fails.
+        PlantError: if icoFoam is not installed, does not take the state, or fails.
     """
 
     def __init__(
         self,
         folder: Path,
+        state: FoamState,
         config: FlowConfig | None = None,
-        foam: OpenFoamConfig | None = None,
+        refinement: float = 1.0,
         *,
         duration: float = 200.0,
-        progress: Callable[[float, float], None] = lambda t, total: None,
         patience_s: float = PATIENCE_S,
     ) -> None:
+        require_installed()
         self.config = FlowConfig() if config is None else config
-        foam = OpenFoamConfig() if foam is None else foam
-        self.mesh = truck_mesh(foam.refinement)
+        self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
         """Where `vorticity` is given: the own solver's grid, so that pictures compare."""
-        self._case = folder / _COUPLED
+        self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
         self._patience_s = patience_s
         self._instruments = Instruments(self.mesh)
         self._child: IcoFoam | None = None
         self._pipes: JetPipes | None = None
-        state = developed(
-            folder, self.mesh, lambda: from_own_solver(developed_state(), self.mesh), self.config, foam, progress
-        )
         self.reset(state)
 
     def __enter__(self) -> Self:
@@ -78,8 +71,13 @@ class OpenFoamWake:
     def __exit__(self, kind: object, *_: object) -> None:
         self.close()
         if kind is None:
-            # What failed stays to be looked at.
+            # What failed stays, to be looked at.
             shutil.rmtree(self._case, ignore_errors=True)
+
+    @property
+    def description(self) -> str:
+        """Solver, mesh and time step in a few words."""
+        return f"OpenFOAM icoFoam, {len(self.mesh.cells)} cells, dt 1/{1.0 / self.dt:g}"
 
     @property
     def dt(self) -> float:
@@ -96,7 +94,8 @@ class OpenFoamWake:
         return self._substep % self.config.substeps
 
     def reset(self, state: FoamState) -> Sample:
-        """Start icoFoam anew from a state.
+        """Start icoFoam anew from a state. Its restart is close, not exact: a control period later forces are within a
+        fraction of a percent of a run that was not interrupted.
 
         Raises:
             PlantError: if it belongs to another mesh, is not finite, or icoFoam does not start.
@@ -207,8 +206,3 @@ class OpenFoamWake:
         if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
             raise PlantError(f"action {action}: must be finite and within +-{limit}")
         return float(action)
-
-
-def describe(wake: OpenFoamWake) -> str:
-    """The plant in a few words, for reports."""
-    return f"OpenFOAM {PROGRAM}, {len(wake.mesh.cells)} cells, dt {wake.dt:.4g}"

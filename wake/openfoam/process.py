@@ -16,13 +16,14 @@ PROGRAM: Final = "icoFoam"
 
 _SHARE: Final = "/usr/share/openfoam"  # where the Debian package keeps its settings
 _GRACE_S: Final = 5.0
-_TAIL: Final = 12  # lines of the log in an error
+_TAIL: Final = 6  # lines of the log in an error
 _PR_SET_PDEATHSIG: Final = 1
 
 
-def installed() -> bool:
-    """Whether icoFoam can be run here."""
-    return shutil.which(PROGRAM) is not None
+def require_installed(program: str = PROGRAM) -> None:
+    """Raise PlantError if icoFoam cannot be run here."""
+    if shutil.which(program) is None:
+        raise PlantError(f"the openfoam plant needs OpenFOAM's {program}: install the Debian package `openfoam`")
 
 
 class IcoFoam:
@@ -37,10 +38,7 @@ class IcoFoam:
     """
 
     def __init__(self, folder: Path, command: tuple[str, ...] = (PROGRAM,)) -> None:
-        if shutil.which(command[0]) is None:
-            raise PlantError(
-                f"the openfoam plant needs OpenFOAM's {command[0]}: install the Debian package `openfoam`"
-            )
+        require_installed(command[0])
         self.folder = folder
         environment = {"WM_PROJECT_DIR": _SHARE, **os.environ}
         with (folder / LOG).open("ab") as log:
@@ -67,10 +65,11 @@ class IcoFoam:
             raise self.failure(_ended(status))
 
     def failure(self, what: str) -> PlantError:
-        """An error that says what happened and shows the end of the log."""
-        text = (self.folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        tail = "\n".join(["", *text[-_TAIL:]]) if text else " (its log is empty)"
-        return PlantError(f"icoFoam {what} in {self.folder}; the end of {LOG}:{tail}")
+        """An error that says in one line what happened and how the log ends."""
+        path = self.folder / LOG
+        lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+        tail = " | ".join([line for line in lines if line][-_TAIL:]) or "(nothing)"
+        return PlantError(f"icoFoam {what}; {path} ends: {tail}")
 
     def stop(self) -> None:
         """End icoFoam, by force if it does not listen."""
@@ -102,4 +101,3 @@ def _ended(status: int) -> str:
 def _die_with_parent() -> None:
     """In the child: the kernel is to end it when its parent dies, however that happens."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-

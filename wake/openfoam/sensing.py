@@ -37,7 +37,7 @@ def sensor_weights(mesh: Mesh) -> Array:
     for sign in (1.0, -1.0):
         slot = on_base & (sign * at[:, 1] > HALF_WIDTH - JET_WIDTH)
         weight = np.zeros(len(at))
-        weight[slot] = slot_shares(np.count_nonzero(slot))[np.argsort(np.argsort(at[slot, 1]))]
+        weight[slot] = slot_shares(int(slot.sum()))[np.argsort(np.argsort(at[slot, 1]))]
         rows.append(weight)
     return 2.0 * np.array(rows)
 
@@ -50,7 +50,8 @@ def slot_shares(cells: int) -> Array:
 
 def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
     x, y = mesh.patch_centres(name).T
-    return (x > LEADING_EDGE_RADIUS) & ((np.abs(np.abs(y) - HALF_WIDTH) < 1e-9) | (np.abs(x - LENGTH) < 1e-9))
+    side, base = np.abs(np.abs(y) - HALF_WIDTH) < 1e-9, np.abs(x - LENGTH) < 1e-9
+    return np.asarray((x > LEADING_EDGE_RADIUS) & (side | base))
 
 
 def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:

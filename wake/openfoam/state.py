@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
@@ -91,15 +91,10 @@ def save(path: Path, state: FoamState, facts: str) -> None:
     """Write a state and a line that says how it was made, whole or not at all."""
     about = {"schema": STATE_SCHEMA, "facts": facts, "dt": state.dt, "action": state.action, "substep": state.substep}
     readings = state.readings
+    arrays: dict[str, Any] = {name: np.frombuffer(content, np.uint8) for name, content in state.files.items()}
+    arrays |= {"forces": readings.forces, "pressures": readings.pressures, "wake": readings.wake}
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            about=json.dumps(about),
-            forces=readings.forces,
-            pressures=readings.pressures,
-            wake=readings.wake,
-            **{f"file_{name}": np.frombuffer(content, dtype=np.uint8) for name, content in state.files.items()},
-        )
+        np.savez_compressed(file, about=json.dumps(about), **arrays)
 
 
 def load(path: Path) -> tuple[FoamState, str]:
@@ -114,7 +109,7 @@ def load(path: Path) -> tuple[FoamState, str]:
             if about["schema"] != STATE_SCHEMA:
                 raise PlantError(f"{path}: schema {about['schema']!r}, this version reads {STATE_SCHEMA!r}")
             state = FoamState(
-                files={name: data[f"file_{name}"].tobytes() for name in _FIELDS},
+                files={name: data[name].tobytes() for name in _FIELDS},
                 dt=float(about["dt"]),
                 readings=Readings(forces=data["forces"], pressures=data["pressures"], wake=data["wake"]),
                 action=float(about["action"]),

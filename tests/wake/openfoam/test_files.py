@@ -1,0 +1,147 @@
+"""What icoFoam writes, written here by hand: fields, measurements, states."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from contract.errors import PlantError
+from wake.openfoam import fields, state
+from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
+from wake.openfoam.sensing import pressure_points
+
+HEADER = b'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
+
+
+def _field(values: list[float], kind: str, count: int) -> bytes:
+    data = struct.pack(f"<{len(values)}d", *values)
+    return (
+        HEADER + f"internalField   nonuniform List<{kind}> \n{count}\n(".encode() + data + b")\n;\nboundaryField\n{}\n"
+    )
+
+
+def test_fields_are_read_as_written():
+    assert fields.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
+    assert fields.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (_field([1.0, 2.0], "scalar", 3)[:-24], "p: holds 1[0-9] of 24 bytes"),
+        (b"format ascii;\ninternalField   nonuniform List<scalar>\n1\n(1\n)", "must hold a binary list"),
+        (b"", "must hold a binary list"),
+    ],
+)
+def test_other_fields_are_refused(content, what):
+    with pytest.raises(PlantError, match=what):
+        fields.parse_cells(content, "p")
+
+
+def test_the_latest_time_is_the_largest_number_with_fields(tmp_path):
+    assert fields.latest(tmp_path) is None
+    for name in ("0", "5", "10", "9.5", "system", "20"):
+        (tmp_path / name).mkdir()
+    for name in ("0", "5", "10", "9.5"):
+        (tmp_path / name / "p").touch()
+    assert fields.latest(tmp_path) == tmp_path / "10"
+
+
+def _write_measurements(folder, start: str, times, *, probes: int, value=lambda t: t) -> None:
+    def put(name: str, file: str, line) -> None:
+        path = folder / "postProcessing" / name / start / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("# Time\n" + "".join(f"{t}  {line(value(t))}\n" for t in times))
+
+    for index, name in enumerate(("forcesTruck", "forcesJetUpper", "forcesJetLower"), start=1):
+        put(name, "force.dat", lambda v, k=index: f"({3 * v * k} {v} 0) ({2 * v * k} {v} 0) ({v * k} 0 0)")
+    put("wallPressures", "p", lambda v: " ".join([f"{v}"] * probes))
+    put("wakeProbe", "U", lambda v: f"(1 {v} 0)")
+
+
+def test_a_sample_is_made_of_forces_per_unit_of_half_rho_u_squared(coarse_mesh, tmp_path):
+    _write_measurements(tmp_path, "0", [0.2], probes=len(pressure_points(coarse_mesh)), value=lambda t: 0.1)
+    sample = Instruments(coarse_mesh).sample(Follower(tmp_path).read(), t=7.0, action=0.05)
+    assert (sample.t, sample.action, sample.Uy_probe) == (7.0, 0.05, 0.1)
+    assert (sample.Cd, sample.Cl) == pytest.approx((0.6, 0.2))
+    # Slots two and three in the hand-made files, each per unit of half.
+    assert (sample.Cd_slot_pressure, sample.Cd_slot_viscous) == pytest.approx((2.0, 1.0))
+    assert sample.Cp == pytest.approx(np.full(90, 0.2))
+    # The same pressure on both slots: what one jet does, the other undoes.
+    assert sample.jet_power == pytest.approx(0.0, abs=1e-15)
+    # Two slots of momentum flux 6/5 q^2 / width, per unit of half.
+    assert sample.Cd_momentum == pytest.approx(-2 * 2 * 1.2 * 0.05**2 / 0.05)
+
+
+def test_only_the_newest_whole_line_is_read(coarse_mesh, tmp_path):
+    probes = len(pressure_points(coarse_mesh))
+    _write_measurements(tmp_path, "0", [0.1, 0.2], probes=probes)
+    follower = Follower(tmp_path)
+    assert follower.read().wake[1] == 0.2
+    with pytest.raises(PlantError, match="no new measurement"):
+        follower.read()
+    _write_measurements(tmp_path, "0", [0.1, 0.2, 0.3], probes=probes)
+    with (tmp_path / "postProcessing/wakeProbe/0/U").open("a") as file:
+        file.write("0.4 (1 0")
+    assert follower.read().wake[1] == 0.3
+
+
+def test_a_continued_case_reads_as_one_series(tmp_path):
+    _write_measurements(tmp_path, "0", [1, 2, 3, 4, 5], probes=4)
+    # Continued from the state written at 3.
+    _write_measurements(tmp_path, "3", [4, 5, 6], probes=4, value=lambda t: 10 * t)
+    times, readings = read_all(tmp_path)
+    assert times.tolist() == [1, 2, 3, 4, 5, 6]
+    assert [item.wake[1] for item in readings] == [1, 2, 3, 40, 50, 60]
+    assert readings[-1].forces[0, 0].tolist() == [180, 60, 0]
+
+
+def test_missing_and_diverged_measurements_are_named(coarse_mesh, tmp_path):
+    with pytest.raises(PlantError, match="no measurements"):
+        Follower(tmp_path).read()
+    with pytest.raises(PlantError, match="no measurements"):
+        read_all(tmp_path)
+    _write_measurements(tmp_path, "0", [0.2], probes=len(pressure_points(coarse_mesh)), value=lambda t: float("nan"))
+    with pytest.raises(PlantError, match=r"diverged at t = 3\.00"):
+        Instruments(coarse_mesh).sample(Follower(tmp_path).read(), t=3.0, action=0.0)
+    _write_measurements(tmp_path, "0", [0.2], probes=5)
+    with pytest.raises(PlantError, match="5 pressures read"):
+        Instruments(coarse_mesh).sample(Follower(tmp_path).read(), t=3.0, action=0.0)
+
+
+@pytest.fixture
+def kept() -> state.FoamState:
+    rng = np.random.default_rng(1)
+    cells = {"U": _field([1.0, 2, 3], "vector", 1), "p": _field([4.0], "scalar", 1)}
+    return state.FoamState(
+        files={**cells, "phi": b"\x00\xff", "U_0": b"", "phi_0": b"1"},
+        dt=0.01,
+        readings=Readings(forces=rng.random((3, 3, 3)), pressures=rng.random(7), wake=rng.random(3)),
+        action=0.02,
+        substep=60,
+    )
+
+
+def test_a_state_survives_its_file(kept, tmp_path):
+    state.save(tmp_path / "state.npz", kept, "made so")
+    back, facts = state.load(tmp_path / "state.npz")
+    assert facts == "made so"
+    assert (back.files, back.dt, back.action, back.substep) == (kept.files, 0.01, 0.02, 60)
+    assert (back.velocity.tolist(), back.pressure.tolist()) == ([[1, 2]], [4])
+    for name in ("forces", "pressures", "wake"):
+        assert np.array_equal(getattr(back.readings, name), getattr(kept.readings, name))
+
+
+def test_damaged_and_foreign_states_are_refused(kept, tmp_path, monkeypatch):
+    path = tmp_path / "state.npz"
+    for content in (b"", b"PK\x03\x04 not a zip"):
+        path.write_bytes(content)
+        with pytest.raises(PlantError, match="not a state of the openfoam plant"):
+            state.load(path)
+    with pytest.raises(PlantError, match="not a state of the openfoam plant"):
+        state.load(tmp_path / "none.npz")
+    monkeypatch.setattr(state, "STATE_SCHEMA", "stillwake-openfoam/0")
+    state.save(path, kept, "")
+    monkeypatch.undo()
+    with pytest.raises(PlantError, match=r"stillwake-openfoam/0.*reads 'stillwake-openfoam/1'"):
+        state.load(path)

@@ -1,0 +1,159 @@
+"""The mesh against the analytic outline and domain, in the plane and as the files that OpenFOAM reads."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from contract.errors import ConfigError
+from contract.geometry import LENGTH
+from wake.openfoam import poly_mesh
+from wake.openfoam.mesh import Mesh, truck_mesh
+
+RADIUS = 0.118
+BODY = 7.647 - (2.0 - np.pi / 2.0) * RADIUS**2
+
+
+@pytest.fixture(scope="module", params=[0.5, 1.0, 1.37])
+def mesh(request) -> Mesh:
+    return truck_mesh(request.param)
+
+
+def _lengths(mesh: Mesh, name: str) -> np.ndarray:
+    return np.linalg.norm(np.diff(mesh.points[mesh.patches[name]], axis=1)[:, 0], axis=1)
+
+
+def _arc_cells(mesh: Mesh) -> int:
+    x, y = mesh.patch_centres("truck").T
+    return int(np.count_nonzero((x < RADIUS) & (np.abs(y) > 0.5 - RADIUS))) // 2
+
+
+def test_the_cells_fill_the_domain_around_the_body(mesh):
+    assert (mesh.areas > 0).all()
+    # The chords of the rounded corners lie in the body: each leaves a segment of the disc to the fluid.
+    angle = 0.5 * np.pi / _arc_cells(mesh)
+    segments = 2 * _arc_cells(mesh) * 0.5 * RADIUS**2 * (angle - np.sin(angle))
+    assert mesh.areas.sum() == pytest.approx(30.0 * 15.0 - BODY + segments, abs=1e-9)
+
+
+def test_patches_are_as_long_as_the_outline(mesh):
+    arc = 2 * _arc_cells(mesh) * 2.0 * RADIUS * np.sin(0.25 * np.pi / _arc_cells(mesh))
+    front, sides, base = 1.0 - 2 * RADIUS, 2 * (LENGTH - RADIUS), 0.9
+    wanted = {
+        "inlet": 15.0, "outlet": 15.0, "sides": 60.0,
+        "truck": front + arc + sides + base, "jetUpper": 0.05, "jetLower": 0.05,
+    }  # fmt: skip
+    assert {name: _lengths(mesh, name).sum() for name in mesh.patches} == pytest.approx(wanted, abs=1e-9)
+
+
+def test_wall_vertices_lie_on_the_outline(mesh):
+    x, y = mesh.points[np.unique(mesh.patches["truck"])].T
+    on_front, on_side, on_base = np.abs(x) < 1e-12, np.abs(np.abs(y) - 0.5) < 1e-12, np.abs(x - LENGTH) < 1e-12
+    on_arc = np.abs(np.hypot(x - RADIUS, np.abs(y) - (0.5 - RADIUS)) - RADIUS) < 1e-12
+    assert (on_front | on_side | on_base | (on_arc & (x < RADIUS))).all()
+
+
+def test_slots_are_the_outermost_parts_of_the_base(mesh):
+    for name, span in (("jetUpper", (0.45, 0.5)), ("jetLower", (-0.5, -0.45))):
+        points = mesh.points[mesh.patches[name]].reshape(-1, 2)
+        assert points[:, 0] == pytest.approx(LENGTH, abs=0)
+        assert (points[:, 1].min(), points[:, 1].max()) == pytest.approx(span, abs=1e-12)
+
+
+def test_spacings_at_refinement_1():
+    mesh = truck_mesh()
+    assert 33_000 < len(mesh.cells) < 37_000
+    assert len(mesh.patches["jetUpper"]) == 4
+    walls = mesh.patch_centres("truck"), mesh.centres[mesh.patch_cells["truck"]]
+    half_cell = np.linalg.norm(walls[1] - walls[0], axis=1)
+    on_base = np.abs(walls[0][:, 0] - LENGTH) < 1e-9
+    # A tenth of play for the whole number of cells; on the arc the chord's sagitta adds to it.
+    assert 2 * half_cell[~on_base] == pytest.approx(0.0125, rel=0.1)
+    assert 2 * half_cell[on_base] == pytest.approx(0.016, rel=0.1)
+
+
+def test_refinement_divides_the_spacings():
+    coarse, fine = truck_mesh(1.0), truck_mesh(2.0)
+    assert len(fine.cells) == pytest.approx(4 * len(coarse.cells), rel=0.02)
+    assert _lengths(fine, "truck").max() == pytest.approx(0.5 * _lengths(coarse, "truck").max(), rel=0.02)
+    with pytest.raises(ConfigError, match=r"refinement = 0\.3.*at least 2"):
+        truck_mesh(0.3)
+
+
+def test_the_mesh_is_symmetric(mesh):
+    distance, partner = KDTree(mesh.centres).query(mesh.centres * (1.0, -1.0))
+    assert distance.max() < 1e-12
+    assert len(np.unique(partner)) == len(mesh.cells)
+    assert mesh.areas[partner] == pytest.approx(mesh.areas, rel=1e-9)
+
+
+def _read_list(path: Path) -> list[str]:
+    body = path.read_text(encoding="ascii").split("}\n", 1)[1]
+    count, items = re.fullmatch(r"\s*(\d+)\n\(\n(.*)\n\)\n", body, re.DOTALL).groups()
+    lines = items.split("\n")
+    assert len(lines) == int(count)
+    return lines
+
+
+@pytest.fixture(scope="module")
+def written(coarse_mesh, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mesh")
+    poly_mesh.write(coarse_mesh, folder)
+    points = np.array([line.strip("()").split() for line in _read_list(folder / "points")], dtype=float)
+    faces = np.array([line[2:-1].split() for line in _read_list(folder / "faces")], dtype=int)
+    owner, neighbour = (np.array(_read_list(folder / name), dtype=int) for name in ("owner", "neighbour"))
+    return folder, points, faces, owner, neighbour
+
+
+def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coarse_mesh):
+    _, points, faces, owner, neighbour = written
+    corner = points[faces]
+    # Vector area of a flat quadrilateral: half the cross product of its diagonals.
+    area = 0.5 * np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1])
+    inside = len(neighbour)
+    closed = np.zeros((len(coarse_mesh.cells), 3))
+    volume = np.zeros(len(coarse_mesh.cells))
+    np.add.at(closed, owner, area)
+    np.add.at(closed, neighbour, -area[:inside])
+    # Gauss: the volume is a third of the flux of the position.
+    flux = (corner.mean(axis=1) * area).sum(axis=1) / 3.0
+    np.add.at(volume, owner, flux)
+    np.add.at(volume, neighbour, -flux[:inside])
+    assert np.abs(closed).max() < 1e-12
+    # The centre of a face as the mean of its corners is exact for parallelograms; on the fan's trapezia only the
+    # planes' share is inexact, and their z is the same everywhere.
+    assert volume == pytest.approx(coarse_mesh.areas, rel=1e-9)
+
+
+def test_faces_are_in_the_order_that_openfoam_wants(written):
+    _, _, faces, owner, neighbour = written
+    assert (owner[: len(neighbour)] < neighbour).all()
+    keys = list(zip(owner[: len(neighbour)], neighbour, strict=True))
+    assert keys == sorted(keys)
+    assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
+
+
+def test_patches_cover_the_boundary_faces_in_order(written):
+    folder, _, faces, _, neighbour = written
+    text = (folder / "boundary").read_text(encoding="ascii")
+    entries = re.findall(r"(\w+)\s*\{\s*type (\w+);\s*nFaces (\d+);\s*startFace (\d+);", text)
+    at = len(neighbour)
+    for name, kind, size, start in entries:
+        assert int(start) == at
+        assert kind == {"truck": "wall", "planes": "empty"}.get(name, "patch")
+        at += int(size)
+    assert at == len(faces)
+
+
+def test_grid_lines_cross_at_no_sharp_angle(mesh):
+    """Between the line that joins two cells and the normal of their face; sharp angles cost accuracy."""
+    along = mesh.centres[mesh.neighbour] - mesh.centres[mesh.owner]
+    edge = np.diff(mesh.points[mesh.edges], axis=1)[:, 0]
+    normal = np.column_stack([edge[:, 1], -edge[:, 0]])
+    cosine = (along * normal).sum(axis=1) / np.linalg.norm(along, axis=1) / np.linalg.norm(normal, axis=1)
+    # Far away, in the domain's corners, the fan's lines meet the boundary at 45 degrees.
+    assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 45.0
+    near = np.abs(mesh.centres[mesh.owner] - (4.0, 0.0)).max(axis=1) < 4.5
+    assert np.degrees(np.arccos(np.minimum(cosine[near], 1.0))).max() < 10.0

@@ -1,0 +1,192 @@
+"""The plant with icoFoam itself, on a coarse mesh and for a few control periods."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.config import FlowConfig, OpenFoamConfig
+from contract.errors import PlantError
+from wake.openfoam import case, jets
+from wake.openfoam.develop import developed
+from wake.openfoam.plant import OpenFoamWake
+from wake.openfoam.state import FoamState
+from wake.truck_wake import TruckWake, developed_state
+
+pytestmark = [
+    pytest.mark.openfoam,
+    pytest.mark.skipif(shutil.which("icoFoam") is None, reason="needs icoFoam (Debian package openfoam)"),
+]
+
+CONFIG = FlowConfig(substeps=20)
+FOAM = OpenFoamConfig(refinement=0.5, develop_time=0.6)
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory) -> FoamState:
+    folder = tmp_path_factory.mktemp("start")
+    seen: list[float] = []
+    first = developed(folder, CONFIG, FOAM, lambda t, total: seen.append(t))
+    assert seen[-1] == FOAM.develop_time
+    assert [item.name for item in folder.iterdir()] == ["developed.npz"]
+    began = (folder / "developed.npz").stat().st_mtime_ns
+    assert developed(folder, CONFIG, FOAM).files == first.files
+    assert (folder / "developed.npz").stat().st_mtime_ns == began
+    return first
+
+
+@pytest.fixture
+def plant(start, tmp_path):
+    with OpenFoamWake(tmp_path / "case", start, CONFIG, FOAM.refinement, duration=2.0) as plant:
+        yield plant
+
+
+def _slot_speed(plant: OpenFoamWake, jet: str) -> np.ndarray:
+    """Velocity on a slot as icoFoam wrote it at the end of the last period."""
+    text = plant._latest().joinpath("U").read_bytes()
+    block = text[text.index(b"boundaryField") :]
+    block = block[block.index(jet.encode()) :]
+    uniform = re.match(rb"[^}]*?value\s+uniform \((\S+) ", block)
+    assert uniform, "two faces of a symmetric parabola have one velocity"
+    return np.array(float(uniform[1]))
+
+
+def test_checkmesh_finds_nothing_wrong(coarse_mesh, tmp_path):
+    case.write_mesh(tmp_path, coarse_mesh)
+    clock = case.Clock(end=1.0, dt=0.01, steps_per_write=100, steps_per_sample=20)
+    case.write_settings(tmp_path, coarse_mesh, CONFIG, clock)
+    said = subprocess.run(
+        ["checkMesh"], cwd=tmp_path, env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "Mesh OK." in said
+    assert "***" not in said
+
+
+def test_the_wake_goes_on_as_on_the_own_solver(plant):
+    own = TruckWake()
+    own.reset(developed_state())
+    for _ in range(3):
+        own.advance(0.0)
+    ours, theirs = [], []
+    for _ in range(10):
+        ours.append(own.advance(0.0))
+        theirs.append(plant.advance(0.0))
+    # The coarse mesh lags a little; a wrong sign, unit or sensor order would be off by the whole amplitude of 1.3.
+    assert [s.Cl for s in theirs] == pytest.approx([s.Cl for s in ours], abs=0.25)
+    assert [s.Uy_probe for s in theirs] == pytest.approx([s.Uy_probe for s in ours], abs=0.15)
+    assert np.mean([s.Cd for s in theirs]) == pytest.approx(np.mean([s.Cd for s in ours]), rel=0.1)
+    assert np.array([s.Cp for s in theirs]) == pytest.approx(np.array([s.Cp for s in ours]), abs=0.25)
+    assert theirs[-1].t == pytest.approx(2.0)
+
+
+def test_jets_follow_the_command_and_carry_no_net_flow(plant):
+    sample = plant.advance(0.05)
+    assert (sample.action, sample.Cd_momentum) == (0.05, pytest.approx(-4 * 1.2 * 0.05**2 / 0.05))
+    assert _slot_speed(plant, "jetUpper") == pytest.approx(1.0, rel=1e-5)
+    assert _slot_speed(plant, "jetLower") == pytest.approx(-1.0, rel=1e-5)
+    # A slot that blows into the wake has to push, one that sucks has to pull.
+    assert sample.jet_power > 0
+
+
+def test_a_late_command_starts_its_ramp_late_and_ends_it_on_time(plant):
+    begin = plant.state()
+    early = [plant.advance_to(10, 0.05), plant.advance_to(20, 0.05)]
+    plant.reset(begin)
+    late = [plant.advance_to(10), plant.advance_to(20, 0.05)]
+    assert [s.action for s in early] == pytest.approx([0.025, 0.05])
+    assert [s.action for s in late] == pytest.approx([0.0, 0.05])
+    assert _slot_speed(plant, "jetUpper") == pytest.approx(1.0, rel=1e-5)
+    # The steeper ramp accelerates more fluid: its pressure on the blowing slot is the larger one.
+    assert late[1].jet_power > 1.2 * early[1].jet_power
+
+
+def test_a_state_continues_the_run(plant):
+    plant.advance(0.03)
+    kept = plant.state()
+    straight = [plant.advance(a) for a in (0.05, 0.0)]
+    assert plant.reset(kept).t == pytest.approx(0.2)
+    again = [plant.advance(a) for a in (0.05, 0.0)]
+    assert [s.t for s in again] == [s.t for s in straight]
+    # icoFoam's own restart is not exact; half a percent of the swing of Cl.
+    assert [s.Cl for s in again] == pytest.approx([s.Cl for s in straight], abs=0.015)
+    assert [s.Cd for s in again] == pytest.approx([s.Cd for s in straight], rel=0.01)
+
+
+def test_vorticity_has_the_shear_layers_where_they_belong(plant):
+    w, grid = plant.vorticity(), plant.grid
+    assert w.shape == (grid.shape[0] - 1, grid.shape[1] - 1)
+    x, y = grid.xf[1:-1], grid.yf[1:-1]
+    side = np.abs(x - 3.0).argmin()
+    # Flow to the right, at rest on the wall: clockwise above, counter-clockwise below.
+    assert w[side, np.abs(y - 0.6).argmin() :][:10].min() < -1.0
+    assert w[side, : np.abs(y + 0.6).argmin() + 1][-10:].max() > 1.0
+    plant.advance_to(3)
+    with pytest.raises(PlantError, match="end of a control period"):
+        plant.vorticity()
+
+
+def test_what_cannot_be_done_is_refused(plant, start):
+    for action in (0.0751, float("nan")):
+        with pytest.raises(PlantError, match=r"within \+-0\.075"):
+            plant.advance(action)
+    with pytest.raises(PlantError, match="cannot advance to substep 21 of 20"):
+        plant.advance_to(21)
+    for _ in range(10):
+        plant.advance(0.0)
+    with pytest.raises(PlantError, match="past 2 t_c"):
+        plant.advance(0.0)
+    with pytest.raises(PlantError, match="this mesh has"):
+        OpenFoamWake(plant._case.parent / "other", start, CONFIG, 0.6)
+
+
+def test_a_killed_icofoam_is_one_error(plant):
+    plant._child._child.kill()
+    with pytest.raises(PlantError, match=r"SIGKILL|closed its end") as caught:
+        for _ in range(5):
+            plant.advance(0.0)
+    assert "\n" not in str(caught.value)
+
+
+LOOP = """
+import sys
+from pathlib import Path
+from contract.config import FlowConfig
+from wake.openfoam.plant import OpenFoamWake
+from wake.openfoam.state import load
+start, _ = load(Path(sys.argv[1]) / "state.npz")
+with OpenFoamWake(Path(sys.argv[1]) / "case", start, FlowConfig(substeps=20), 0.5, duration=100.0) as plant:
+    print(plant._child._child.pid, flush=True)
+    while True:
+        plant.advance(0.0)
+"""
+
+
+def test_ctrl_c_ends_icofoam(start, tmp_path):
+    from wake.openfoam.state import save
+
+    save(tmp_path / "state.npz", start, "")
+    root = Path(__file__).resolve().parents[3]
+    parent = subprocess.Popen(
+        [sys.executable, "-c", LOOP, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
+    )  # fmt: skip
+    pid = int(parent.stdout.readline())
+    time.sleep(0.5)
+    parent.send_signal(signal.SIGINT)
+    assert parent.wait(30.0) != 0
+    parent.stdout.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_jets_at_rest_and_pipes_are_one_boundary_condition(start):
+    text = start.files["U"][start.files["U"].index(b"boundaryField") :]
+    assert text.count(jets.BOUNDARY["type"].encode()) == 2

@@ -1,0 +1,144 @@
+"""icoFoam that is missing, crashes, hangs or must be ended: always one error, never a wait without end or an orphan.
+
+A script stands for icoFoam: it reads the pipes in the same order.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from contract.errors import PlantError
+from wake.openfoam import jets
+from wake.openfoam.coupling import JetPipes
+from wake.openfoam.process import IcoFoam
+
+READER = """
+import sys, time
+upper, lower, steps, after = sys.argv[1:]
+for step in range(int(steps)):
+    for path in (upper, lower):
+        with open(path) as file:
+            print(path, file.read().split(), flush=True)
+print("something went wrong", flush=True)
+exec(after)
+"""
+
+
+@pytest.fixture
+def case(coarse_mesh, tmp_path) -> Path:
+    jets.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=10, action=0.0)
+    return tmp_path
+
+
+def _reader(case: Path, steps: int, after: str) -> IcoFoam:
+    pipes = [str(jets.pipe(case, jet)) for jet in jets.JETS]
+    return IcoFoam(case, (sys.executable, "-c", READER, *pipes, str(steps), after))
+
+
+def _gone(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def _wait_gone(pid: int) -> bool:
+    deadline = time.monotonic() + 20.0
+    while not _gone(pid) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return _gone(pid)
+
+
+def test_a_missing_program_is_one_line(tmp_path):
+    with pytest.raises(PlantError, match="install the Debian package `openfoam`") as caught:
+        IcoFoam(tmp_path, ("icoFoam-that-is-not-there",))
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_steps_reach_the_program_upper_jet_first(case, coarse_mesh):
+    with _reader(case, 2, "raise SystemExit(0)") as child, JetPipes(case, coarse_mesh, child, patience_s=30.0) as pipes:
+        pipes.send(0.05)
+        pipes.send(-0.02)
+        assert child.wait(30.0)
+    lines = (case / "log.icoFoam").read_text().splitlines()[:4]
+    assert [Path(line.split()[0]).parent.name for line in lines] == ["jetUpper", "jetLower"] * 2
+    # Two equal faces a slot here: each carries half the flow over half the width.
+    speeds = [[float(number) for number in re.findall(r"'\(([-\d.]+)'", line)] for line in lines]
+    assert speeds == [pytest.approx([speed] * 2) for speed in (1.0, -1.0, -0.4, 0.4)]
+
+
+@pytest.mark.parametrize(
+    ("after", "what"),
+    [
+        ("raise SystemExit(3)", "stopped with status 3"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGFPE)", "ended by SIGFPE"),
+        ("raise SystemExit(0)", "came to its end"),
+        ("time.sleep(600)", r"has not finished a time step in 0\.5 s"),
+    ],
+)
+def test_a_program_that_fails_is_one_error_with_its_last_words(case, coarse_mesh, after, what):
+    with _reader(case, 1, after) as child, JetPipes(case, coarse_mesh, child, patience_s=30.0) as pipes:
+        pipes.send(0.0)
+        pipes._patience_s = 0.5 if "sleep" in after else 30.0
+        with pytest.raises(PlantError, match=f"{what}.*something went wrong") as caught:
+            pipes.wait()
+        assert "\n" not in str(caught.value)
+    assert not child.running
+
+
+def test_a_program_that_dies_while_it_is_told_a_velocity(case, coarse_mesh):
+    with _reader(case, 1, "open(upper).close(); raise SystemExit(4)") as child:
+        pipes = JetPipes(case, coarse_mesh, child, patience_s=30.0)
+        pipes.send(0.0)
+        pipes.wait()
+        deadline = time.monotonic() + 30.0
+        while child.running and time.monotonic() < deadline:
+            time.sleep(0.01)
+        with pytest.raises(PlantError, match=r"closed its end of a pipe|status 4"):
+            pipes.send(0.0)
+
+
+def test_a_program_that_does_not_listen_is_ended_by_force(tmp_path, monkeypatch):
+    monkeypatch.setattr("wake.openfoam.process._GRACE_S", 0.2)
+    deaf = (
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(600)"
+    )
+    child = IcoFoam(tmp_path, (sys.executable, "-c", deaf))
+    while "deaf" not in (tmp_path / "log.icoFoam").read_text():
+        assert child.running
+        time.sleep(0.01)
+    child.stop()
+    assert not child.running
+
+
+PARENT = """
+import sys, time
+from pathlib import Path
+from wake.openfoam.process import IcoFoam
+with IcoFoam(Path(sys.argv[1]), ("sleep", "600")) as child:
+    print(child._child.pid, flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux's /proc")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "kill -9"])
+def test_no_orphan_is_left_behind(tmp_path, how):
+    root = Path(__file__).resolve().parents[3]
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
+    )  # fmt: skip
+    pid = int(parent.stdout.readline())
+    assert not _gone(pid)
+    parent.send_signal(how)
+    parent.wait(30.0)
+    parent.stdout.close()
+    assert _wait_gone(pid)
