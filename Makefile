@@ -5,13 +5,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint retrain full tables clean
+.PHONY: demo test lint retrain full openfoam tables clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo
 
 test: lint
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 -m "not openfoam"
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
@@ -34,7 +34,13 @@ full: test
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
+	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(MAKE) tables
+
+# The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.
+openfoam: $(VENV)/dev.stamp
+	$(BIN)/python -m pytest -m openfoam
+	$(BIN)/python benchmarks/openfoam_study.py --json results/openfoam.json
 
 tables: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/tables.py

@@ -55,7 +55,7 @@ Bar = Callable[[float, float], None]
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
-    only: Annotated[str, typer.Option(help="Only parts whose name begins so: uncontrolled-1, ..., forced, loop.")] = "",
+    only: Annotated[str, typer.Option(help="uncontrolled-1, uncontrolled-1.5, forced or loop; default: all.")] = "",
 ) -> None:
     """Run what is missing and print all figures."""
     parts: dict[str, Callable[[Bar], list[dict[str, Any]]]] = {
@@ -67,7 +67,7 @@ def main(
     with Progress(console=Console(stderr=True)) as bar:
         for name, part in parts.items():
             kept = FOLDER / f"{name}.json"
-            if name.startswith(only) and not kept.is_file():
+            if only in ("", name) and not kept.is_file():
                 found = part(partial(_show, bar, bar.add_task(name, total=None)))
                 with replacing(kept) as temporary:
                     temporary.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")

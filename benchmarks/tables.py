@@ -1,7 +1,10 @@
-"""Write `docs/results.md` and the README's table from `results/*.json`. Run it after any command that writes those."""
+"""Write `docs/results.md` and the tables of the README and `docs/openfoam.md` from `results/*.json`.
+
+Run it after any command that writes those.
+"""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +13,7 @@ from contract.atomic import replacing
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs" / "results.md"
 README: Final = ROOT / "README.md"
+OPENFOAM: Final = ROOT / "docs" / "openfoam.md"
 
 _START: Final = "<!-- table: written by benchmarks/tables.py -->\n"
 _END: Final = "<!-- end -->"
@@ -28,8 +32,17 @@ def render(results: Path) -> str:
 
 def render_readme(text: str, results: Path) -> str:
     """The README's text with its table replaced."""
+    return _fill(text, _summary(results))
+
+
+def render_openfoam(text: str, results: Path) -> str:
+    """The text of the page on the second plant with its tables replaced."""
+    return _fill(text, _plants(results))
+
+
+def _fill(text: str, tables: str) -> str:
     head, rest = text.split(_START)
-    return head + _START + _summary(results) + rest[rest.index(_END) :]
+    return head + _START + tables + rest[rest.index(_END) :]
 
 
 def _summary(results: Path) -> str:
@@ -197,6 +210,41 @@ The shipped data was recorded on the middle one of our grids.
 """
 
 
+def _plants(results: Path) -> str:
+    """The second plant beside the own one; parts that have not been run are left out."""
+    found = _read(results / "openfoam.json")
+    figures, facts = found["figures"], found["facts"]
+    own = [row for row in _read(results / "wake.json")["figures"] if row["case"].startswith("stillwake")]
+    paper = {"case": "paper", "St": 0.2, "base_Cp": -0.441, "Uy": 0.516}
+    command = "    python benchmarks/openfoam_study.py --json results/openfoam.json\n"
+    columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "St": "Strouhal", "base_Cp": "mean base Cp"}
+    last = {"Uy": "std Uy at (10, 0)", "cpu_s_per_t_c": "CPU s per t_c"}
+    parts = [command, _rows("uncontrolled", [*figures["uncontrolled"], *own, paper], columns | last)]
+    if "forced" in figures:
+        slots = {"Cd_slot_pressure": "slot pressure", "Cd_slot_viscous": "slot viscous", "Cd_momentum": "momentum"}
+        columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "base_Cp": "mean base Cp", **slots}
+        last = {"Cd_net": "net", "jet_power": "jet power"}
+        forced = facts["forced"]
+        parts.append(f"\nA sine of amplitude {forced['amplitude']:g} and frequency {forced['frequency']:g}:\n")
+        parts.append(_rows("forced", figures["forced"], columns | last))
+    if "loop" in figures:
+        columns = {"Cd_uncontrolled": "Cd before", "Cd_controlled": "Cd under control"}
+        columns |= {"reduction_percent": "less drag, %", "base_Cp_controlled": "base Cp"}
+        last = {"abs_Cl_controlled": "mean abs Cl", "mean_Cl_controlled": "mean Cl", "rms_action": "rms action"}
+        loop = facts["loop"]
+        parts.append(
+            f"\nThe shipped bundle in the closed loop, {loop['lead_in']:g} t_c without control and "
+            f"{loop['controlled']:g} with it, of which the first {loop['settle']:g} are left out:\n"
+        )
+        parts.append(_rows("closed loop", figures["loop"], columns | last))
+    return "\n".join(parts) + "\n"
+
+
+def _rows(first: str, rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
+    """A table of rows that name their case; a figure that a row lacks stays empty."""
+    return _table((first, *columns.values()), [(row["case"], *(row.get(name) for name in columns)) for row in rows])
+
+
 def _read(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
@@ -214,9 +262,12 @@ def _cell(value: object) -> str:
 
 
 def main() -> None:
-    """Write the page."""
+    """Write the pages."""
     results = ROOT / "results"
-    for target, text in ((PAGE, render(results)), (README, render_readme(README.read_text(encoding="utf-8"), results))):
+    pages = {PAGE: render(results)}
+    for target, fill in ((README, render_readme), (OPENFOAM, render_openfoam)):
+        pages[target] = fill(target.read_text(encoding="utf-8"), results)
+    for target, text in pages.items():
         with replacing(target) as temporary:
             temporary.write_text(text, encoding="utf-8")
 

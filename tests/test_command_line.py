@@ -70,6 +70,16 @@ def test_every_verb_explains_itself(cli, verb):
     assert outcome.err == ""
 
 
+def test_openfoam_that_is_not_installed_is_named(refused, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    line = refused("run", tmp_path / "run", "--plant", "openfoam")
+    assert "needs OpenFOAM's icoFoam: install the Debian package `openfoam`" in line
+
+
+def test_an_unknown_plant_is_refused(refused, tmp_path):
+    assert "must be stillwake or openfoam" in refused("run", tmp_path / "run", "--plant", "water-tunnel")
+
+
 def test_without_a_verb_it_lists_them(cli):
     outcome = cli()
     assert outcome.code != 0

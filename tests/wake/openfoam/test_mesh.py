@@ -1,15 +1,19 @@
 """The mesh against the analytic outline and domain, in the plane and as the files that OpenFOAM reads."""
 
+import os
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from contract.config import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import LENGTH
-from wake.openfoam import poly_mesh
+from wake.openfoam import case, poly_mesh
 from wake.openfoam.mesh import Mesh, truck_mesh
 
 RADIUS = 0.118
@@ -157,3 +161,16 @@ def test_grid_lines_cross_at_no_sharp_angle(mesh):
     assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 45.0
     near = np.abs(mesh.centres[mesh.owner] - (4.0, 0.0)).max(axis=1) < 4.5
     assert np.degrees(np.arccos(np.minimum(cosine[near], 1.0))).max() < 10.0
+
+
+@pytest.mark.skipif(shutil.which("checkMesh") is None, reason="needs checkMesh (Debian package openfoam)")
+def test_checkmesh_finds_nothing_wrong(coarse_mesh, tmp_path):
+    case.write_mesh(tmp_path, coarse_mesh)
+    clock = case.Clock(end=1.0, dt=0.01, steps_per_write=100, steps_per_sample=20)
+    case.write_settings(tmp_path, coarse_mesh, FlowConfig(), clock)
+    said = subprocess.run(
+        ["checkMesh"], cwd=tmp_path, env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "Mesh OK." in said
+    assert "***" not in said

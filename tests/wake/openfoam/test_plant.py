@@ -14,7 +14,7 @@ import pytest
 
 from contract.config import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
-from wake.openfoam import case, jets
+from wake.openfoam import jets
 from wake.openfoam.develop import developed
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.state import FoamState
@@ -56,18 +56,6 @@ def _slot_speed(plant: OpenFoamWake, jet: str) -> np.ndarray:
     uniform = re.match(rb"[^}]*?value\s+uniform \((\S+) ", block)
     assert uniform, "two faces of a symmetric parabola have one velocity"
     return np.array(float(uniform[1]))
-
-
-def test_checkmesh_finds_nothing_wrong(coarse_mesh, tmp_path):
-    case.write_mesh(tmp_path, coarse_mesh)
-    clock = case.Clock(end=1.0, dt=0.01, steps_per_write=100, steps_per_sample=20)
-    case.write_settings(tmp_path, coarse_mesh, CONFIG, clock)
-    said = subprocess.run(
-        ["checkMesh"], cwd=tmp_path, env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
-        capture_output=True, text=True, check=True,
-    ).stdout  # fmt: skip
-    assert "Mesh OK." in said
-    assert "***" not in said
 
 
 def test_the_wake_goes_on_as_on_the_own_solver(plant):
@@ -181,7 +169,7 @@ def test_ctrl_c_ends_icofoam(start, tmp_path):
     pid = int(parent.stdout.readline())
     time.sleep(0.5)
     parent.send_signal(signal.SIGINT)
-    assert parent.wait(30.0) != 0
+    assert parent.wait(120.0) != 0
     parent.stdout.close()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)

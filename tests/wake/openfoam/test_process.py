@@ -139,6 +139,6 @@ def test_no_orphan_is_left_behind(tmp_path, how):
     pid = int(parent.stdout.readline())
     assert not _gone(pid)
     parent.send_signal(how)
-    parent.wait(30.0)
+    parent.wait(120.0)
     parent.stdout.close()
     assert _wait_gone(pid)
