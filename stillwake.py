@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -39,10 +38,6 @@ SHIPPED_RECORDING: Final = Path(str(files("wake").joinpath("data/recording.h5"))
 SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
 INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as shells have it."""
-GATE_WINDOWS: Final = 50
-"""Consecutive recorded windows that the export gates replay."""
-CALIBRATION_WINDOWS: Final = 400
-"""Consecutive recorded windows from which int8 rounding is calibrated."""
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file; default: the release settings.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures and their settings here.")]
@@ -216,45 +211,24 @@ def export(
 
     The MPC settings come from the configuration. Nothing is written unless the graph agrees with the reference.
     """
-    from contract import dataset as recordings
-    from export.bundle_writer import write_release
-    from export.c_release import write_c_release
-    from export.from_training import load_trained
-    from export.recorded_windows import recorded_windows
+    from export.pipeline import export_all
 
-    if precision not in ("int8", "float32"):
-        raise StillwakeError(f"--precision {precision}: must be int8 or float32")
-    config = load_config(config_file, overrides)
-    trained = load_trained(model)
-    program = trained.program(config.mpc)
-    recording = recordings.read(SHIPPED_RECORDING if dataset is None else dataset)
-    windows = recorded_windows(program, recording.with_role("test")[0], GATE_WINDOWS)
-    library = None if c_folder is None else write_c_release(c_folder, program, windows)
-    report = write_release(
+    done = export_all(
+        model,
         output,
-        program,
-        precision="int8" if precision == "int8" else "float32",
+        precision=precision,
         name=name,
-        operating_point=config.operating_point,
-        budget_ms=config.period_ns / 1e6,
-        control_period=config.flow.control_period,
-        provenance=trained.provenance,
-        windows=windows,
-        calibration=recorded_windows(program, recording.with_role("train")[0], CALIBRATION_WINDOWS),
+        recording=SHIPPED_RECORDING if dataset is None else dataset,
+        config=load_config(config_file, overrides),
+        c_folder=c_folder,
     )
     table = Table("gate", "measured")
-    for title, part in (
-        ("graph against reference", report.parity),
-        ("int8 against float32", report.quantisation),
-        ("C against reference", None if library is None else library.parity),
-    ):
-        if part is not None:
-            for key, value in asdict(part).items():
-                table.add_row(f"{title}: {key}", f"{value:.3g}" if isinstance(value, float) else str(value))
+    for title, value in done.gates():
+        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)
-    console.print(f"wrote {output}: {precision}, controller.onnx {report.controller_bytes / 1024:.0f} KiB")
-    if library is not None:
-        console.print(f"wrote {c_folder}: C99, float32, {library.workspace_bytes / 1024:.0f} KiB of workspace")
+    console.print(f"wrote {output}: {precision}, controller.onnx {done.release.controller_bytes / 1024:.0f} KiB")
+    if done.library is not None:
+        console.print(f"wrote {c_folder}: C99, {precision}, {done.library.workspace_bytes / 1024:.0f} KiB of workspace")
 
 
 @app.command()

@@ -26,14 +26,16 @@ from contract.atomic import replacing
 from contract.config import ModelConfig, MpcConfig
 from export.c_host import OPTIMISED, CController, host_compiler
 from export.c_library import c_library
+from export.c_release import int8_library
 from export.eager import EagerController
 from export.onnx_graph import build_controller
 from export.onnx_session import OnnxController
 from export.parity import control_cases
-from export.random_program import random_program
+from export.random_program import random_program, random_window
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
+_CALIBRATION = 20
 
 
 def main(
@@ -55,11 +57,18 @@ def main(
     whole, small = OnnxController(graphs["float32"]), OnnxController(graphs["int8"])
     compiler = host_compiler()
     c = CController(program, c_library(program), compiler=compiler)
+    rng = np.random.default_rng(0)
+    c_int8 = CController(
+        program,
+        int8_library(program, [random_window(program, rng) for _ in range(_CALIBRATION)]),
+        compiler=compiler,
+    )
     steps: dict[str, Callable[[], object]] = {
         "eager_ms": lambda: eager.control_step(case.window, case.plan, case.free),
         "onnx_ms": lambda: whole.control_step(case.window, case.plan, case.free),
         "onnx_int8_ms": lambda: small.control_step(case.window, case.plan, case.free),
         "c_ms": lambda: c.control_step(case.window, case.plan, case.free),
+        "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
     }
     for step in steps.values():
         step()  # warm caches and allocators
@@ -74,7 +83,7 @@ def main(
     figures["onnx_load_ms"] = float(np.median(load_ms))
     figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
-    figures["c_workspace_bytes"] = c.workspace_bytes
+    figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     figures["settings"] = {
         "dynamics_width": dynamics_width,
         "decoder_width": decoder_width,
@@ -111,6 +120,7 @@ def _print(figures: dict[str, Any]) -> None:
         ("ONNX float32", "onnx_ms", "onnx_bytes"),
     )
     rows += (("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"), ("C float32", "c_ms", None))
+    rows += (("C int8, integer products", "c_int8_ms", None),)
     for label, key, size in rows:
         table.add_row(
             label,

@@ -178,10 +178,11 @@ def _controller(results: Path) -> str:
             ("ONNX float32", "onnx_ms", found["onnx_bytes"] / 1024),
             ("ONNX int8 weights", "onnx_int8_ms", found["onnx_int8_bytes"] / 1024),
             ("C float32", "c_ms", None),
+            ("C int8, integer products", "c_int8_ms", None),
         )
     ]
     by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (found, found["min"]))
-    workspace = f"{found['c_workspace_bytes'] / 1024:.0f} KiB"
+    workspace = " and ".join(f"{found[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""## One control step, one thread
 
     python benchmarks/controller.py --json results/controller.json
@@ -189,8 +190,8 @@ def _controller(results: Path) -> str:
 {_table(("", "median ms", "min ms", "times faster", "KiB"), rows)}
 
 The C library, compiled with `{found["settings"]["c_flags"]}` by
-{found["versions"]["c_compiler"]}, needs {workspace} of workspace. It is {by_median:.1f} times faster than ONNX
-float32 by the median, {by_minimum:.1f} times by the minimum.
+{found["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
+{by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum.
 """
 
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from contract import bundle
 from contract.operating_point import OperatingPoint
-from export.calibrate import correct_biases
+from export.calibrate import rounded_program
 from export.onnx_graph import build_controller
 from export.onnx_weights import Precision
 from export.parity import ParityReport, check_parity
 from export.program import ControllerProgram
 from export.quantisation_gate import QuantisationLimits, QuantisationReport, check_quantisation, compare_quantised
-from export.quantise import quantise
 from export.random_program import random_window
 from export.weights import Array
 
@@ -74,9 +73,7 @@ def write_release(
         windows = [random_window(program, rng) for _ in range(_RANDOM_WINDOWS)]
     effective, quantisation = program, None
     if precision == "int8":
-        effective = quantise(program)
-        if calibration is not None:
-            effective = correct_biases(program, effective, calibration)
+        effective = rounded_program(program, calibration)
         quantisation = compare_quantised(program, effective, windows)
         check_quantisation(quantisation, QuantisationLimits() if limits is None else limits)
     # Rounding what is already rounded changes nothing, so this is the effective program in either precision.

@@ -22,11 +22,11 @@ def float_arrays(program: ControllerProgram) -> dict[str, Array]:
         ExportError: a program without residual blocks in its decoder.
     """
     return {
-        **_scaling(program),
+        **scaling_arrays(program),
         **_encoder(program),
         **_dynamics(program),
         **_decoder(program),
-        **_optimiser(program),
+        **optimiser_arrays(program),
     }
 
 
@@ -41,7 +41,8 @@ def centred(values: Array) -> Array:
     return np.asarray(values - values.mean(axis=0))
 
 
-def _scaling(program: ControllerProgram) -> dict[str, Array]:
+def scaling_arrays(program: ControllerProgram) -> dict[str, Array]:
+    """Scaling of the window and of the forces."""
     scaling = program.scaling
     return {
         "sw_window_mean": np.array([*scaling.pressure_mean, 0.0]),
@@ -106,7 +107,8 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
     }
 
 
-def _optimiser(program: ControllerProgram) -> dict[str, Array]:
+def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
+    """Adam's factors of every iteration, and the default cost weights."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {

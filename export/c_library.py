@@ -4,46 +4,61 @@ The generated text is numbers only. `sw_settings.h` has the sizes, the settings,
 the DBC it was built beside; `sw_weights.c` has the arrays that `sw_weights.h` declares.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from contract.atomic import replacing
 from contract.bundle import dbc_sha256
 from contract.errors import ExportError
+from export.activation_ranges import ActivationRanges
 from export.c_arrays import LANES, float_arrays
+from export.c_int8_arrays import Values, int8_arrays
 from export.float32 import as_float32, float32_within
+from export.onnx_weights import Precision
 from export.program import ControllerProgram
 from export.program_hash import program_sha256
-from export.weights import Array
 
 SETTINGS: Final = "sw_settings.h"
 WEIGHTS: Final = "sw_weights.c"
 EXAMPLE: Final = "main.c"
 """Runs a control step from recorded numbers on a host; not part of the library."""
 
-_LINE: Final = 8
+_LINE: Final = 16
 
 
-def c_library(program: ControllerProgram) -> dict[str, bytes]:
-    """All files of the library by name, float32.
+def c_library(program: ControllerProgram, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
+    """All files of the library by name.
+
+    Args:
+        ranges: of the activations, for int8 weights and integer products; float32 if None.
 
     Raises:
         ExportError: a value that float32 cannot hold, or a program that the library cannot run; the message names it.
     """
-    return hand_written() | {
-        SETTINGS: _settings(program).encode(),
-        WEIGHTS: _weights(float_arrays(program)).encode(),
+    if ranges is None:
+        precision: Precision = "float32"
+        arrays: Mapping[str, Values] = float_arrays(program)
+    else:
+        precision, arrays = "int8", int8_arrays(program, ranges)
+    return hand_written(precision) | {
+        SETTINGS: _settings(program, precision).encode(),
+        WEIGHTS: _weights(arrays).encode(),
     }
 
 
-def hand_written() -> dict[str, bytes]:
+def hand_written(precision: Precision) -> dict[str, bytes]:
     """The sources that are the same for every program."""
-    folder = files("export").joinpath("c")
-    return {item.name: item.read_bytes() for item in folder.iterdir() if item.name.endswith((".c", ".h"))}
+    root = files("export").joinpath("c")
+    return {
+        item.name: item.read_bytes()
+        for folder in ("common", precision)
+        for item in root.joinpath(folder).iterdir()
+        if item.name.endswith((".c", ".h"))
+    }
 
 
 def write_c_library(folder: Path, contents: Mapping[str, bytes]) -> None:
@@ -62,12 +77,13 @@ def write_c_library(folder: Path, contents: Mapping[str, bytes]) -> None:
             (temporary / name).write_bytes(content)
 
 
-def _settings(program: ControllerProgram) -> str:
+def _settings(program: ControllerProgram, precision: Precision) -> str:
     mpc = program.mpc
     numbers: dict[str, int | str] = {
         "SW_PROGRAM_SHA256": f'"{program_sha256(program)}"',
         "SW_DBC_SHA256": f'"{dbc_sha256()}"',
         "SW_SENSOR_NAMES": f'"{" ".join(program.sensors)}"',
+        "SW_PRECISION": f'"{precision}"',
         "SW_LANES": LANES,
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
@@ -87,23 +103,24 @@ def _settings(program: ControllerProgram) -> str:
     return f"/* Generated: sizes and settings of one trained program. */\n{_guarded('SW_SETTINGS_H', lines)}"
 
 
-def _weights(arrays: Mapping[str, Array]) -> str:
-    text = ["/* Generated: the numbers of one trained program, rounded to float32. */", '#include "sw_weights.h"']
+def _weights(arrays: Mapping[str, Values]) -> str:
+    text = ["/* Generated: the numbers of one trained program. */", '#include "sw_weights.h"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        text.append(f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name))};")
+        if values.dtype == np.int8:
+            text.append(f"const int8_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
+        else:
+            text.append(f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), _number)};")
     return "\n\n".join(text) + "\n"
 
 
-def _initialiser(values: np.typing.NDArray[np.float32]) -> str:
+def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
+    if values.ndim == 0:
+        return number(values[()])
     if values.ndim > 1:
-        return "{\n" + ",\n".join(_initialiser(part) for part in values) + "}"
-    return "{" + ",\n ".join(_lines(values)) + "}"
-
-
-def _lines(values: np.typing.NDArray[np.float32]) -> Iterator[str]:
-    for start in range(0, len(values), _LINE):
-        yield ", ".join(_number(value) for value in values[start : start + _LINE])
+        return "{\n" + ",\n".join(_initialiser(part, number) for part in values) + "}"
+    lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
+    return "{" + ",\n ".join(", ".join(map(number, line)) for line in lines) + "}"
 
 
 def _number(value: np.float32) -> str:

@@ -7,10 +7,14 @@ from typing import Final
 
 import numpy as np
 
+from export.activation_ranges import activation_ranges
 from export.c_host import CController
 from export.c_library import c_library, write_c_library
+from export.calibrate import rounded_program
+from export.onnx_weights import Precision
 from export.parity import ParityReport, check_lowering
 from export.program import ControllerProgram
+from export.quantisation_gate import QuantisationLimits, QuantisationReport, check_quantisation, compare_answers
 from export.weights import Array
 
 RECORDED: Final = "recorded.txt"
@@ -19,30 +23,59 @@ RECORDED: Final = "recorded.txt"
 
 @dataclass(frozen=True, kw_only=True)
 class CReport:
-    """What the gate measured, and the scratch memory that a caller has to own, in bytes."""
+    """What the gates measured.
 
-    parity: ParityReport
+    Attributes:
+        parity: float32 against the reference; None for int8.
+        quantisation: int8, integer products included, against the float reference; None for float32.
+        workspace_bytes: scratch memory that a caller has to own.
+    """
+
+    parity: ParityReport | None
+    quantisation: QuantisationReport | None
     workspace_bytes: int
 
 
-def write_c_release(folder: Path, program: ControllerProgram, windows: Sequence[Array]) -> CReport:
+def write_c_release(
+    folder: Path,
+    program: ControllerProgram,
+    *,
+    precision: Precision,
+    windows: Sequence[Array],
+    calibration: Sequence[Array],
+    limits: QuantisationLimits | None = None,
+) -> CReport:
     """Write the library's folder, whole or not at all, with recorded rows beside it for the example program.
 
     Args:
-        windows: consecutive recorded windows (L, S+1).
+        precision: "float32", or "int8" for int8 weights, int16 activations and integer products.
+        windows: consecutive recorded windows (L, S+1) that the gates replay.
+        calibration: more of them, for int8 biases and ranges; the same as an int8 ONNX graph is calibrated on.
 
     Raises:
-        ExportError: there is no C compiler, the library disagrees with the reference, or the folder holds
-            something else.
+        ExportError: there is no C compiler, the library is further from the reference than its gate allows, or
+            the folder holds something else.
         StillwakeError: the folder cannot be written.
     """
-    contents = c_library(program)
-    controller = CController(program, contents)
-    report = CReport(
-        parity=check_lowering(program, controller, "C library", windows), workspace_bytes=controller.workspace_bytes
-    )
+    if precision == "int8":
+        contents = int8_library(program, calibration)
+        controller = CController(program, contents)
+        quantisation = compare_answers(program, controller.control_step, windows)
+        check_quantisation(quantisation, QuantisationLimits() if limits is None else limits, name="int8 C library")
+        report = CReport(parity=None, quantisation=quantisation, workspace_bytes=controller.workspace_bytes)
+    else:
+        contents = c_library(program)
+        controller = CController(program, contents)
+        parity = check_lowering(program, controller, "C library", windows)
+        report = CReport(parity=parity, quantisation=None, workspace_bytes=controller.workspace_bytes)
     write_c_library(folder, contents | {RECORDED: recorded_rows(windows).encode()})
     return report
+
+
+def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
+    """The int8 library's files, biases and activation steps calibrated on windows (L, S+1)."""
+    rounded = rounded_program(program, calibration)
+    return c_library(rounded, activation_ranges(rounded, calibration))
 
 
 def recorded_rows(windows: Sequence[Array]) -> str:

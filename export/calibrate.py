@@ -11,9 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from export.program import ControllerProgram
+from export.quantise import quantise
 from export.reference_layers import elu, layer_norm, linear
 from export.reference_model import encode
 from export.weights import Array, Linear
+
+
+def rounded_program(program: ControllerProgram, windows: Sequence[Array] | None) -> ControllerProgram:
+    """What every int8 lowering computes: rounded matrices, and corrected biases where there are windows for it."""
+    rounded = quantise(program)
+    return rounded if windows is None else correct_biases(program, rounded, windows)
 
 
 def correct_biases(

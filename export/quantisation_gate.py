@@ -4,15 +4,16 @@ Bits do not matter here, behaviour does: both programs answer the same windows f
 the quantised one's plan is priced by the float one's model.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from contract.errors import ExportError
 from export.program import ControllerProgram
 from export.reference_model import encode
-from export.reference_mpc import control_step, evaluate
+from export.reference_mpc import Solution, control_step, evaluate
 from export.weights import Array
 
 
@@ -51,17 +52,27 @@ class QuantisationReport:
     mean_cost_gap: float
 
 
+Answer = Callable[[Array, Array, Array], Solution]
+"""A control step: window (L, S+1), previous plan (H,), mask of free actions (H,)."""
+
+
 def compare_quantised(
     program: ControllerProgram, quantised: ControllerProgram, windows: Iterable[Array]
 ) -> QuantisationReport:
-    """Answer consecutive windows (L, S+1) with both programs; the float plan is the warm start of both."""
+    """As `compare_answers`, with the reference on the quantised program."""
+    return compare_answers(program, partial(control_step, quantised), windows)
+
+
+def compare_answers(program: ControllerProgram, answer: Answer, windows: Iterable[Array]) -> QuantisationReport:
+    """Answer consecutive windows (L, S+1) with the float program and the other; the float plan is the warm start of
+    both. Raises ExportError if there are no windows."""
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
     errors, gaps = [], []
     for window in windows:
         exact = control_step(program, window, plan, free)
-        rounded = control_step(quantised, window, plan, free)
+        rounded = answer(window, plan, free)
         priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights)
         errors.append(rounded.plan - exact.plan)
         gaps.append(priced.cost - exact.cost)
@@ -79,10 +90,10 @@ def compare_quantised(
     )
 
 
-def check_quantisation(report: QuantisationReport, limits: QuantisationLimits) -> None:
-    """Raise ExportError, naming the figure, if the report exceeds a limit."""
-    for name in ("rms_action_error", "max_cost_gap"):
-        found, allowed = getattr(report, name), getattr(limits, name)
+def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:
+    """Raise ExportError, naming what was compared and the figure, if the report exceeds a limit."""
+    for figure in ("rms_action_error", "max_cost_gap"):
+        found, allowed = getattr(report, figure), getattr(limits, figure)
         # Written so that a NaN fails.
         if not found <= allowed:
-            raise ExportError(f"int8 weights: {name} is {found:.2g}, at most {allowed:.2g} is allowed")
+            raise ExportError(f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed")

@@ -33,15 +33,22 @@ def encode(program: ControllerProgram, window: Array) -> Array:
         The latent state, (n_z,).
     """
     weights = program.encoder
-    h = np.zeros(weights.lstm.width)
-    c = np.zeros(weights.lstm.width)
+    h = encoder_output(program, window)
+    return linear(weights.output, elu(linear(weights.hidden, layer_norm(weights.norm, h))))
+
+
+def encoder_output(program: ControllerProgram, window: Array) -> Array:
+    """h of the LSTM after the last row, (width,)."""
+    lstm = program.encoder.lstm
+    h = np.zeros(lstm.width)
+    c = np.zeros(lstm.width)
     for x in _scale_window(program, window):
-        gates = weights.lstm.weight_input @ x + weights.lstm.bias_input
-        gates += weights.lstm.weight_recurrent @ h + weights.lstm.bias_recurrent
+        gates = lstm.weight_input @ x + lstm.bias_input
+        gates += lstm.weight_recurrent @ h + lstm.bias_recurrent
         i, f, g, o = np.split(gates, 4)
         c = sigmoid(f) * c + sigmoid(i) * np.tanh(g)
         h = sigmoid(o) * np.tanh(c)
-    return linear(weights.output, elu(linear(weights.hidden, layer_norm(weights.norm, h))))
+    return h
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:

@@ -1,0 +1,93 @@
+/* Scratch memory of a control step, int8 weights. Public only because the caller owns it. */
+#ifndef SW_WORKSPACE_H
+#define SW_WORKSPACE_H
+
+#include <stdint.h>
+
+#include "sw_settings.h"
+
+/* A length rounded up to whole 32-bit words of int8 weights; what is added is zero throughout. */
+#define SW_PADDED(n) (((n) + 3) / 4 * 4)
+
+#define SW_ROW_P SW_PADDED(SW_SENSORS + 1)
+#define SW_LSTM_P SW_PADDED(SW_LSTM)
+#define SW_HEAD_P SW_PADDED(SW_HEAD)
+#define SW_STATE_P SW_PADDED(SW_LATENT + 1)
+#define SW_LATENT_P SW_PADDED(SW_LATENT)
+#define SW_DYN1_P SW_PADDED(SW_DYN1)
+#define SW_DYN2_P SW_PADDED(SW_DYN2)
+#define SW_DECODER_P SW_PADDED(SW_DECODER)
+#define SW_HORIZON_P SW_PADDED(SW_HORIZON)
+
+#define SW_LARGER(a, b) ((a) > (b) ? (a) : (b))
+#define SW_WIDEST SW_LARGER(SW_LARGER(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
+#define SW_LONGEST SW_LARGER(SW_WIDEST, SW_LARGER(SW_DECODER_P, SW_LARGER(SW_LSTM_P, SW_LARGER(SW_HEAD_P, SW_ROW_P))))
+#define SW_DECODER_ROW SW_LARGER(SW_DECODER_P, SW_LATENT_P)
+
+/* Tables start at a word; integer products read whole words. */
+#if defined(__GNUC__)
+#define SW_ALIGNED __attribute__((aligned(16)))
+#else
+#define SW_ALIGNED
+#endif
+
+/* Numbers of a layer's forward pass that its adjoint comes back to (sw_norm.h). */
+typedef struct {
+    int16_t xhat1[SW_HORIZON][SW_DYN1_P];
+    int16_t hidden1[SW_HORIZON][SW_DYN1_P];
+    int16_t xhat2[SW_HORIZON][SW_DYN2_P];
+    int16_t hidden2[SW_HORIZON][SW_DYN2_P];
+    float r1[SW_HORIZON];
+    float r2[SW_HORIZON];
+} sw_dynamics_tape;
+
+typedef struct {
+    int16_t xhat[SW_BLOCKS][SW_HORIZON_P][SW_DECODER_P];
+    int16_t elu[SW_BLOCKS][SW_HORIZON_P][SW_DECODER_P];
+    float r[SW_BLOCKS][SW_HORIZON_P];
+} sw_decoder_tape;
+
+typedef struct {
+    int16_t row[SW_ROW_P];
+    int16_t hidden[SW_LSTM_P];
+    int32_t by_row[4 * SW_LSTM_P];
+    int32_t by_hidden[SW_LARGER(4 * SW_LSTM_P, SW_LARGER(SW_HEAD_P, SW_LATENT_P))];
+    float cell[SW_LSTM_P];
+    float output[SW_LSTM_P];
+    int16_t vector[SW_LARGER(SW_LSTM_P, SW_HEAD_P)];
+} sw_encoder_scratch;
+
+/* Four steps of the horizon go through the decoder together. */
+typedef struct {
+    int32_t sums[4][SW_DECODER_ROW];
+    float x[4][SW_DECODER_P];
+    float values[SW_DECODER_P];
+    int16_t vector[4][SW_DECODER_ROW];
+} sw_decoder_scratch;
+
+typedef struct {
+    int32_t sums[SW_WIDEST];
+    float values[SW_WIDEST];
+    int16_t vector[SW_WIDEST];
+} sw_dynamics_scratch;
+
+typedef struct {
+    float z[SW_LATENT];                       /* latent state now */
+    float latents[SW_HORIZON_P][SW_LATENT];   /* one to SW_HORIZON steps ahead */
+    float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
+    float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
+    float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
+    float plan[SW_HORIZON];
+    float gradient[SW_HORIZON];               /* dJ/da */
+    float moment1[SW_HORIZON];                /* Adam's m and v */
+    float moment2[SW_HORIZON];
+    sw_dynamics_tape dynamics;
+    sw_decoder_tape decoder;
+    union {
+        sw_encoder_scratch encoder;
+        sw_dynamics_scratch dynamics;
+        sw_decoder_scratch decoder;
+    } phase;
+} sw_workspace;
+
+#endif

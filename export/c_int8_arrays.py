@@ -1,0 +1,191 @@
+"""A program's numbers in the layout that the int8 C sources expect (`export/c/int8/sw_weights.h`).
+
+The matrices are those of `quantise`: the same integers and scales as in the int8 ONNX graph. Biases come from the
+program as they are, so `correct_biases` reaches this lowering, too.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.errors import ExportError
+from export.activation_ranges import ActivationRanges
+from export.c_arrays import optimiser_arrays, scaling_arrays
+from export.program import ControllerProgram
+from export.quantise import Int8Matrix, quantise_matrix
+from export.weights import Array, Norm
+
+WORD = 4
+"""int8 weights in a 32-bit word: every length is padded to whole words."""
+
+MARGIN = 1.5
+"""How far an activation may exceed its calibrated range before it saturates."""
+
+Values = Array | npt.NDArray[np.int8]
+
+
+def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[str, Values]:
+    """Every array of `sw_weights.h` by its C name; int8 where it is an int8 matrix, else float64.
+
+    Raises:
+        ExportError: a decoder without residual blocks, or a layer so wide that nothing is left of an activation.
+    """
+    if not program.decoder.blocks:
+        raise ExportError("decoder: no residual blocks, the C library needs at least one")
+    return {
+        **scaling_arrays(program),
+        "sw_action_factor": np.array(1.0 / program.scaling.action_std),
+        **_encoder(program, ranges),
+        **_dynamics(program, ranges),
+        **_decoder(program, ranges),
+        **optimiser_arrays(program),
+    }
+
+
+def levels(width: int) -> int:
+    """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; C's SW_LEVELS."""
+    if width > 4 * 516:
+        raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * 516}")
+    return 32767 if width <= 516 else 16909320 // width
+
+
+def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    """Rows one behind the other, both sides padded to whole words; within a word the columns 0, 2, 1, 3."""
+    whole = _whole_words(values)
+    outputs, inputs = whole.shape
+    return np.ascontiguousarray(whole.reshape(outputs, inputs // WORD, WORD)[..., [0, 2, 1, 3]]).ravel()
+
+
+def _whole_words(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    return np.pad(values, [(0, -size % WORD) for size in values.shape])
+
+
+def _padded(size: int) -> int:
+    return size + -size % WORD
+
+
+def _per_unit(largest: float, width: int) -> float:
+    """Integers per unit of an activation; a range of zero is any range."""
+    return levels(_padded(width)) / (MARGIN * largest if largest > 0 else 1.0)
+
+
+def _channels(*columns: Array) -> Array:
+    """One row an output, zeros in the padding."""
+    return np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % WORD), (0, 0)])
+
+
+def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, per_unit: float) -> Array:
+    return _channels(matrix.scales.astype(np.float64) / per_unit, bias, norm.weight, norm.bias)
+
+
+def _back(matrix: Int8Matrix, norm: Norm) -> Array:
+    return _channels(norm.weight, matrix.scales.astype(np.float64) / matrix.scales.max())
+
+
+def _plain(matrix: Int8Matrix, bias: Array, per_unit: float) -> Array:
+    return _channels(matrix.scales.astype(np.float64) / per_unit, bias)
+
+
+def _scales(matrix: Int8Matrix) -> Array:
+    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % WORD))
+
+
+def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+    weights = program.encoder
+    lstm = weights.lstm
+    by_input, by_hidden = quantise_matrix(lstm.weight_input), quantise_matrix(lstm.weight_recurrent)
+    head, output = quantise_matrix(weights.hidden.weight), quantise_matrix(weights.output.weight)
+    row = _per_unit(ranges.row, weights.inputs)
+    # The hidden state never leaves [-1, 1].
+    cell = float(levels(_padded(lstm.width)))
+    middle = _per_unit(ranges.head, lstm.width)
+    last = _per_unit(ranges.latent, len(weights.hidden.bias))
+    channels = zip(
+        *(
+            np.split(values, 4)
+            for values in (by_input.scales / row, by_hidden.scales / cell, lstm.bias_input + lstm.bias_recurrent)
+        ),
+        strict=True,
+    )
+    return {
+        "sw_lstm_input_rows": packed(_gates(by_input.values)),
+        "sw_lstm_hidden_rows": packed(_gates(by_hidden.values)),
+        "sw_lstm_channel": np.concatenate([_channels(*gate) for gate in channels]),
+        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % WORD)),
+        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % WORD)),
+        "sw_head_rows": packed(head.values),
+        "sw_head_channel": _plain(head, weights.hidden.bias, middle),
+        "sw_latent_rows": packed(output.values),
+        "sw_latent_channel": _plain(output, weights.output.bias, last),
+        "sw_row_levels": np.array(row),
+        "sw_cell_levels": np.array(cell),
+        "sw_head_levels": np.array(middle),
+        "sw_latent_levels": np.array(last),
+    }
+
+
+def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    """Rows of the four gates, each gate padded by itself."""
+    return np.concatenate([np.pad(gate, [(0, -len(gate) % WORD), (0, 0)]) for gate in np.split(stacked, 4)])
+
+
+def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+    weights = program.dynamics
+    first, second = quantise_matrix(weights.input.weight), quantise_matrix(weights.hidden.weight)
+    third = quantise_matrix(weights.output.weight)
+    state = _per_unit(ranges.state, weights.latent + 1)
+    hidden1 = _per_unit(ranges.hidden1, len(weights.input.bias))
+    hidden2 = _per_unit(ranges.hidden2, len(weights.hidden.bias))
+    return {
+        "sw_dyn1_rows": packed(first.values),
+        "sw_dyn1_back_rows": packed(first.values.T),
+        "sw_dyn1_channel": _normed(first, weights.input.bias, weights.norm_in, state),
+        "sw_dyn1_back": _back(first, weights.norm_in),
+        "sw_dyn1_largest": np.array(first.scales.max()),
+        "sw_dyn2_rows": packed(second.values),
+        "sw_dyn2_back_rows": packed(second.values.T),
+        "sw_dyn2_channel": _normed(second, weights.hidden.bias, weights.norm_hidden, hidden1),
+        "sw_dyn2_back": _back(second, weights.norm_hidden),
+        "sw_dyn2_largest": np.array(second.scales.max()),
+        "sw_dyn3_rows": packed(third.values),
+        "sw_dyn3_back_rows": packed(third.values.T),
+        "sw_dyn3_channel": _plain(third, weights.output.bias, hidden2),
+        "sw_dyn3_scale": _scales(third),
+        "sw_state_levels": np.array(state),
+        "sw_hidden1_levels": np.array(hidden1),
+        "sw_hidden2_levels": np.array(hidden2),
+    }
+
+
+def _decoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+    weights = program.decoder
+    width = len(weights.input.bias)
+    first, last = quantise_matrix(weights.input.weight), quantise_matrix(weights.output.weight)
+    blocks = [quantise_matrix(block.linear.weight) for block in weights.blocks]
+    latent = _per_unit(ranges.state, weights.latent)
+    inputs = [_per_unit(largest, width) for largest in ranges.blocks]
+    output = _per_unit(ranges.forces, width)
+    return {
+        "sw_decoder_rows": packed(first.values),
+        "sw_decoder_channel": _plain(first, weights.input.bias, latent),
+        "sw_decoder_scale": _scales(first),
+        "sw_block_rows": np.array([packed(matrix.values) for matrix in blocks]),
+        "sw_block_channel": np.array(
+            [
+                _normed(matrix, block.linear.bias, block.norm, per_unit)
+                for matrix, block, per_unit in zip(blocks, weights.blocks, inputs, strict=True)
+            ]
+        ),
+        "sw_block_back": np.array(
+            [_back(matrix, block.norm) for matrix, block in zip(blocks, weights.blocks, strict=True)]
+        ),
+        "sw_block_largest": np.array([matrix.scales.max() for matrix in blocks]),
+        "sw_force_rows": packed(last.values)[: 2 * _padded(width)],
+        "sw_force_channel": np.stack([last.scales / output, weights.output.bias], axis=-1),
+        "sw_force_scale": last.scales.astype(np.float64),
+        "sw_decoder_levels": np.array(latent),
+        "sw_block_levels": np.array(inputs),
+        "sw_elu_levels": np.array([_per_unit(largest, width) for largest in ranges.elus]),
+        "sw_force_levels": np.array(output),
+    }

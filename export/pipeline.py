@@ -1,0 +1,82 @@
+"""From a model directory to a release bundle and, on request, a C library: read, calibrate, lower, gate, write."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final, get_args
+
+from contract import dataset
+from contract.config import Config
+from contract.errors import ExportError
+from export.bundle_writer import ReleaseReport, write_release
+from export.c_release import CReport, write_c_release
+from export.from_training import load_trained
+from export.onnx_weights import Precision
+from export.recorded_windows import recorded_windows
+
+GATE_WINDOWS: Final = 50
+"""Consecutive recorded windows that the export gates replay."""
+CALIBRATION_WINDOWS: Final = 400
+"""Consecutive recorded windows from which int8 rounding is calibrated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """What was written, and what its gates measured; no library where none was asked for."""
+
+    release: ReleaseReport
+    library: CReport | None
+
+    def gates(self) -> Iterator[tuple[str, Any]]:
+        """Every figure of every gate by its name."""
+        parts = {
+            "graph against reference": self.release.parity,
+            "int8 against float32": self.release.quantisation,
+            "C against reference": self.library and self.library.parity,
+            "int8 C against float32": self.library and self.library.quantisation,
+        }
+        for title, part in parts.items():
+            for name, value in asdict(part).items() if part else ():
+                yield f"{title}: {name}", value
+
+
+def export_all(
+    model: Path, output: Path, *, precision: str, name: str, recording: Path, config: Config, c_folder: Path | None
+) -> Exported:
+    """Write the C library, if a folder is given for it, and then the bundle.
+
+    Args:
+        model: directory written by `train`.
+        precision: "int8" or "float32", of both.
+        recording: data set whose test episode the gates replay, and whose training episode calibrates int8.
+
+    Raises:
+        ExportError: the model does not fit, or a lowering does not pass its gates.
+        StillwakeError: a file cannot be read or written.
+    """
+    kinds: dict[str, Precision] = {kind: kind for kind in get_args(Precision)}
+    if precision not in kinds:
+        raise ExportError(f"--precision {precision}: must be int8 or float32")
+    trained = load_trained(model)
+    program = trained.program(config.mpc)
+    episodes = dataset.read(recording)
+    windows = recorded_windows(program, episodes.with_role("test")[0], GATE_WINDOWS)
+    calibration = recorded_windows(program, episodes.with_role("train")[0], CALIBRATION_WINDOWS)
+    library = None
+    if c_folder is not None:
+        library = write_c_release(
+            c_folder, program, precision=kinds[precision], windows=windows, calibration=calibration
+        )
+    release = write_release(
+        output,
+        program,
+        precision=kinds[precision],
+        name=name,
+        operating_point=config.operating_point,
+        budget_ms=config.period_ns / 1e6,
+        control_period=config.flow.control_period,
+        provenance=trained.provenance,
+        windows=windows,
+        calibration=calibration,
+    )
+    return Exported(release=release, library=library)

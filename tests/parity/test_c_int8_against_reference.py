@@ -1,0 +1,133 @@
+"""The int8 C library = NumPy reference on the program it stands for, but for the rounding of activations.
+
+Both have the same int8 weights, so what differs is int16 activations and adjoints: steps of 1.5 times the range over
+32767, some 5e-5 of the range, which 25 recursions and a decoder raise to some 1e-3 of a force. Adam moves an action by
+lr an iteration whatever the gradient's size; where a component is near zero the two may step apart, so plans are
+compared by their root mean square, against the way Adam can take an action.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contract.config import ModelConfig, MpcConfig
+from contract.errors import ExportError
+from export.activation_ranges import activation_ranges
+from export.c_host import CController, host_compiler
+from export.c_int8_arrays import levels, packed
+from export.c_library import c_library
+from export.parity import control_cases
+from export.program import ControllerProgram
+from export.quantise import quantise
+from export.random_program import random_program, random_window
+from export.reference_mpc import control_step, shift
+
+HORIZON = 8
+
+try:
+    host_compiler()
+except ExportError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+
+def in_integers(program: ControllerProgram) -> CController:
+    """The library of a program whose matrices are rounded already."""
+    rng = np.random.default_rng(1)
+    ranges = activation_ranges(program, [random_window(program, rng) for _ in range(10)])
+    return CController(program, c_library(program, ranges), flags=("-O1",))
+
+
+def assert_close(program: ControllerProgram, controller: CController, count: int) -> None:
+    errors, forces, gaps = [], [], []
+    for case in control_cases(program, count=count):
+        expected = control_step(program, case.window, case.plan, case.free, case.weights)
+        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        errors.append(found.plan - expected.plan)
+        forces.append(found.forces - expected.forces)
+        gaps.append(found.cost - expected.cost)
+    reach = program.mpc.iterations * program.mpc.learning_rate
+    assert np.sqrt(np.mean(np.square(errors))) < 0.05 * reach
+    assert np.abs(forces).max() < 5e-3
+    assert np.abs(gaps).max() < 5e-3
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[ControllerProgram, CController]:
+    model = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=13, decoder_width=9)
+    program = quantise(random_program(5, model=model, mpc=MpcConfig(horizon=HORIZON)))
+    return program, in_integers(program)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_nets_of_odd_sizes(seed):
+    rng = np.random.default_rng([seed, 4])
+    model = ModelConfig(
+        window=int(rng.integers(1, 12)),
+        latent=int(rng.integers(1, 11)),
+        lstm_width=int(rng.integers(2, 40)),
+        dynamics_width=int(rng.integers(3, 50)),
+        decoder_width=int(rng.integers(3, 40)),
+        decoder_blocks=int(rng.integers(1, 4)),
+    )
+    mpc = MpcConfig(
+        horizon=int(rng.integers(2, 30)),
+        iterations=int(rng.integers(1, 8)),
+        learning_rate=float(10.0 ** rng.uniform(-4, -2)),
+    )
+    program = quantise(random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.2))))
+    assert_close(program, in_integers(program), 8)
+
+
+def test_the_size_of_a_microcontrollers_net():
+    program = quantise(random_program(2, model=ModelConfig(dynamics_width=128, decoder_width=64)))
+    assert_close(program, in_integers(program), 4)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    plan=st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array),
+    free=st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array),
+    weights=st.sampled_from([0.0, 1.0, 1e6, 1e-12]),
+    pressure=st.sampled_from([1.0, -30.0, 1e9]),
+    seed=st.integers(0, 100),
+)
+def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, weights, pressure, seed):
+    """Whatever the pressures (beyond their range they saturate) and however large or small the gradients."""
+    program, controller = small
+    window = random_window(program, np.random.default_rng(seed)) * pressure
+    found = controller.control_step(window, plan, free, weights * np.array(program.mpc.weights.as_tuple())).plan
+    committed = free == 0
+    assert np.abs(found[~committed]).max(initial=0.0) <= program.action_limit
+    np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
+
+
+def test_no_scratch_is_read_before_it_is_written(small):
+    program, controller = small
+    cases = list(control_cases(program, count=4))
+    first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
+    for case, expected in zip(reversed(cases), reversed(first), strict=True):
+        controller.spoil_workspace()
+        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        np.testing.assert_array_equal(found.plan, expected.plan)
+        np.testing.assert_array_equal(found.forces, expected.forces)
+
+
+def test_no_sum_of_products_can_overflow_32_bits():
+    for width in range(4, 2065, 4):
+        assert 127 * levels(width) * width <= 2**31 - 1
+    with pytest.raises(ExportError, match="at most 2064"):
+        levels(2068)
+
+
+def test_weights_are_packed_for_pairs():
+    """Within a word of four: columns 0, 2, 1, 3; both sides padded with zeros to whole words."""
+    found = packed(np.arange(1, 11, dtype=np.int8).reshape(2, 5)).reshape(4, 8)
+    np.testing.assert_array_equal(found[0], [1, 3, 2, 4, 5, 0, 0, 0])
+    np.testing.assert_array_equal(found[1], [6, 8, 7, 9, 10, 0, 0, 0])
+    np.testing.assert_array_equal(found[2:], 0)
+
+
+def test_ranges_need_windows():
+    with pytest.raises(ExportError, match="no windows"):
+        activation_ranges(random_program(0), [])
