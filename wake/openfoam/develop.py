@@ -20,7 +20,7 @@ from wake.truck_wake import developed_state
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]
 
-_CHECKPOINT: Final = 5.0  # t_c between states written
+_CHECKPOINT: Final = 5.0  # longest time between states written, t_c
 _LOOK_S: Final = 0.5
 
 
@@ -57,7 +57,9 @@ def settle(
     if latest is not None and float(latest.name) > until - 0.5 * config.control_period:
         progress(until, until)
         return
-    every = min(round(_CHECKPOINT / config.control_period), round(until / config.control_period))
+    periods = round(until / config.control_period)
+    # A whole number of checkpoints, so that the last one is the end.
+    every = max(n for n in range(1, round(_CHECKPOINT / config.control_period) + 1) if periods % n == 0)
     clock = case.Clock(
         end=until,
         dt=config.control_period / substeps,

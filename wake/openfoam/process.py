@@ -99,5 +99,5 @@ def _ended(status: int) -> str:
 
 
 def _die_with_parent() -> None:
-    """In the child: the kernel is to end it when its parent dies, however that happens."""
+    """In the child: the kernel is to end it when the thread that started it does, however that happens."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
