@@ -34,6 +34,7 @@ full: test
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
+	$(BIN)/python benchmarks/wake_speed.py --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(MAKE) tables
 
@@ -43,7 +44,8 @@ openfoam: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/openfoam_study.py --json results/openfoam.json
 
 tables: $(VENV)/dev.stamp
-	$(BIN)/python benchmarks/tables.py
+	$(BIN)/python -m benchmarks.tables
+	$(BIN)/python -m benchmarks.wake_figure
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -5,7 +5,7 @@ The mean drag is measured twice: on the wall, and as the momentum that a far con
     python benchmarks/grid_study.py [--json FILE] [--case 1.0:30 ...]
 
 Each case develops its own wake from rest, then averages without control, then under a sine of full amplitude. Finished
-cases stay in `runs/grid_study`, so that an interrupted study continues; the finest takes half an hour on one core.
+cases stay in `runs/grid_study`, so that an interrupted study continues; the finest takes five minutes on one core.
 """
 
 import json
@@ -31,7 +31,7 @@ from wake.truck_wake import Sample, TruckWake
 
 Array = npt.NDArray[np.float64]
 
-CASES: Final = ("0.7:30", "1.0:30", "1.0:45", "1.0:60", "1.4:42", "2.0:60")
+CASES: Final = ("0.7:30", "1.0:30", "1.0:60", "1.4:42")
 """Refinement and time steps a control period."""
 
 FORCING_FREQUENCY: Final = 0.1994
@@ -92,6 +92,7 @@ def _study(
     return {
         "case": f"{nx} x {ny}, dt 1/{5 * substeps}",
         "refinement": refinement,
+        "steps_per_period": substeps,
         "cells": nx * ny,
         **free,
         **{f"forced_{name}": value for name, value in forced.items()},
