@@ -1,6 +1,6 @@
 """Mean and fluctuating Cp along the body: our grids over the OpenFOAM reference.
 
-    python -m benchmarks.wake_figure      # reads results/wake.json, writes docs/pictures/cp_along_body.png
+python -m benchmarks.wake_figure      # reads results/wake.json, writes docs/pictures/cp_along_body.png
 """
 
 from pathlib import Path

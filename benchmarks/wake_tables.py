@@ -79,7 +79,8 @@ def _forced(results: Path) -> str:
         for row in read(results / "wake.json")["figures"]
     ]
     heads = (
-        "", "wall Cd, no forcing", "wall Cd", "slots", "jet momentum", "jet power", "std Cl", "base Cp", "std Uy", "std Cd",
+        "", "wall Cd, no forcing", "wall Cd", "slots", "jet momentum", "jet power", "std Cl", "base Cp", "std Uy",
+        "std Cd",
     )  # fmt: skip
     return table(heads, rows)
 
@@ -100,6 +101,7 @@ def _steps(results: Path) -> str:
             )
         )
     heads = (
-        "cells", "CPU s per t_c", "at full amplitude", "ns a cell and step", "floor: memory", "floor: transforms", "shares",
+        "cells", "CPU s per t_c", "at full amplitude", "ns a cell and step", "floor: memory", "floor: transforms",
+        "shares",
     )  # fmt: skip
     return table(heads, rows)

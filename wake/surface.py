@@ -19,6 +19,8 @@ from contract import sensors
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH, WAKE_PROBE
 from wake.boundary import Boundary
 from wake.grid import Grid, bilinear
+from wake.slot_faces import SlotFaces, SlotLoad
+from wake.solver import Flow
 
 Array = npt.NDArray[np.float64]
 Terms = defaultdict[int, float]
@@ -34,17 +36,14 @@ class Measured:
     Attributes:
         Cp: at the 90 sensors.
         Cd, Cl: wall force, pressure and viscous, without the slot faces.
-        Cd_slot_pressure, Cd_slot_viscous: force on the slot faces.
-        slot_Cp: mean Cp over the upper and the lower slot, weighted with the jet's profile.
+        slots: what the flow does to the slot faces.
         Uy_probe: transverse velocity at the wake probe.
     """
 
     Cp: Array
     Cd: float
     Cl: float
-    Cd_slot_pressure: float
-    Cd_slot_viscous: float
-    slot_Cp: tuple[float, float]
+    slots: SlotLoad
     Uy_probe: float
 
 
@@ -55,13 +54,14 @@ class Surface:
         self._grid = grid
         self._boundary = boundary
         self._viscosity = viscosity
+        self._slots = SlotFaces(grid, viscosity, slot_profile)
         nx, ny = grid.shape
         self._u_start, self._v_start = 0, (nx + 2) * (ny + 2)
         self._p_start = self._v_start + (nx + 2) * (ny + 1)
         rows = [
             self._wall_pressure(x, y, *normal) for (x, y), normal in zip(sensors.positions(), _normals(), strict=True)
         ]
-        rows += [*self._wall_force(viscosity), *self._slot_force(viscosity), *self._slot_pressure(slot_profile)]
+        rows += self._wall_force(viscosity)
         rows.append(self._sample(WAKE_PROBE[0], WAKE_PROBE[1], "v"))
         self._matrix = _sparse(rows, self._p_start + (nx + 1) * ny)
 
@@ -73,10 +73,8 @@ class Surface:
             Cp=cp,
             Cd=float(rest[0]),
             Cl=float(rest[1]),
-            Cd_slot_pressure=float(rest[2]),
-            Cd_slot_viscous=float(rest[3]),
-            slot_Cp=(float(rest[4]), float(rest[5])),
-            Uy_probe=float(rest[6]),
+            slots=self._slots.measure(Flow.of(flat, self._grid.shape)),
+            Uy_probe=float(rest[2]),
         )
 
     def _index(self, component: str, i: int, j: int) -> int:
@@ -123,11 +121,6 @@ class Surface:
         scale = 2.0 / (d2 * d2 - d1 * d1)
         slope = self._wall_pressure_slope(x, y, nx, ny)
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
-
-    def _slot_face_pressure(self, y: float) -> Terms:
-        """Cp on a slot, where the flow is not at rest: a straight line through two points in the flow."""
-        (d1, first), (d2, second) = self._flow_points(LENGTH, y, 1.0, 0.0, "p")
-        return _combine((2.0 * d2 / (d2 - d1), first), (-2.0 * d1 / (d2 - d1), second))
 
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
         """Normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at rest)."""
@@ -176,36 +169,6 @@ class Surface:
             nx, ny = -float(np.cos(angle)), float(np.sin(angle))
             elements += [(r + r * nx, s * (flat + r * ny), nx, s * ny, r * step) for s in (1.0, -1.0)]
         return elements
-
-    def _slot_rows(self) -> tuple[range, range]:
-        grid = self._grid
-        return range(grid.upper - grid.slot_cells, grid.upper), range(grid.lower, grid.lower + grid.slot_cells)
-
-    def _slot_force(self, viscosity: float) -> tuple[Terms, Terms]:
-        """Pressure and normal viscous stress on the slot faces."""
-        grid = self._grid
-        pressure: Terms = defaultdict(float)
-        viscous: Terms = defaultdict(float)
-        for rows in self._slot_rows():
-            for j in rows:
-                y, dy = float(grid.yc[j]), float(grid.dy[j])
-                _add(pressure, -dy, self._slot_face_pressure(y))
-                stress = 4.0 * viscosity * dy / float(grid.dx[grid.rear])
-                viscous[self._index("u", grid.rear + 1, j)] += stress
-                viscous[self._index("u", grid.rear, j)] -= stress
-        return pressure, viscous
-
-    def _slot_pressure(self, slot_profile: Array) -> list[Terms]:
-        """Mean Cp over each slot, weighted with the jet's velocity."""
-        grid = self._grid
-        means = []
-        for rows in self._slot_rows():
-            mean: Terms = defaultdict(float)
-            for j in rows:
-                weight = abs(float(slot_profile[j])) * float(grid.dy[j])
-                _add(mean, weight, self._slot_face_pressure(float(grid.yc[j])))
-            means.append(mean)
-        return means
 
 
 def _normals() -> list[tuple[float, float]]:

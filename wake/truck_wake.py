@@ -198,17 +198,17 @@ class TruckWake:
     def sample(self) -> Sample:
         """Measure now."""
         measured, a = self.surface.measure(self.flow.flat), self._action
-        upper, lower = measured.slot_Cp
+        slots = measured.slots
         # Integral of u^3 over a slot vanishes in the sum of blowing and sucking; pressure work remains.
         return Sample(
             t=self.t,
             Cp=measured.Cp,
             Cd=measured.Cd,
             Cl=measured.Cl,
-            Cd_slot_pressure=measured.Cd_slot_pressure,
-            Cd_slot_viscous=measured.Cd_slot_viscous,
+            Cd_slot_pressure=slots.Cd_pressure,
+            Cd_slot_viscous=slots.Cd_viscous,
             Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * a * a,
-            jet_power=a * (upper - lower),
+            jet_power=a * (slots.Cp_upper - slots.Cp_lower),
             Uy_probe=measured.Uy_probe,
             action=a,
         )
