@@ -36,6 +36,7 @@ full: test
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
 	$(BIN)/python benchmarks/wake_speed.py --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
+	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
 	$(MAKE) tables
 
 # The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.

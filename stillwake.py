@@ -16,14 +16,7 @@ from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from contract.config_loading import load_config, to_tree
@@ -319,6 +312,23 @@ def develop(
         develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, wake)
     console.print(f"wrote {output}")
+
+
+@app.command()
+def steady(
+    output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
+    from wake.steady import write_steady
+
+    flow = load_config(config_file, overrides).flow
+    with _progress_bar("decades") as bar:
+        task = bar.add_task("settling", total=None, note="")
+        found = write_steady(output, flow, json_file, date.today(), lambda state: bar.update(task, **state))
+    console.print("  ".join(f"{name} {value:.4g}" for name, value in found.figures().items()), f"\nwrote {output}")
 
 
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:
