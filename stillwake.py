@@ -16,39 +16,22 @@ from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import TaskID
 from rich.table import Table
 
+import stillwake_pictures
 from contract.config_loading import load_config, to_tree
 from contract.errors import StillwakeError
 from contract.results import write_result
+from stillwake_terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-console = Console()
 errors = Console(stderr=True)
 
 SHIPPED_RECORDING: Final = Path(str(files("wake").joinpath("data/recording.h5")))
 SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
 INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as shells have it."""
-
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file; default: the release settings.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures and their settings here.")]
-Overrides = Annotated[list[str], typer.Option("--set", help="Override, e.g. --set mpc.weights.lift=0.1 (repeatable).")]
-
-
-def _progress_bar(unit: str, *, estimate_over: float = 30.0) -> Progress:
-    """Bars with the time left, from the speed over the last `estimate_over` seconds."""
-    return Progress(
-        TextColumn("[bold]{task.description}"),
-        BarColumn(bar_width=12),
-        MofNCompleteColumn(),
-        TextColumn(unit),
-        TimeRemainingColumn(compact=True, elapsed_when_finished=True),
-        TextColumn("{task.fields[note]}"),
-        console=console,
-        speed_estimate_period=estimate_over,
-    )
 
 
 def _cores() -> int:
@@ -107,7 +90,7 @@ def record(
         raise StillwakeError(f"cannot write {output}: it is a directory, not an HDF5 file")
     total = sum(plan.steps for plan in plans)
     # A block takes seconds, and is counted when it is whole: only many of them show the speed.
-    with _progress_bar("steps", estimate_over=600.0) as bar:
+    with progress_bar("steps", estimate_over=600.0) as bar:
         done: dict[str, int] = {}
         tasks: dict[str, TaskID] = {}
 
@@ -153,7 +136,7 @@ def train(
     began = time.monotonic()
     config = load_config(config_file, overrides)
     names = {"fit": "joint fit", "rank": "SHAP ranking", "distil": "distillation"}
-    with _progress_bar("iterations") as bar:
+    with progress_bar("iterations") as bar:
         tasks: dict[str, TaskID] = {}
 
         def show(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
@@ -249,7 +232,7 @@ def run(
     if plant not in ("stillwake", "openfoam"):
         raise StillwakeError(f"--plant {plant}: must be stillwake or openfoam")
     console.print(f"bundle {release.manifest.name} {release.digest[:12]}: {', '.join(release.manifest.sensors)}")
-    with _progress_bar("periods") as bar:
+    with progress_bar("periods") as bar:
         task = bar.add_task("closed loop", total=None, note="")
 
         def show(row: Row, done: int, total: int) -> None:
@@ -307,7 +290,7 @@ def develop(
     from wake.truck_wake import TruckWake, save_state
 
     wake = TruckWake(load_config(config_file, overrides).flow)
-    with _progress_bar("t_c") as bar:
+    with progress_bar("t_c") as bar:
         task = bar.add_task("developing", total=duration, note="")
         develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, wake)
@@ -325,10 +308,14 @@ def steady(
     from wake.steady import write_steady
 
     flow = load_config(config_file, overrides).flow
-    with _progress_bar("decades") as bar:
+    with progress_bar("decades") as bar:
         task = bar.add_task("settling", total=None, note="")
         found = write_steady(output, flow, json_file, date.today(), lambda state: bar.update(task, **state))
     console.print("  ".join(f"{name} {value:.4g}" for name, value in found.figures().items()), f"\nwrote {output}")
+
+
+app.add_typer(stillwake_pictures.picture, name="picture")
+app.command()(stillwake_pictures.animate)
 
 
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:

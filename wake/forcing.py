@@ -12,6 +12,7 @@ import numpy.typing as npt
 from scipy.signal import butter, sosfilt
 
 from contract.config import FlowConfig, ForcingConfig
+from contract.errors import ConfigError
 
 Array = npt.NDArray[np.float64]
 ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
@@ -48,6 +49,22 @@ def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np
     """A linear sweep at full amplitude from `extended_chirp_start` to `extended_chirp_end`; shape (steps,)."""
     del rng
     return _sweep(steps, forcing.extended_chirp_start, forcing.extended_chirp_end, flow)
+
+
+def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
+    """A sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W.
+
+    Raises:
+        ConfigError: for an amplitude beyond the bound, or a frequency that is not positive or that control steps
+            cannot follow.
+    """
+    if not 0.0 <= amplitude <= flow.action_limit:
+        raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
+    highest = 0.5 / flow.control_period
+    if not 0.0 < frequency < highest:
+        raise ConfigError(f"frequency = {frequency}: must be positive and below {highest}, half the control rate")
+    signal: Array = amplitude * np.sin(2.0 * np.pi * frequency * flow.control_period * np.arange(steps))
+    return signal
 
 
 def none(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:

@@ -1,0 +1,227 @@
+"""The commands that draw: `stillwake picture ...` for stills and means, `stillwake animate` for runs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+import typer
+
+from contract.config import Config
+from contract.config_loading import load_config
+from contract.errors import ConfigError
+from stillwake_terminal import ConfigFile, Overrides, console, progress_bar
+
+if TYPE_CHECKING:
+    from wake.truck_wake import TruckWake
+
+USUAL_DURATION: Final = 25.0
+"""t_c: five shedding cycles."""
+
+picture = typer.Typer(no_args_is_help=True, help="Draw the flow: vorticity, pressure, or a mean over time.")
+
+
+Forcing = Literal["none", "sine", "training", "chirp"]
+Field = Literal["vorticity", "pressure"]
+
+Output = Annotated[Path, typer.Argument(help="File to write: .png, .pdf or .svg.")]
+StateFile = Annotated[Path | None, typer.Option("--state", help="Flow state (.npz); default: the shipped start.")]
+SensorNames = Annotated[str, typer.Option("--sensors", help="Comma-separated sensors to colour by Cp; default: all.")]
+ForcingName = Annotated[Forcing, typer.Option(help="What the jets do.")]
+Amplitude = Annotated[float | None, typer.Option(help="Of the sine, U_inf W; default: the action's bound.")]
+Frequency = Annotated[float, typer.Option(help="Of the sine, 1/t_c.")]
+Seed = Annotated[int, typer.Option(help="Of the training waveform.")]
+RunFolder = Annotated[Path | None, typer.Option("--run", help="Folder written by `run`: replay its actions.")]
+DatasetFile = Annotated[Path | None, typer.Option("--dataset", help="Recording: replay an episode's actions.")]
+EpisodeName = Annotated[str | None, typer.Option("--episode", help="Of the recording; default: its first.")]
+Duration = Annotated[float | None, typer.Option(help="Time run, t_c; default: 25, or all of a run folder.", min=0.2)]
+
+
+@picture.command()
+def vorticity(
+    output: Output,
+    state: StateFile = None,
+    sensors: SensorNames = "",
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
+) -> None:
+    """Vorticity around the truck, its jets, and wall pressure at the sensors."""
+    _still(output, "vorticity", state, sensors, load_config(config_file, overrides))
+
+
+@picture.command()
+def pressure(
+    output: Output,
+    state: StateFile = None,
+    sensors: SensorNames = "",
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Pressure around the truck and at its sensors."""
+    _still(output, "pressure", state, sensors, load_config(config_file, overrides))
+
+
+@picture.command()
+def mean(
+    output: Output,
+    state: StateFile = None,
+    duration: Duration = None,
+    settle: Annotated[float, typer.Option(help="Run, but left out of the mean, t_c.", min=0.0)] = 0.0,
+    forcing: ForcingName = "none",
+    amplitude: Amplitude = None,
+    frequency: Frequency = 0.2,
+    seed: Seed = 1,
+    run: RunFolder = None,
+    dataset: DatasetFile = None,
+    episode: EpisodeName = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Mean flow behind the truck with streamlines; prints the length of the recirculation bubble and mean forces."""
+    from wake.fields import bubble_length, mean_flow
+    from wake.pictures import check_suffix, mean_figure, save_figure
+
+    check_suffix(output)
+    config = load_config(config_file, overrides)
+    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
+    skip = round(settle / config.flow.control_period)
+    if skip >= len(actions):
+        raise ConfigError(f"--settle {settle}: must be shorter than the run of {_time(config, len(actions)):g} t_c")
+    wake = _start(config, state)
+    with progress_bar("steps") as bar:
+        task = bar.add_task("mean flow", total=len(actions), note="")
+        flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
+    save_figure(output, mean_figure(wake, flow, _time(config, len(actions) - skip)))
+    measured = wake.surface.measure(flow.flat)
+    console.print(f"bubble length {bubble_length(wake.grid, flow):.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
+    console.print(f"wrote {output}")
+
+
+def animate(
+    output: Annotated[Path, typer.Argument(help="File to write: .gif, or .mp4 where ffmpeg is installed.")],
+    state: StateFile = None,
+    duration: Duration = None,
+    skip: Annotated[float, typer.Option(help="Run before the first frame, t_c.", min=0.0)] = 0.0,
+    field: Annotated[Field, typer.Option(help="What colours the flow.")] = "vorticity",
+    forcing: ForcingName = "none",
+    amplitude: Amplitude = None,
+    frequency: Frequency = 0.2,
+    seed: Seed = 1,
+    run: RunFolder = None,
+    dataset: DatasetFile = None,
+    episode: EpisodeName = None,
+    sensors: SensorNames = "",
+    every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
+    fps: Annotated[int, typer.Option(help="Frames per second.")] = 10,
+    width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 800,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Run the wake and write it as a moving picture: without control, forced, or replaying recorded actions."""
+    from wake.animation import animate as write_animation
+    from wake.animation import check_target
+    from wake.pictures import WakePicture
+
+    check_target(output)
+    config = load_config(config_file, overrides)
+    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
+    wake = _start(config, state)
+    drawn = WakePicture(wake, field, _names(sensors), width)
+    with progress_bar("steps") as bar:
+        task = bar.add_task("animation", total=len(actions), note="")
+        frames = write_animation(
+            output, drawn, wake, actions,
+            skip=round(skip / config.flow.control_period), every=every, fps=fps,
+            progress=lambda done, _: bar.update(task, completed=done),
+        )  # fmt: skip
+    console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
+
+
+def _still(output: Path, field: Field, state: Path | None, sensors: str, config: Config) -> None:
+    from wake.pictures import WakePicture, check_suffix, save_figure
+
+    check_suffix(output)
+    wake = _start(config, state)
+    save_figure(output, WakePicture(wake, field, _names(sensors)).update())
+    console.print(f"wrote {output}")
+
+
+def _names(listed: str) -> tuple[str, ...] | None:
+    return tuple(name.strip() for name in listed.split(",")) if listed else None
+
+
+def _start(config: Config, state: Path | None) -> "TruckWake":
+    from wake.truck_wake import TruckWake, developed_state, load_state
+
+    start = developed_state() if state is None else load_state(state)
+    wake = TruckWake(config.flow)
+    wake.reset(start)
+    return wake
+
+
+def _time(config: Config, steps: int) -> float:
+    return steps * config.flow.control_period
+
+
+def _actions(
+    config: Config,
+    duration: float | None,
+    forcing: Forcing,
+    amplitude: float | None,
+    frequency: float,
+    seed: int,
+    run: Path | None,
+    dataset: Path | None,
+    episode: str | None,
+) -> npt.NDArray[np.float64]:
+    """The actions to command in turn, one a control period: from a signal, or from what was recorded."""
+    if (run is not None) + (dataset is not None) + (forcing != "none") > 1:
+        raise ConfigError("--forcing, --run and --dataset exclude each other: give one")
+    if episode is not None and dataset is None:
+        raise ConfigError(f"--episode {episode}: needs --dataset FILE")
+    wanted = None if duration is None else round(duration / config.flow.control_period)
+    usual = round(USUAL_DURATION / config.flow.control_period)
+    if run is not None:
+        recorded = _run_actions(run)
+        steps = len(recorded) if wanted is None else wanted
+    elif dataset is not None:
+        recorded = _episode_actions(dataset, episode, config.flow.action_limit)
+        steps = min(usual, len(recorded)) if wanted is None else wanted
+    else:
+        return _signal(config, usual if wanted is None else wanted, forcing, amplitude, frequency, seed)
+    if steps > len(recorded):
+        raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")
+    return recorded[:steps]
+
+
+def _signal(
+    config: Config, steps: int, forcing: Forcing, amplitude: float | None, frequency: float, seed: int
+) -> npt.NDArray[np.float64]:
+    from wake.forcing import SIGNALS, sine
+
+    if forcing == "sine":
+        height = config.flow.action_limit if amplitude is None else amplitude
+        return sine(steps, config.flow, amplitude=height, frequency=frequency)
+    if amplitude is not None:
+        raise ConfigError(f"--amplitude {amplitude}: only --forcing sine has one")
+    return SIGNALS[forcing](steps, config.forcing, config.flow, np.random.default_rng(seed))
+
+
+def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
+    from firmware_sim.closed_loop import SERIES
+    from firmware_sim.run_log import load
+
+    # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
+    return load(folder / SERIES).series["action"][1:]
+
+
+def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[np.float64]:
+    from contract.dataset import read
+
+    episodes = {episode.name: episode for episode in read(path).episodes}
+    if name is not None and name not in episodes:
+        raise ConfigError(f"--episode {name}: {path} holds {', '.join(episodes)}")
+    chosen = episodes[name] if name is not None else next(iter(episodes.values()))
+    actions = chosen.series["action"]
+    # Recordings are stored in single precision, which rounds the bound itself up.
+    return np.where(np.abs(actions) <= np.float32(limit), np.clip(actions, -limit, limit), actions)

@@ -1,0 +1,130 @@
+"""`stillwake picture` and `stillwake animate` as a user meets them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner, Result
+
+import stillwake
+import stillwake_pictures
+from contract import dataset, sensors
+from contract.config import Config
+from contract.errors import StillwakeError
+from firmware_sim import run_log
+from wake.truck_wake import TruckWake, developed_state
+
+PATH = stillwake.SHIPPED_RECORDING
+
+
+def cli(*arguments: object) -> Result:
+    return CliRunner().invoke(stillwake.app, [str(argument) for argument in arguments])
+
+
+def actions(**settings: object) -> np.ndarray:
+    usual = {"duration": None, "forcing": "none", "amplitude": None, "frequency": 0.2, "seed": 1}
+    return stillwake_pictures._actions(Config(), **{**usual, "run": None, "dataset": None, "episode": None, **settings})
+
+
+def test_stills_of_a_state(tmp_path):
+    assert cli("picture", "vorticity", tmp_path / "v.png", "--sensors", "upper_39, base_0").exit_code == 0
+    assert cli("picture", "pressure", tmp_path / "p.png").exit_code == 0
+    assert Image.open(tmp_path / "v.png").size == Image.open(tmp_path / "p.png").size == (1100, 341)
+
+
+def test_a_mean_flow_prints_its_bubble(tmp_path):
+    outcome = cli("picture", "mean", tmp_path / "m.png", "--duration", 0.6, "--settle", 0.2)
+    assert outcome.exit_code == 0
+    # Backward flow reaches about a width behind the base; over three samples it is not a mean to quote.
+    assert 0.3 < float(re.search(r"bubble length (\S+) W", outcome.output)[1]) < 2.0
+    assert (tmp_path / "m.png").is_file()
+
+
+def test_an_animation_of_a_forced_wake(tmp_path):
+    forcing = ["--forcing", "sine", "--amplitude", 0.05, "--frequency", 0.3]
+    outcome = cli("animate", tmp_path / "a.gif", "--duration", 0.6, "--every", 2, "--width", 500, *forcing)
+    assert outcome.exit_code == 0
+    assert Image.open(tmp_path / "a.gif").n_frames == 2
+
+
+def test_a_replayed_episode_is_the_recorded_one():
+    episode = next(episode for episode in dataset.read(PATH).episodes if episode.name == "training_1")
+    replayed = actions(dataset=PATH, episode="training_1", duration=0.8)
+    # The last one is the bound, which single precision rounds up.
+    assert episode.series["action"][3] > 0.075 and replayed[3] == 0.075
+    wake = TruckWake()
+    wake.reset(developed_state())
+    for k, action in enumerate(replayed):
+        # Recorded in single precision, and so are the actions.
+        assert wake.sample().Uy_probe == pytest.approx(episode.series["Uy_probe"][k], abs=1e-6)
+        wake.advance(float(action))
+
+
+def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path):
+    in_force = [0.0, 0.01, 0.03, -0.02]
+    rest = {name: 0.0 for name in run_log.Row.__dataclass_fields__ if name != "action"}
+    rows = [run_log.Row(**rest, action=action) for action in in_force]
+    bus = run_log.BusTotals(sent=0, lost=0, rejected=0)
+    run_log.save(tmp_path / "series.npz", run_log.RunLog.of(rows, 0, bus, {}))
+    assert actions(run=tmp_path).tolist() == in_force[1:]
+    assert actions(run=tmp_path, duration=0.4).tolist() == in_force[1:3]
+    with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording holds 0\.6 t_c"):
+        actions(run=tmp_path, duration=2.0)
+
+
+def test_a_sine_has_its_amplitude_and_frequency():
+    signal = actions(forcing="sine", amplitude=0.04, frequency=0.25, duration=40.0)
+    spectrum = np.abs(np.fft.rfft(signal)) * 2.0 / len(signal)
+    peak = int(spectrum.argmax())
+    # 200 samples of 0.2 t_c: ten whole periods.
+    assert np.fft.rfftfreq(200, 0.2)[peak] == pytest.approx(0.25)
+    assert spectrum[peak] == pytest.approx(0.04, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"forcing": "sine", "amplitude": 0.2}, r"amplitude = 0\.2: must be between 0 and 0\.075"),
+        ({"forcing": "sine", "frequency": 3.0}, r"frequency = 3\.0: must be positive and below 2\.5"),
+        ({"forcing": "chirp", "amplitude": 0.01}, "only --forcing sine has one"),
+        ({"forcing": "chirp", "dataset": PATH}, "exclude each other"),
+        ({"episode": "chirp_0"}, "--episode chirp_0: needs --dataset FILE"),
+        ({"dataset": PATH, "episode": "nix"}, "--episode nix: .* holds training_1, chirp_0"),
+        ({"run": Path("nowhere")}, "nowhere/series.npz"),
+    ],
+)
+def test_a_run_that_does_not_exist_is_refused(settings, message):
+    with pytest.raises(StillwakeError, match=message):
+        actions(**settings)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["picture", "vorticity", "a.gif"], r"a\.gif: must be a file ending in \.png"),
+        (["picture", "vorticity", "a.png", "--sensors", "upper_99"], "unknown sensor 'upper_99'"),
+        (["picture", "pressure", "a.png", "--state", "nowhere.npz"], "nowhere.npz: not a flow state"),
+        (["picture", "mean", "a.png", "--duration", "1", "--settle", "1"], r"--settle 1\.0: must be shorter"),
+        (["animate", "a.png"], r"a\.png: must be a file ending in \.gif or \.mp4"),
+        (["animate", "a.gif", "--skip", "30"], "skip = 150"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_error_and_no_file(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    outcome = cli(*arguments)
+    assert isinstance(outcome.exception, StillwakeError)
+    assert re.search(message, str(outcome.exception)) and "\n" not in str(outcome.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_picture_explains_itself():
+    for command in stillwake_pictures.picture.registered_commands:
+        outcome = cli("picture", command.callback.__name__, "--help")
+        assert outcome.exit_code == 0 and "--state" in outcome.output
+
+
+def test_sensor_names_of_the_default_are_all():
+    assert stillwake_pictures._names("") is None
+    assert stillwake_pictures._names("base_0, base_1") == sensors.NAMES[80:82]
