@@ -1,7 +1,8 @@
 """The wake as a Gymnasium environment, registered as `stillwake/TruckWake-v0`."""
 
-from collections.abc import Sequence
-from typing import Any
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
@@ -9,25 +10,46 @@ import numpy.typing as npt
 
 from contract import sensors
 from contract.config import FlowConfig
-from wake.pictures import vorticity_image
-from wake.truck_wake import Sample, TruckWake, developed_state
+from contract.errors import ConfigError, PlantError
+from wake.pictures import WakePicture
+from wake.truck_wake import Sample, State, TruckWake, developed_state
 
 Observation = npt.NDArray[np.float32]
+
+LEDGER: Final = (*(item.name for item in dataclasses.fields(Sample) if item.type is float), "Cd_slot", "Cd_net")
+"""What `info` carries of a `wake.truck_wake.Sample`: all but the 90 pressures."""
 
 
 class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """One step is one control period of 0.2 t_c.
 
-    Observation: Cp at the named sensors, float32. Action: jet flow rate in U_inf W, shape (1,), within +-0.075; what
-    lies beyond is clipped and `info["clipped"]` says so. Reward: -Cd of the wall. `info` carries the drag ledger of
-    `wake.truck_wake.Sample`. An episode never terminates; it is truncated after `episode_steps`.
+    Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
+    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and keeps
+    saying so if it is stepped further.
+
+    `info` holds at every step the drag ledger, by the names and in the units of `wake.truck_wake.Sample`: time, wall
+    force, slot force, jet momentum, jet power, their net, the wake probe and the action in force; and `clipped`,
+    whether this step's action lay beyond the bound and was cut to it, with `clipped_count`, how often in this episode.
+
+    `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
+    after the start. The same seed gives the same phase, and so the same trajectory under the same
+    actions, to the bit. Phases are kept once they have been computed, so that only the first resets take time.
+    Options of `reset`:
+
+    - `phase_steps`: this phase instead of a random one;
+    - `start`: a `wake.truck_wake.State` to start from instead, at a control period's start.
 
     Args:
         sensor_names: the observed sensors; all 90 by default.
         episode_steps: control steps until truncation.
         config: flow settings.
-        max_lead_steps: a seeded reset starts between 0 and so many uncontrolled steps after the shipped developed
-            state, so that episodes begin at different phases of the shedding cycle (25 steps).
+        max_phase_steps: 25 are about one shedding cycle. A phase takes 1.8 MB.
+        start: instead of the shipped developed state, for other flow settings.
+        render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
+
+    Raises:
+        ConfigError: for a sensor that does not exist or is named twice, or a setting out of its range.
+        PlantError: for a start inside a control period, or flow settings whose time step would diverge.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -37,55 +59,124 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         sensor_names: Sequence[str] = sensors.NAMES,
         episode_steps: int = 500,
         config: FlowConfig | None = None,
-        max_lead_steps: int = 25,
+        max_phase_steps: int = 25,
+        start: State | None = None,
         render_mode: str | None = None,
     ) -> None:
+        for name, value, least in (("episode_steps", episode_steps, 1), ("max_phase_steps", max_phase_steps, 0)):
+            if value < least:
+                raise ConfigError(f"{name} = {value}: must be at least {least}")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
+        self._names = tuple(sensor_names)
+        self._columns = sensors.indices(self._names)
+        if not self._names:
+            raise ConfigError("sensor_names is empty: observe at least one sensor")
         self._wake = TruckWake(config)
-        self._columns = sensors.indices(sensor_names)
         self._episode_steps = episode_steps
-        self._max_lead_steps = max_lead_steps
-        self._step_count = 0
+        self._phases = [developed_state() if start is None else self._checked_start(start)]
+        self._max_phase_steps = max_phase_steps
+        self._step_count: int | None = None
+        self._clipped_count = 0
+        self._picture: WakePicture | None = None
         self.render_mode = render_mode
         limit = self._wake.config.action_limit
         self.action_space = gymnasium.spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape=(len(sensor_names),), dtype=np.float32)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape=(len(self._names),), dtype=np.float32)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode.
+
+        Raises:
+            ConfigError: for an option that does not exist or is out of its range.
+            PlantError: for a start of another plant, or inside a control period.
+        """
         super().reset(seed=seed)
-        del options
-        sample = self._wake.reset(developed_state())
-        for _ in range(int(self.np_random.integers(self._max_lead_steps + 1))):
-            sample = self._wake.advance(0.0)
-        self._step_count = 0
-        return self._observe(sample), _ledger(sample, clipped=False)
+        sample = self._wake.reset(self._start({} if options is None else options))
+        self._step_count, self._clipped_count = 0, 0
+        return self._observe(sample), self._info(sample, clipped=False)
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Ramp the jets to `action` over one control period; raises PlantError for a non-finite action."""
-        wanted = float(np.asarray(action, dtype=np.float64).reshape(-1)[0])
+        """Ramp the jets to `action` over one control period.
+
+        Raises:
+            PlantError: for an action that is not one finite value.
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._step_count is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        wanted = _single_value(action)
         limit = self._wake.config.action_limit
         # float32 rounds the bound itself up by an ulp; that is not a clipped action.
         clipped = bool(abs(wanted) > np.float32(limit))
         sample = self._wake.advance(float(np.clip(wanted, -limit, limit)))
         self._step_count += 1
+        self._clipped_count += clipped
         truncated = self._step_count >= self._episode_steps
-        return self._observe(sample), -sample.Cd, False, truncated, _ledger(sample, clipped)
+        return self._observe(sample), -sample.Cd, False, truncated, self._info(sample, clipped)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Vorticity as an rgb image, (height, width, 3)."""
+        """Vorticity, jets as arrows, observed sensors by Cp: (341, 1100, 3). None without a render mode.
+
+        Raises gymnasium.error.ResetNeeded before the first reset.
+        """
         if self.render_mode is None:
             return None
-        return vorticity_image(self._wake)
+        if self._step_count is None:
+            raise gymnasium.error.ResetNeeded("call reset before render")
+        if self._picture is None:
+            self._picture = WakePicture(self._wake, "vorticity", self._names)
+        return self._picture.pixels()
+
+    def _start(self, options: Mapping[str, Any]) -> State:
+        unknown = set(options) - {"start", "phase_steps"}
+        if unknown or len(options) > 1:
+            raise ConfigError(f"reset options {sorted(options)}: must be one of 'start' and 'phase_steps'")
+        if "start" in options:
+            return self._checked_start(options["start"])
+        most = self._max_phase_steps
+        phase = options.get("phase_steps")
+        if phase is None:
+            phase = int(self.np_random.integers(most + 1))
+        if not isinstance(phase, int | np.integer) or not 0 <= phase <= most:
+            raise ConfigError(f"phase_steps = {phase!r}: must be a whole number from 0 to max_phase_steps = {most}")
+        return self._phase(int(phase))
+
+    def _checked_start(self, start: Any) -> State:
+        if not isinstance(start, State):
+            raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck_wake.State")
+        into = start.substep % self._wake.config.substeps
+        if into:
+            raise PlantError(f"start lies {into} substeps inside a control period: must lie between two")
+        return start
+
+    def _phase(self, steps: int) -> State:
+        """The flow so many uncontrolled control periods after the start."""
+        if steps >= len(self._phases):
+            self._wake.reset(self._phases[-1])
+        while steps >= len(self._phases):
+            self._wake.advance(0.0)
+            self._phases.append(self._wake.state())
+        return self._phases[steps]
 
     def _observe(self, sample: Sample) -> Observation:
         return sample.Cp[self._columns].astype(np.float32)
 
+    def _info(self, sample: Sample, clipped: bool) -> dict[str, Any]:
+        ledger = {name: getattr(sample, name) for name in LEDGER}
+        return ledger | {"clipped": clipped, "clipped_count": self._clipped_count}
 
-def _ledger(sample: Sample, clipped: bool) -> dict[str, Any]:
-    slot = ("Cd_slot", "Cd_slot_pressure", "Cd_slot_viscous")
-    fields = ("t", "Cd", "Cl", *slot, "Cd_momentum", "Cd_net", "jet_power", "Uy_probe", "action")
-    return {name: getattr(sample, name) for name in fields} | {"clipped": clipped}
+
+def _single_value(action: npt.ArrayLike) -> float:
+    values = np.asarray(action, dtype=np.float64)
+    if values.size != 1:
+        raise PlantError(f"action of shape {values.shape}: must be one value")
+    value = float(values.item())
+    if not np.isfinite(value):
+        raise PlantError(f"action {value}: must be finite")
+    return value
 
 
 # Gymnasium 1.0 dropped entry points: importing this module is what registers.

@@ -1,39 +1,70 @@
+import dataclasses
+import warnings
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from contract.errors import ConfigError
+from contract import sensors
+from contract.errors import ConfigError, PlantError
 from wake.env import TruckWakeEnv
+from wake.truck_wake import TruckWake, developed_state
 
-LEDGER = {"t", "Cd", "Cl", "Cd_slot", "Cd_slot_pressure", "Cd_slot_viscous", "Cd_momentum", "jet_power", "Uy_probe"}
+WATCHED = ("base_0", "upper_39")
 
 
 @pytest.fixture(scope="module")
 def env() -> TruckWakeEnv:
-    return TruckWakeEnv(("upper_39", "base_0"), episode_steps=3, max_lead_steps=2)
+    return TruckWakeEnv(WATCHED, episode_steps=3, max_phase_steps=3, render_mode="rgb_array")
 
 
-def test_gymnasiums_own_checker_is_content(env: TruckWakeEnv) -> None:
-    check_env(env, skip_render_check=True)
+def action(value: float) -> np.ndarray:
+    return np.array([value], dtype=np.float32)
 
 
-def test_registered_under_the_documented_name() -> None:
-    assert gymnasium.spec("stillwake/TruckWake-v0").entry_point == "wake.env:TruckWakeEnv"
+def test_gymnasiums_own_checker_is_content() -> None:
+    made = gymnasium.make("stillwake/TruckWake-v0", sensor_names=WATCHED, max_phase_steps=1)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(made.unwrapped)
+    # It recommends finite bounds; a wall pressure has none.
+    assert all("infinity. This is probably too" in str(warning.message) for warning in caught)
 
 
-def test_info_truncation_and_reward(env: TruckWakeEnv) -> None:
-    observation, info = env.reset(seed=1)
+def test_one_step_is_one_control_period_of_the_plant(env: TruckWakeEnv, wake: TruckWake) -> None:
+    observation, info = env.reset(options={"phase_steps": 0})
     assert observation.shape == (2,) and observation.dtype == np.float32
-    assert env.action_space.shape == (1,) and env.action_space.high[0] == np.float32(0.075)
-    assert info.keys() >= LEDGER
-    truncations = []
-    for action in (0.0, 0.075, 0.2):
-        observation, reward, terminated, truncated, info = env.step(np.array([action], dtype=np.float32))
-        truncations.append(truncated)
-        assert reward == -info["Cd"] and not terminated
-    assert truncations == [False, False, True]
-    assert info["clipped"] and info["action"] == 0.075
+    for value in (0.05, -0.02):
+        observation, reward, terminated, truncated, info = env.step(action(value))
+        sample = wake.advance(float(np.float32(value)))
+        assert (reward, terminated, truncated) == (-sample.Cd, False, False)
+        assert np.array_equal(
+            observation, sample.Cp[[sensors.NAMES.index(name) for name in WATCHED]].astype(np.float32)
+        )
+        for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power", "Uy_probe", "action"):
+            assert info[name] == getattr(sample, name), name
+        assert info["Cd_net"] == pytest.approx(info["Cd"] + info["Cd_slot"] + info["Cd_momentum"])
+        parts = info["Cd_slot_pressure"] + info["Cd_slot_viscous"]
+        assert parts == pytest.approx(info["Cd_slot"])
+
+
+def test_truncation_comes_at_the_last_step_and_stays(env: TruckWakeEnv) -> None:
+    env.reset(seed=1)
+    ends = [env.step(action(0.0))[2:4] for _ in range(4)]
+    assert ends == [(False, False), (False, False), (False, True), (False, True)]
+    env.reset(seed=1)
+    assert env.step(action(0.0))[3] is False
+
+
+def test_what_lies_beyond_the_bound_is_clipped_and_counted(env: TruckWakeEnv) -> None:
+    _, info = env.reset(seed=1)
+    seen = [(info["clipped"], info["clipped_count"], info["action"])]
+    for value in (0.2, 0.0, -3.0):
+        info = env.step(action(value))[4]
+        seen.append((info["clipped"], info["clipped_count"], info["action"]))
+    assert seen == [(False, 0, 0.0), (True, 1, 0.075), (False, 1, 0.0), (True, 2, -0.075)]
+    assert env.reset(seed=1)[1]["clipped_count"] == 0
 
 
 def test_the_bound_itself_is_not_clipped(env: TruckWakeEnv) -> None:
@@ -41,13 +72,126 @@ def test_the_bound_itself_is_not_clipped(env: TruckWakeEnv) -> None:
     assert not env.step(env.action_space.high)[4]["clipped"]
 
 
-def test_seeds_choose_the_phase(env: TruckWakeEnv) -> None:
-    first, again = env.reset(seed=3)[0], env.reset(seed=3)[0]
-    assert np.array_equal(first, again)
-    starts = {env.reset(seed=seed)[1]["t"] for seed in range(8)}
-    assert len(starts) > 1
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_an_action_that_is_not_finite_is_refused_by_its_value(env: TruckWakeEnv, value: float) -> None:
+    env.reset(seed=1)
+    with pytest.raises(PlantError, match=f"action {value}: must be finite"):
+        env.step(action(value))
+    # Nothing has moved.
+    assert env.step(action(0.0))[4]["clipped_count"] == 0
 
 
-def test_unknown_sensor_is_refused() -> None:
-    with pytest.raises(ConfigError, match="left_front"):
-        TruckWakeEnv(("left_front",))
+def test_an_action_of_another_shape_is_refused(env: TruckWakeEnv) -> None:
+    env.reset(seed=1)
+    with pytest.raises(PlantError, match=r"shape \(2,\): must be one value"):
+        env.step(np.zeros(2, dtype=np.float32))
+
+
+def test_the_same_seed_gives_the_same_trajectory(env: TruckWakeEnv) -> None:
+    def trajectory() -> list[np.ndarray]:
+        first = env.reset(seed=3)[0]
+        return [first, *(env.step(action(value))[0] for value in (0.05, -0.07))]
+
+    once = trajectory()
+    env.reset(seed=4)
+    env.step(action(0.075))
+    assert np.array_equal(once, trajectory())
+
+
+def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env: TruckWakeEnv, wake: TruckWake) -> None:
+    starts = [env.reset(seed=seed) for seed in range(12)]
+    samples = [wake.sample(), *(wake.advance(0.0) for _ in range(3))]
+    seen = {round(info["t"] / 0.2) for _, info in starts}
+    assert len(seen) > 1 and seen <= {0, 1, 2, 3}
+    for _, info in starts:
+        sample = samples[round(info["t"] / 0.2)]
+        assert (info["t"], info["Cd"], info["action"]) == (sample.t, sample.Cd, 0.0)
+    # Without a seed the generator goes on: not every episode begins alike.
+    assert len({env.reset()[1]["t"] for _ in range(12)}) > 1
+
+
+def test_options_choose_the_start(env: TruckWakeEnv, wake: TruckWake) -> None:
+    assert env.reset(options={"phase_steps": 2})[1]["t"] == pytest.approx(0.4)
+    sample = wake.advance(0.06)
+    _, info = env.reset(options={"start": wake.state()})
+    assert (info["Cd"], info["action"]) == (sample.Cd, 0.06)
+
+
+def test_another_start_is_where_the_phases_begin(wake: TruckWake) -> None:
+    wake.advance(0.0)
+    env = TruckWakeEnv(WATCHED, start=wake.state())
+    assert env.reset(options={"phase_steps": 1})[1]["Cd"] == wake.advance(0.0).Cd
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
+        ({"phase_steps": 1, "start": None}, "must be one of"),
+        ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
+        ({"phase_steps": -1}, "phase_steps = -1"),
+        ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
+        ({"start": "file.npz"}, "start is a str: must be a wake.truck_wake.State"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv, options: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        env.reset(options=options)
+
+
+def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
+    start = dataclasses.replace(developed_state(), substep=11)
+    with pytest.raises(PlantError, match="11 substeps inside a control period"):
+        env.reset(options={"start": start})
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"sensor_names": ("left_front",)}, "left_front"),
+        ({"sensor_names": ("base_0", "base_0")}, "twice"),
+        ({"sensor_names": ()}, "at least one sensor"),
+        ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),
+        ({"max_phase_steps": -1}, "max_phase_steps = -1: must be at least 0"),
+        ({"render_mode": "human"}, "render_mode = 'human'"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        TruckWakeEnv(**settings)
+
+
+def test_nothing_works_before_the_first_reset() -> None:
+    env = TruckWakeEnv(render_mode="rgb_array")
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(action(0.0))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.render()
+
+
+def test_frames_have_one_size_and_follow_the_flow(env: TruckWakeEnv) -> None:
+    env.reset(seed=1)
+    first = env.render()
+    env.step(action(0.075))
+    second = env.render()
+    assert first is not None and second is not None
+    assert first.shape == second.shape == (341, 1100, 3) and first.dtype == np.uint8
+    assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_a_vector_of_environments_is_each_of_them(env: TruckWakeEnv, mode: str) -> None:
+    several = gymnasium.make_vec(
+        "stillwake/TruckWake-v0", num_envs=2, vectorization_mode=mode, sensor_names=WATCHED, episode_steps=1
+    )
+    try:
+        several.reset(seed=5, options={"phase_steps": 0})
+        observations, rewards, _, truncated, info = several.step(np.array([[0.02], [0.2]], dtype=np.float32))
+    finally:
+        several.close()
+    for k, value in enumerate((0.02, 0.2)):
+        env.reset(options={"phase_steps": 0})
+        observation, reward, _, _, alone = env.step(action(value))
+        assert np.array_equal(observations[k], observation) and rewards[k] == reward
+        assert (info["Cd_net"][k], info["clipped_count"][k]) == (alone["Cd_net"], alone["clipped_count"])
+    assert truncated.tolist() == [True, True]
