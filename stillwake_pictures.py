@@ -21,7 +21,7 @@ USUAL_DURATION: Final = 25.0
 picture = typer.Typer(no_args_is_help=True, help="Draw the flow: vorticity, pressure, or a mean over time.")
 
 
-Forcing = Literal["none", "sine", "training", "chirp"]
+Forcing = Literal["none", "sine", "training", "chirp", "extended_chirp"]
 Field = Literal["vorticity", "pressure"]
 
 Output = Annotated[Path, typer.Argument(help="File to write: .png, .pdf or .svg.")]
@@ -222,6 +222,7 @@ def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[
     if name is not None and name not in episodes:
         raise ConfigError(f"--episode {name}: {path} holds {', '.join(episodes)}")
     chosen = episodes[name] if name is not None else next(iter(episodes.values()))
-    actions = chosen.series["action"]
-    # Recordings are stored in single precision, which rounds the bound itself up.
+    # An episode may begin some control periods after the start.
+    actions = np.concatenate([np.zeros(int(chosen.provenance.get("lead_steps", 0))), chosen.series["action"]])
+    # The first schema stored single precision, which rounds the bound itself up.
     return np.where(np.abs(actions) <= np.float32(limit), np.clip(actions, -limit, limit), actions)
