@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.markdown import read
@@ -51,8 +50,8 @@ def _folded(values: list[float]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, 
 def main() -> None:
     """Draw the figure anew."""
     figure = draw(rows_by_grid(ROOT / "results"), read(REFERENCE))
-    with replacing(TARGET) as temporary, temporary.open("wb") as file:
-        FigureCanvasAgg(figure).print_png(file)
+    with replacing(TARGET) as temporary:
+        figure.savefig(temporary, format="png")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,1 @@
+"""Measurements and the tables made of them: `python benchmarks/NAME.py`, then `make tables`."""
