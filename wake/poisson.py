@@ -8,6 +8,9 @@ of D are the links between a fluid and a solid cell and K their conductances, he
 
 Grid and body are symmetric in y, so even and odd right-hand sides are solved apart on the lower half: half the
 arithmetic, and a symmetric flow stays symmetric to the bit.
+
+Work arrays are kept. Allocated anew in every step they can cost as much as everything else: in a worker's thread the C
+library may hand such blocks back to the system each time, and every page of them is faulted in again.
 """
 
 from dataclasses import dataclass
@@ -22,6 +25,7 @@ from wake.grid import Grid
 Array = npt.NDArray[np.float64]
 Links = npt.NDArray[np.int64]
 Factors = tuple[Array, Array, Array, Array, Links, Array]
+Work = tuple[Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +39,7 @@ class HalfSolver:
         coupling: conductance per unit height between columns i - 1 and i, (nx,).
         links: cells (i1, j1, i2, j2) either side of each cut link, (m, 4).
         capacitance: (K^-1 + D^T A^-1 D)^-1, (m, m).
+        work: three arrays (nx, h) and one (m,), overwritten by every solve.
     """
 
     q: Array
@@ -43,8 +48,9 @@ class HalfSolver:
     coupling: Array
     links: Links
     capacitance: Array
+    work: Work
 
-    def arrays(self) -> "Factors":
+    def arrays(self) -> Factors:
         return self.q, self.qt, self.pivot, self.coupling, self.links, self.capacitance
 
 
@@ -63,7 +69,7 @@ class PoissonSolver:
 
     def solve_into(self, b: Array, phi: Array) -> None:
         """The same into an existing array."""
-        _solve(b, phi, self.even.arrays(), self.odd.arrays())
+        _solve(b, phi, self.even.arrays(), self.odd.arrays(), self.even.work, self.odd.work)
 
 
 def build(grid: Grid, fluid: npt.NDArray[np.bool_]) -> PoissonSolver:
@@ -103,7 +109,16 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], *, even: bool) -> Half
     q = np.ascontiguousarray(q)
     qt = np.ascontiguousarray(q.T)
     capacitance = _capacitance(q, qt, pivot, coupling[:nx].copy(), links, stiffness)
-    return HalfSolver(q=q, qt=qt, pivot=pivot, coupling=coupling[:nx].copy(), links=links, capacitance=capacitance)
+    half = (nx, h)
+    return HalfSolver(
+        q=q,
+        qt=qt,
+        pivot=pivot,
+        coupling=coupling[:nx].copy(),
+        links=links,
+        capacitance=capacitance,
+        work=(np.empty(half), np.empty(half), np.empty(half), np.empty(len(links))),
+    )
 
 
 def _cut_links(grid: Grid, fluid: npt.NDArray[np.bool_], h: int) -> tuple[Links, Array]:
@@ -173,34 +188,32 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 
 @njit(cache=True, fastmath={"contract"})
-def _solve_half(b: Array, q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array) -> Array:
-    rhs = np.dot(b, q)
-    if links.shape[0] == 0:
-        _tridiagonal(rhs, pivot, coupling)
-        plain: Array = np.dot(rhs, qt)
-        return plain
-    first = rhs.copy()
-    _tridiagonal(first, pivot, coupling)
-    jump = np.empty(links.shape[0])
-    _gather(first, links, q, jump)
-    _scatter(rhs, links, -np.dot(cap, jump), q)
+def _solve_half(
+    q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array,
+    field: Array, rhs: Array, first: Array, jump: Array,
+) -> None:  # fmt: skip
+    """Solve in place: `field` holds the right-hand side, then phi."""
+    np.dot(field, q, rhs)
+    if links.shape[0] > 0:
+        first[:] = rhs
+        _tridiagonal(first, pivot, coupling)
+        _gather(first, links, q, jump)
+        _scatter(rhs, links, -np.dot(cap, jump), q)
     _tridiagonal(rhs, pivot, coupling)
-    phi: Array = np.dot(rhs, qt)
-    return phi
+    np.dot(rhs, qt, field)
 
 
 @njit(cache=True, fastmath={"contract"})
-def _solve(b: Array, phi: Array, even_factors: Factors, odd_factors: Factors) -> None:
+def _solve(b: Array, phi: Array, even_factors: Factors, odd_factors: Factors, even_work: Work, odd_work: Work) -> None:
     nx, ny = b.shape
     h = ny // 2
-    even = np.empty((nx, h))
-    odd = np.empty((nx, h))
+    even, odd = even_work[0], odd_work[0]
     for i in range(nx):
         for j in range(h):
             even[i, j] = 0.5 * (b[i, j] + b[i, ny - 1 - j])
             odd[i, j] = 0.5 * (b[i, j] - b[i, ny - 1 - j])
-    even = _solve_half(even, *even_factors)
-    odd = _solve_half(odd, *odd_factors)
+    _solve_half(*even_factors, *even_work)
+    _solve_half(*odd_factors, *odd_work)
     for i in range(nx):
         for j in range(h):
             phi[i, j] = even[i, j] + odd[i, j]
