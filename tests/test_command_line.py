@@ -230,13 +230,16 @@ def start(*arguments: object) -> subprocess.Popen:
 
 def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> Outcome:
     """Press Ctrl-C as soon as something is seen."""
-    deadline = time.monotonic() + 60.0
-    while not seen():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60.0)
+    deadline = time.monotonic() + 120.0
+    try:
+        while not seen():
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120.0)
+    finally:
+        process.kill()
     return Outcome(process.returncode, out, err)
 
 
@@ -266,7 +269,7 @@ def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
 def test_a_run_stopped_by_ctrl_c_leaves_nothing(tmp_path, random_release):
     process = start("run", tmp_path / "run", "--bundle", random_release, "--lead-in", 0.4, "--controlled", 1000)
     # Drawn when control is requested.
-    outcome = stop_after(process, lambda: any(tmp_path.glob("run/.vorticity_uncontrolled*.part")))
+    outcome = stop_after(process, lambda: any(tmp_path.glob("run/*vorticity_uncontrolled*")))
     assert (outcome.code, outcome.err) == (130, "stopped\n")
     assert "wrote" not in outcome.out
     assert list(tmp_path.iterdir()) == []

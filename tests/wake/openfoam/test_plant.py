@@ -143,8 +143,10 @@ def test_a_killed_icofoam_is_one_error(plant):
     assert "\n" not in str(caught.value)
 
 
+# Shells start background jobs deaf to Ctrl-C, and a test may run in one.
 LOOP = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from pathlib import Path
 from contract.config import FlowConfig
 from wake.openfoam.plant import OpenFoamWake

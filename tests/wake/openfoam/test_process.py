@@ -118,8 +118,10 @@ def test_a_program_that_does_not_listen_is_ended_by_force(tmp_path, monkeypatch)
     assert not child.running
 
 
+# Shells start background jobs deaf to Ctrl-C, and a test may run in one.
 PARENT = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from pathlib import Path
 from wake.openfoam.process import IcoFoam
 with IcoFoam(Path(sys.argv[1]), ("sleep", "600")) as child:
