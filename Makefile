@@ -34,6 +34,7 @@ full: test
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
+	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(MAKE) tables
 

@@ -16,14 +16,7 @@ from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from contract.config_loading import load_config, to_tree
@@ -321,6 +314,23 @@ def develop(
     console.print(f"wrote {output}")
 
 
+@app.command()
+def steady(
+    output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
+    from wake.steady import write_steady
+
+    flow = load_config(config_file, overrides).flow
+    with _progress_bar("decades") as bar:
+        task = bar.add_task("settling", total=None, note="")
+        found = write_steady(output, flow, json_file, date.today(), lambda state: bar.update(task, **state))
+    console.print("  ".join(f"{name} {value:.4g}" for name, value in found.figures().items()), f"\nwrote {output}")
+
+
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:
     table = Table("test episodes", "R2 Cd", "R2 Cl", "L1/sigma Cd", "L1/sigma Cl", "roll-out L1/sigma Cd / Cl")
     for name in ("teacher", "slim"):
@@ -344,16 +354,12 @@ def _one_line_errors() -> Iterator[None]:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
-        extra = {"torch": "train", "shap": "train", "onnx": "train", "safetensors": "train"}.get(
-            error.name or "", "sim"
-        )
-        errors.print(
-            f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'", style="red", markup=False
-        )
+        extra = "train" if error.name in ("torch", "shap", "onnx", "safetensors") else "sim"
+        line = f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'"
+        errors.print(line, style="red", markup=False)
         sys.exit(1)
     except SystemExit as stop:
-        # typer ends by exiting, and makes this of Ctrl-C.
-        if stop.code == INTERRUPTED:
+        if stop.code == INTERRUPTED:  # typer ends by exiting, and makes this of Ctrl-C
             errors.print("stopped", style="red")
         raise
 

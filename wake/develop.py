@@ -13,6 +13,13 @@ _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
 
 
+def start_from_rest(wake: TruckWake) -> None:
+    """Put the plant into uniform flow and let the first transients leave the leading edge; its clock stands at zero."""
+    wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
+    for dt, steps in _RAMP:
+        wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)
+
+
 def develop(
     wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
 ) -> State:
@@ -26,9 +33,7 @@ def develop(
     Returns:
         The state with its clock set back to zero and no action.
     """
-    wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
-    for dt, steps in _RAMP:
-        wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)
+    start_from_rest(wake)
     flow = wake.config
     for k in range(round(duration / flow.control_period)):
         kick = _KICK_AMPLITUDE * np.sin(2.0 * np.pi * 0.2 * k * flow.control_period) if k < _KICK_STEPS else 0.0

@@ -126,10 +126,10 @@ class FlowSolver:
     def _diverged(self, dt: float, steps: int, action: float) -> PlantError:
         flow, rear = self._before, self.grid.rear
         flow.u[rear, self._slot_rows + 1] = action * self._profile[self._slot_rows]
-        number = stability.convective_number(self.grid, flow.u, flow.v, dt)
+        convective = stability.convective_number(self.grid, flow.u, flow.v, dt)
+        viscous = stability.viscous_number(self.grid, self.viscosity, dt)
         return PlantError(
-            f"the flow diverged within {steps} steps of dt = {dt:.3g}: convective number {number:.2f} at their start, "
-            f"must be below {stability.CONVECTIVE_LIMIT:g}: take dt = {stability.safe_step(number, dt):.2g}"
+            f"the flow diverged within {steps} steps of dt = {dt:.3g}: {stability.advice(convective, viscous, dt)}"
         )
 
     def _step(self, flow: Flow, dt: float, actions: list[float]) -> None:

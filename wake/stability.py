@@ -23,7 +23,7 @@ JET_LIMIT: Final = 4.0
 VISCOUS_LIMIT: Final = 2.51
 
 _SAFE: Final = 1.7
-"""Convective number to aim at: stable with any viscosity."""
+"""What to aim at in either number."""
 
 
 def convective_number(grid: Grid, u: Array, v: Array, dt: float) -> float:
@@ -33,9 +33,18 @@ def convective_number(grid: Grid, u: Array, v: Array, dt: float) -> float:
     return float(dt * (along + across).max())
 
 
-def safe_step(number: float, dt: float) -> float:
-    """A time step that a flow with this convective number bears, after dt was too long for it."""
-    return dt * min(0.5, _SAFE / number)
+def viscous_number(grid: Grid, viscosity: float, dt: float) -> float:
+    """Largest viscous number of the cells."""
+    return float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
+
+
+def advice(convective: float, viscous: float, dt: float) -> str:
+    """What a time step that let the flow diverge was worth, and one that holds."""
+    held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
+    return (
+        f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "
+        f"{viscous:.2f}, must be below {VISCOUS_LIMIT:g}: take dt = {held:.2g}"
+    )
 
 
 def check_step(

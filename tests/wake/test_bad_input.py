@@ -20,7 +20,7 @@ def test_divergence_names_the_step_its_number_and_a_step_that_holds(wake: TruckW
     before = wake.flow.flat.copy()
     with pytest.raises(PlantError, match=r"diverged .* dt = 0\.05: convective number") as caught:
         wake.solver.run(wake.flow, dt=0.05, steps=40, action_from=0.0, action_to=0.0)
-    number, advised = map(float, re.findall(r"number ([\d.]+) .* take dt = ([\d.]+)", str(caught.value))[0])
+    number, advised = map(float, re.findall(r"convective number ([\d.]+) .* take dt = ([\d.]+)", str(caught.value))[0])
     # A free stream of 1.05 past cells of 0.0125 by 0.0125 at the front corners.
     assert number == pytest.approx(0.05 * 2 * 1.05 / 0.0125, rel=0.2)
     assert np.array_equal(wake.flow.flat, before)
