@@ -341,16 +341,12 @@ def _one_line_errors() -> Iterator[None]:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
-        extra = {"torch": "train", "shap": "train", "onnx": "train", "safetensors": "train"}.get(
-            error.name or "", "sim"
-        )
-        errors.print(
-            f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'", style="red", markup=False
-        )
+        extra = "train" if error.name in ("torch", "shap", "onnx", "safetensors") else "sim"
+        line = f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'"
+        errors.print(line, style="red", markup=False)
         sys.exit(1)
     except SystemExit as stop:
-        # typer ends by exiting, and makes this of Ctrl-C.
-        if stop.code == INTERRUPTED:
+        if stop.code == INTERRUPTED:  # typer ends by exiting, and makes this of Ctrl-C
             errors.print("stopped", style="red")
         raise
 
