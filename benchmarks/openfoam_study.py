@@ -9,9 +9,11 @@ checkpoint, so that the study can be interrupted. `--json` writes the parts that
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import date
 from functools import partial
 from pathlib import Path
+from time import process_time
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -127,10 +129,20 @@ def _uncontrolled(index: int, show: Bar) -> list[dict[str, Any]]:
 
 
 def _forced(show: Bar) -> list[dict[str, Any]]:
-    """The same sine on both plants, each from its own developed wake."""
+    """The same sine on both plants, each from its own developed wake.
+
+    Which state the wake locks onto depends on where in its cycle the sine begins, so the own plant begins twice.
+    """
     own = TruckWake()
-    own.reset(developed_state())
-    rows = [_sine("stillwake", own, show)]
+    rows = []
+    for case, lead in (("stillwake", 0), ("stillwake, begun half a cycle later", 12)):
+        own.reset(developed_state())
+        for _ in range(lead):
+            own.advance(0.0)
+        own.reset(replace(own.state(), substep=0))
+        began = process_time()
+        row = _sine(case, own, show)
+        rows.append({**row, "cpu_s_per_t_c": (process_time() - began) / FORCED_TIME})
     begin = state.written(_case(1.0), dt=FlowConfig().control_period / UNCONTROLLED[0][1])
     with OpenFoamWake(FOLDER / "forced", begin, duration=FORCED_TIME) as foam:
         rows.append({**_sine("OpenFOAM", foam, show), "cpu_s_per_t_c": _cpu_per_time(FOLDER / "forced")})

@@ -20,7 +20,7 @@ def plants(results: Path) -> str:
     if "forced" in figures:
         slots = {"Cd_slot_pressure": "slot pressure", "Cd_slot_viscous": "slot viscous", "Cd_momentum": "momentum"}
         columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "base_Cp": "mean base Cp", **slots}
-        last = {"Cd_net": "net", "jet_power": "jet power"}
+        last = {"Cd_net": "net", "jet_power": "jet power", "cpu_s_per_t_c": "CPU s per t_c"}
         forced = facts["forced"]
         parts.append(f"\nA sine of amplitude {forced['amplitude']:g} and frequency {forced['frequency']:g}:\n")
         parts.append(_rows("forced", figures["forced"], columns | last))
