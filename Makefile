@@ -32,6 +32,7 @@ full: test
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
+	$(BIN)/python benchmarks/mcu.py --json results/mcu.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
 	$(BIN)/python benchmarks/wake_speed.py --json results/wake_speed.json

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -208,6 +209,23 @@ def export(
 
 
 @app.command()
+def mcu(
+    library: Annotated[Path, typer.Argument(help="Folder written by `export --c`.")],
+    json_file: JsonFile = None,
+) -> None:
+    """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host."""
+    from firmware_sim.mcu.measure import measure_folder
+
+    found = measure_folder(library)
+    table = Table("one control step on a Cortex-M7", "")
+    for name, value in found.rows():
+        table.add_row(name, value)
+    console.print(table)
+    if json_file is not None:
+        write_result(json_file, figures=asdict(found), facts={"library": str(library)}, on=date.today())
+
+
+@app.command()
 def run(
     output: Annotated[Path, typer.Argument(help="Run folder to write.")],
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
@@ -341,7 +359,8 @@ def _one_line_errors() -> Iterator[None]:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
-        extra = "train" if error.name in ("torch", "shap", "onnx", "safetensors") else "sim"
+        of_extra = {"train": ("torch", "shap", "onnx", "safetensors"), "mcu": ("unicorn", "capstone")}
+        extra = next((extra for extra, names in of_extra.items() if error.name in names), "sim")
         line = f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'"
         errors.print(line, style="red", markup=False)
         sys.exit(1)

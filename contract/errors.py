@@ -27,3 +27,7 @@ class PlantError(StillwakeError):
 
 class ExportError(StillwakeError):
     """A model that cannot be lowered to a controller program."""
+
+
+class McuError(StillwakeError):
+    """A controller library that does not compile for, or does not run on, the emulated microcontroller."""

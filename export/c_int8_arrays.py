@@ -17,24 +17,42 @@ from export.quantise import Int8Matrix, quantise_matrix
 from export.weights import Array, Norm
 
 WORD = 4
-"""int8 weights in a 32-bit word: every length is padded to whole words."""
+"""int8 weights in a 32-bit word."""
+
+PADDING = 2 * WORD
+"""Every length is padded to whole pairs of words; C's SW_PADDED."""
 
 MARGIN = 1.5
 """How far an activation may exceed its calibrated range before it saturates."""
 
-Values = Array | npt.NDArray[np.int8]
+AHEAD = 8
+"""Zeros after every matrix, for loads ahead of their use; C's SW_AHEAD."""
+
+ELU_ONE = 4096
+"""ELU outputs are integers of 1 / 4096 up to 8, whatever the layer, so that one table serves all; C's SW_ELU_ONE."""
+
+ELU_RANGE = 8.0
+ELU_MOST = 6.4
+"""Largest calibrated output that still leaves room below the range's end."""
+
+Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.int16]
 
 
 def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[str, Values]:
     """Every array of `sw_weights.h` by its C name; int8 where it is an int8 matrix, else float64.
 
     Raises:
-        ExportError: a decoder without residual blocks, or a layer so wide that nothing is left of an activation.
+        ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, or
+            one whose ELU outputs come near the end of their range.
     """
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
+    hidden = (ranges.latent, ranges.hidden1, ranges.hidden2, *ranges.elus)
+    if not max(hidden) < ELU_MOST:
+        raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {ELU_MOST}")
     return {
         **scaling_arrays(program),
+        "sw_elu_points": elu_points(),
         "sw_action_factor": np.array(1.0 / program.scaling.action_std),
         **_encoder(program, ranges),
         **_dynamics(program, ranges),
@@ -50,19 +68,27 @@ def levels(width: int) -> int:
     return 32767 if width <= 516 else 16909320 // width
 
 
+def elu_points() -> npt.NDArray[np.int16]:
+    """ELU at -8, -8 + 1/32, .. below 8 and its rise to the next point, both in 1 / `ELU_ONE`."""
+    points = np.arange(-ELU_RANGE, ELU_RANGE + 1 / 32, 1 / 32)
+    values = np.rint(ELU_ONE * np.where(points < 0, np.expm1(np.minimum(points, 0)), points)).astype(np.int64)
+    return np.stack([values[:-1], np.diff(values)], axis=-1).astype(np.int16)
+
+
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Rows one behind the other, both sides padded to whole words; within a word the columns 0, 2, 1, 3."""
-    whole = _whole_words(values)
+    """For `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0, 2, 1, 3."""
+    whole = _whole_pairs(values)
     outputs, inputs = whole.shape
-    return np.ascontiguousarray(whole.reshape(outputs, inputs // WORD, WORD)[..., [0, 2, 1, 3]]).ravel()
+    tiles = whole.reshape(outputs // WORD, WORD, inputs // WORD, WORD)[..., [0, 2, 1, 3]]
+    return np.append(tiles.transpose(0, 2, 1, 3).ravel(), np.zeros(AHEAD, np.int8))
 
 
-def _whole_words(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    return np.pad(values, [(0, -size % WORD) for size in values.shape])
+def _whole_pairs(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    return np.pad(values, [(0, -size % PADDING) for size in values.shape])
 
 
 def _padded(size: int) -> int:
-    return size + -size % WORD
+    return size + -size % PADDING
 
 
 def _per_unit(largest: float, width: int) -> float:
@@ -72,15 +98,17 @@ def _per_unit(largest: float, width: int) -> float:
 
 def _channels(*columns: Array) -> Array:
     """One row an output, zeros in the padding."""
-    return np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % WORD), (0, 0)])
+    return np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % PADDING), (0, 0)])
 
 
 def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, per_unit: float) -> Array:
-    return _channels(matrix.scales.astype(np.float64) / per_unit, bias, norm.weight, norm.bias)
+    # sw_elu takes integers that begin with its table.
+    offset = ELU_ONE * (norm.bias + ELU_RANGE)
+    return _channels(matrix.scales.astype(np.float64) / per_unit, bias, ELU_ONE * norm.weight, offset)
 
 
 def _back(matrix: Int8Matrix, norm: Norm) -> Array:
-    return _channels(norm.weight, matrix.scales.astype(np.float64) / matrix.scales.max())
+    return _channels(norm.weight / ELU_ONE, matrix.scales.astype(np.float64) / matrix.scales.max())
 
 
 def _plain(matrix: Int8Matrix, bias: Array, per_unit: float) -> Array:
@@ -88,7 +116,7 @@ def _plain(matrix: Int8Matrix, bias: Array, per_unit: float) -> Array:
 
 
 def _scales(matrix: Int8Matrix) -> Array:
-    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % WORD))
+    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % PADDING))
 
 
 def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
@@ -100,7 +128,6 @@ def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
     # The hidden state never leaves [-1, 1].
     cell = float(levels(_padded(lstm.width)))
     middle = _per_unit(ranges.head, lstm.width)
-    last = _per_unit(ranges.latent, len(weights.hidden.bias))
     channels = zip(
         *(
             np.split(values, 4)
@@ -112,22 +139,21 @@ def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
         "sw_lstm_input_rows": packed(_gates(by_input.values)),
         "sw_lstm_hidden_rows": packed(_gates(by_hidden.values)),
         "sw_lstm_channel": np.concatenate([_channels(*gate) for gate in channels]),
-        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % WORD)),
-        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % WORD)),
+        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % PADDING)),
+        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % PADDING)),
         "sw_head_rows": packed(head.values),
         "sw_head_channel": _plain(head, weights.hidden.bias, middle),
         "sw_latent_rows": packed(output.values),
-        "sw_latent_channel": _plain(output, weights.output.bias, last),
+        "sw_latent_channel": _plain(output, weights.output.bias, ELU_ONE),
         "sw_row_levels": np.array(row),
         "sw_cell_levels": np.array(cell),
         "sw_head_levels": np.array(middle),
-        "sw_latent_levels": np.array(last),
     }
 
 
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     """Rows of the four gates, each gate padded by itself."""
-    return np.concatenate([np.pad(gate, [(0, -len(gate) % WORD), (0, 0)]) for gate in np.split(stacked, 4)])
+    return np.concatenate([np.pad(gate, [(0, -len(gate) % PADDING), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
 def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
@@ -135,8 +161,6 @@ def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[s
     first, second = quantise_matrix(weights.input.weight), quantise_matrix(weights.hidden.weight)
     third = quantise_matrix(weights.output.weight)
     state = _per_unit(ranges.state, weights.latent + 1)
-    hidden1 = _per_unit(ranges.hidden1, len(weights.input.bias))
-    hidden2 = _per_unit(ranges.hidden2, len(weights.hidden.bias))
     return {
         "sw_dyn1_rows": packed(first.values),
         "sw_dyn1_back_rows": packed(first.values.T),
@@ -145,16 +169,14 @@ def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[s
         "sw_dyn1_largest": np.array(first.scales.max()),
         "sw_dyn2_rows": packed(second.values),
         "sw_dyn2_back_rows": packed(second.values.T),
-        "sw_dyn2_channel": _normed(second, weights.hidden.bias, weights.norm_hidden, hidden1),
+        "sw_dyn2_channel": _normed(second, weights.hidden.bias, weights.norm_hidden, ELU_ONE),
         "sw_dyn2_back": _back(second, weights.norm_hidden),
         "sw_dyn2_largest": np.array(second.scales.max()),
         "sw_dyn3_rows": packed(third.values),
         "sw_dyn3_back_rows": packed(third.values.T),
-        "sw_dyn3_channel": _plain(third, weights.output.bias, hidden2),
+        "sw_dyn3_channel": _plain(third, weights.output.bias, ELU_ONE),
         "sw_dyn3_scale": _scales(third),
         "sw_state_levels": np.array(state),
-        "sw_hidden1_levels": np.array(hidden1),
-        "sw_hidden2_levels": np.array(hidden2),
     }
 
 
@@ -168,9 +190,11 @@ def _decoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
     output = _per_unit(ranges.forces, width)
     return {
         "sw_decoder_rows": packed(first.values),
+        "sw_decoder_back_rows": packed(first.values.T),
         "sw_decoder_channel": _plain(first, weights.input.bias, latent),
         "sw_decoder_scale": _scales(first),
         "sw_block_rows": np.array([packed(matrix.values) for matrix in blocks]),
+        "sw_block_back_rows": np.array([packed(matrix.values.T) for matrix in blocks]),
         "sw_block_channel": np.array(
             [
                 _normed(matrix, block.linear.bias, block.norm, per_unit)
@@ -181,11 +205,11 @@ def _decoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
             [_back(matrix, block.norm) for matrix, block in zip(blocks, weights.blocks, strict=True)]
         ),
         "sw_block_largest": np.array([matrix.scales.max() for matrix in blocks]),
-        "sw_force_rows": packed(last.values)[: 2 * _padded(width)],
-        "sw_force_channel": np.stack([last.scales / output, weights.output.bias], axis=-1),
-        "sw_force_scale": last.scales.astype(np.float64),
+        "sw_force_rows": packed(last.values),
+        "sw_force_back_rows": packed(last.values.T),
+        "sw_force_channel": _plain(last, weights.output.bias, output),
+        "sw_force_scale": _scales(last),
         "sw_decoder_levels": np.array(latent),
         "sw_block_levels": np.array(inputs),
-        "sw_elu_levels": np.array([_per_unit(largest, width) for largest in ranges.elus]),
         "sw_force_levels": np.array(output),
     }

@@ -107,8 +107,8 @@ def _weights(arrays: Mapping[str, Values]) -> str:
     text = ["/* Generated: the numbers of one trained program. */", '#include "sw_weights.h"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype == np.int8:
-            text.append(f"const int8_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
+        if values.dtype in (np.int8, np.int16):
+            text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
             text.append(f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), _number)};")
     return "\n\n".join(text) + "\n"

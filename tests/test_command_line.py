@@ -80,6 +80,10 @@ def test_an_unknown_plant_is_refused(refused, tmp_path):
     assert "must be stillwake or openfoam" in refused("run", tmp_path / "run", "--plant", "water-tunnel")
 
 
+def test_a_missing_library_for_the_microcontroller_is_one_line(refused, tmp_path):
+    assert "nothing-here: No such file or directory" in refused("mcu", tmp_path / "nothing-here")
+
+
 def test_without_a_verb_it_lists_them(cli):
     outcome = cli()
     assert outcome.code != 0

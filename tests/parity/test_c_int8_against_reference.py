@@ -6,6 +6,8 @@ lr an iteration whatever the gradient's size; where a component is near zero the
 compared by their root mean square, against the way Adam can take an action.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +17,7 @@ from contract.config import ModelConfig, MpcConfig
 from contract.errors import ExportError
 from export.activation_ranges import activation_ranges
 from export.c_host import CController, host_compiler
-from export.c_int8_arrays import levels, packed
+from export.c_int8_arrays import ELU_ONE, elu_points, levels, packed
 from export.c_library import c_library
 from export.parity import control_cases
 from export.program import ControllerProgram
@@ -120,12 +122,30 @@ def test_no_sum_of_products_can_overflow_32_bits():
         levels(2068)
 
 
-def test_weights_are_packed_for_pairs():
-    """Within a word of four: columns 0, 2, 1, 3; both sides padded with zeros to whole words."""
-    found = packed(np.arange(1, 11, dtype=np.int8).reshape(2, 5)).reshape(4, 8)
-    np.testing.assert_array_equal(found[0], [1, 3, 2, 4, 5, 0, 0, 0])
-    np.testing.assert_array_equal(found[1], [6, 8, 7, 9, 10, 0, 0, 0])
-    np.testing.assert_array_equal(found[2:], 0)
+def test_weights_are_packed_in_tiles():
+    """Tiles of four rows and columns, in each row the columns 0, 2, 1, 3; both sides padded to eight, then zeros."""
+    found = packed(np.arange(1, 11, dtype=np.int8).reshape(2, 5))
+    assert len(found) == 8 * 8 + 8
+    tiles = found[:-8].reshape(2, 2, 4, 4)
+    np.testing.assert_array_equal(tiles[0, 0], [[1, 3, 2, 4], [6, 8, 7, 9], [0] * 4, [0] * 4])
+    np.testing.assert_array_equal(tiles[0, 1], [[5, 0, 0, 0], [10, 0, 0, 0], [0] * 4, [0] * 4])
+    np.testing.assert_array_equal(tiles[1], 0)
+
+
+def test_the_table_is_elu_to_half_an_integer():
+    """At every point, and half-way to the next, where a straight line is furthest off the curve."""
+    points = elu_points().astype(np.float64) / ELU_ONE
+    x = np.arange(-8, 8, 1 / 32)
+    np.testing.assert_allclose(points[:, 0], np.where(x < 0, np.expm1(x), x), rtol=0, atol=0.51 / ELU_ONE)
+    half = np.where(x + 1 / 64 < 0, np.expm1(x + 1 / 64), x + 1 / 64)
+    np.testing.assert_allclose(points.sum(axis=1) - points[:, 1] / 2, half, rtol=0, atol=1.01 / ELU_ONE)
+
+
+def test_activations_beyond_the_table_are_refused():
+    program = quantise(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
+    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    with pytest.raises(ExportError, match=r"ELU outputs reach 7, must stay below 6\.4"):
+        c_library(program, replace(ranges, hidden2=7.0))
 
 
 def test_ranges_need_windows():

@@ -1,8 +1,8 @@
 /* One control step of the LSTM-MPC: sensor window in, jet plan out.
  *
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
- * in the caller's structures, so that several controllers may run side by side. The time of a step does not depend on
- * the data. sw_settings.h, generated, has the sizes and says which trained program this is.
+ * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
+ * the work of a step does not depend on the data. sw_settings.h, generated, has the sizes and says which trained program this is.
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H

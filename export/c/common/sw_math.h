@@ -12,7 +12,6 @@
 
 static inline float sw_min(float a, float b) { return a < b ? a : b; }
 static inline float sw_max(float a, float b) { return a > b ? a : b; }
-static inline float sw_abs(float a) { return a < 0.0f ? -a : a; }
 
 static inline float sw_from_bits(uint32_t bits)
 {
@@ -33,6 +32,8 @@ static inline uint32_t sw_to_bits(float value)
     pun.value = value;
     return pun.bits;
 }
+
+static inline float sw_abs(float value) { return sw_from_bits(sw_to_bits(value) & 0x7fffffffu); }
 
 /* exp(x) within 1.5e-7 relative for -87 <= x <= 88; held at its value there beyond.
  * x = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), q fitted for the least largest error.

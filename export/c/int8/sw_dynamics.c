@@ -13,21 +13,29 @@ void sw_roll_out(sw_workspace *work)
         for (int l = 0; l < SW_STATE_P; l++) s->vector[l] = 0;
         for (int l = 0; l < SW_LATENT; l++) s->vector[l] = sw_saturated(state[l] * sw_state_levels, most);
         s->vector[SW_LATENT] = sw_saturated(work->plan[k] * sw_action_factor * sw_state_levels, most);
-        sw_dots(s->sums, sw_dyn1_rows, s->vector, SW_DYN1_P, SW_STATE_P);
+        sw_dots(s->sums, sw_dyn1_rows, s->vector, SW_ROWS(SW_DYN1), SW_STATE_P);
         tape->r1[k] = sw_norm_elu(s->sums, s->values, tape->xhat1[k], tape->hidden1[k], sw_dyn1_channel,
-                                  sw_hidden1_levels, SW_DYN1, SW_DYN1_P);
-        sw_dots(s->sums, sw_dyn2_rows, tape->hidden1[k], SW_DYN2_P, SW_DYN1_P);
+                                  SW_DYN1, SW_DYN1_P);
+        sw_dots(s->sums, sw_dyn2_rows, tape->hidden1[k], SW_ROWS(SW_DYN2), SW_DYN1_P);
         tape->r2[k] = sw_norm_elu(s->sums, s->values, tape->xhat2[k], tape->hidden2[k], sw_dyn2_channel,
-                                  sw_hidden2_levels, SW_DYN2, SW_DYN2_P);
-        sw_dots(s->sums, sw_dyn3_rows, tape->hidden2[k], SW_LATENT_P, SW_DYN2_P);
+                                  SW_DYN2, SW_DYN2_P);
+        sw_dots(s->sums, sw_dyn3_rows, tape->hidden2[k], SW_ROWS(SW_LATENT), SW_DYN2_P);
         for (int l = 0; l < SW_LATENT; l++) {
             state[l] += (float)s->sums[l] * sw_dyn3_channel[l][SW_SCALE] + sw_dyn3_channel[l][SW_BIAS];
             work->latents[k][l] = state[l];
         }
     }
-    for (int k = SW_HORIZON; k < SW_HORIZON_P; k++) {
-        for (int l = 0; l < SW_LATENT; l++) work->latents[k][l] = 0.0f;
+}
+
+/* From dJ/dh, in s->sums, to dJ/du, in s->vector; returns the next product's unit. */
+static inline float adjoint_of_layer(sw_dynamics_scratch *s, float unit, const int16_t *xhat, const int16_t *hidden,
+                                     const float back[][2], float largest, float r, int width, int padded)
+{
+    sw_gathered all = {0.0f, 0.0f, 0.0f};
+    for (int c = 0; c < width; c++) {
+        s->values[c] = sw_through_elu(&all, (float)s->sums[c], xhat[c], hidden[c], back[c][SW_BACK_GAIN]);
     }
+    return sw_through_norm(&all, s->values, unit, s->vector, xhat, back, largest, r, width, padded);
 }
 
 void sw_roll_out_adjoint(sw_workspace *work)
@@ -38,15 +46,13 @@ void sw_roll_out_adjoint(sw_workspace *work)
     for (int k = SW_HORIZON - 1; k >= 0; k--) {
         for (int l = 0; l < SW_LATENT; l++) adjoint[l] += work->d_latents[k][l];
         float unit = sw_rounded_finely(s->vector, adjoint, sw_dyn3_scale, SW_LATENT, SW_LATENT_P);
-        sw_dots(s->sums, sw_dyn3_back_rows, s->vector, SW_DYN2_P, SW_LATENT_P);
-        for (int c = 0; c < SW_DYN2; c++) s->values[c] = (float)s->sums[c];
-        unit = sw_norm_elu_adjoint(s->values, unit, s->vector, tape->xhat2[k], tape->hidden2[k], sw_dyn2_back,
-                                   sw_dyn2_largest, tape->r2[k], sw_hidden2_levels, SW_DYN2, SW_DYN2_P);
-        sw_dots(s->sums, sw_dyn2_back_rows, s->vector, SW_DYN1_P, SW_DYN2_P);
-        for (int c = 0; c < SW_DYN1; c++) s->values[c] = (float)s->sums[c];
-        unit = sw_norm_elu_adjoint(s->values, unit, s->vector, tape->xhat1[k], tape->hidden1[k], sw_dyn1_back,
-                                   sw_dyn1_largest, tape->r1[k], sw_hidden1_levels, SW_DYN1, SW_DYN1_P);
-        sw_dots(s->sums, sw_dyn1_back_rows, s->vector, SW_STATE_P, SW_DYN1_P);
+        sw_dots(s->sums, sw_dyn3_back_rows, s->vector, SW_ROWS(SW_DYN2), SW_LATENT_P);
+        unit = adjoint_of_layer(s, unit, tape->xhat2[k], tape->hidden2[k], sw_dyn2_back, sw_dyn2_largest,
+                                tape->r2[k], SW_DYN2, SW_DYN2_P);
+        sw_dots(s->sums, sw_dyn2_back_rows, s->vector, SW_ROWS(SW_DYN1), SW_DYN2_P);
+        unit = adjoint_of_layer(s, unit, tape->xhat1[k], tape->hidden1[k], sw_dyn1_back, sw_dyn1_largest,
+                                tape->r1[k], SW_DYN1, SW_DYN1_P);
+        sw_dots(s->sums, sw_dyn1_back_rows, s->vector, SW_ROWS(SW_LATENT + 1), SW_DYN1_P);
         for (int l = 0; l < SW_LATENT; l++) adjoint[l] += (float)s->sums[l] * unit;
         work->gradient[k] += (float)s->sums[SW_LATENT] * (unit * sw_action_factor);
     }

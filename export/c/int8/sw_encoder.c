@@ -44,7 +44,7 @@ static void normalise(sw_encoder_scratch *e)
 void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
 {
     sw_encoder_scratch *e = &work->phase.encoder;
-    const float row_most = (float)SW_LEVELS(SW_ROW_P), head_most = (float)SW_LEVELS(SW_HEAD_P);
+    const float row_most = (float)SW_LEVELS(SW_ROW_P);
     for (int k = 0; k < SW_ROW_P; k++) e->row[k] = 0;
     for (int k = 0; k < SW_LSTM_P; k++) {
         e->hidden[k] = 0;
@@ -63,8 +63,7 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     sw_dots(e->by_hidden, sw_head_rows, e->vector, SW_HEAD_P, SW_LSTM_P);
     for (int k = 0; k < SW_HEAD_P; k++) {
         const float y = (float)e->by_hidden[k] * sw_head_channel[k][SW_SCALE] + sw_head_channel[k][SW_BIAS];
-        const float h = sw_max(y, 0.0f) + (sw_exp(sw_min(y, 0.0f)) - 1.0f);
-        e->vector[k] = sw_rounded(sw_min(h * sw_latent_levels, head_most));
+        e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ONE) + SW_ELU_START);
     }
     sw_dots(e->by_hidden, sw_latent_rows, e->vector, SW_LATENT_P, SW_HEAD_P);
     for (int l = 0; l < SW_LATENT; l++) {

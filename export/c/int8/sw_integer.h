@@ -31,54 +31,54 @@ static inline int16_t sw_saturated(float value, float levels)
     return sw_rounded(sw_min(sw_max(value, -levels), levels));
 }
 
-#if SW_DSP
-static inline int32_t sw_word(const void *at)
-{
-    int32_t word;
-    __builtin_memcpy(&word, at, 4);
-    return word;
-}
-#endif
-
-/* Matrices are rows of int8, both sides padded to whole words of four. Within a word the weights of columns c .. c + 3
- * stand in the order 0, 2, 1, 3: widening every second byte of a word then gives those of c and c + 1, or of c + 2 and
- * c + 3, which meet two neighbours of a vector.
+/* y = w x; rows a multiple of 4, columns of 8, padded with zeros.
+ *
+ * Matrices are tiles of four rows by four columns, those of the same rows one behind the other. A row's four weights are
+ * one word, in the order 0, 2, 1, 3: widening every second byte of a word then gives the weights of two neighbours of
+ * the vector.
  */
-
 #if SW_DSP
 
-/* Widened weights of columns c and c + 1 of a word, or of c + 2 and c + 3. */
-static inline int32_t sw_low(int32_t word) { return __sxtb16(word); }
-static inline int32_t sw_high(int32_t word) { return __sxtb16((int32_t)__ror((uint32_t)word, 8)); }
+/* The inner loop is written out, because compilers run out of registers there, and ordered for cores that issue two
+ * instructions at a time: widening alternates with multiplying, and weights are loaded two rows ahead. The last loads
+ * read the SW_AHEAD bytes that follow every matrix.
+ */
+#define SW_EIGHT_COLUMNS                                                                                   \
+    "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
+    "ldr %[wa], [%[w]], #4\n" "smlad %[s0], %[t], %[xa], %[s0]\n" "sxtb16 %[t], %[wb]\n"                   \
+    "smlad %[s0], %[u], %[xb], %[s0]\n" "sxtb16 %[u], %[wb], ror #8\n" "smlad %[s1], %[t], %[xa], %[s1]\n" \
+    "ldr %[wb], [%[w]], #4\n" "sxtb16 %[t], %[wa]\n" "smlad %[s1], %[u], %[xb], %[s1]\n"                   \
+    "sxtb16 %[u], %[wa], ror #8\n" "smlad %[s2], %[t], %[xa], %[s2]\n" "ldr %[wa], [%[w]], #4\n"           \
+    "sxtb16 %[t], %[wb]\n" "smlad %[s2], %[u], %[xb], %[s2]\n" "sxtb16 %[u], %[wb], ror #8\n"              \
+    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n" "smlad %[s3], %[u], %[xb], %[s3]\n"      \
+    "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
+    "ldr %[wa], [%[w]], #4\n" "smlad %[s0], %[t], %[xa], %[s0]\n" "sxtb16 %[t], %[wb]\n"                   \
+    "smlad %[s0], %[u], %[xb], %[s0]\n" "sxtb16 %[u], %[wb], ror #8\n" "smlad %[s1], %[t], %[xa], %[s1]\n" \
+    "ldr %[wb], [%[w]], #4\n" "sxtb16 %[t], %[wa]\n" "smlad %[s1], %[u], %[xb], %[s1]\n"                   \
+    "sxtb16 %[u], %[wa], ror #8\n" "smlad %[s2], %[t], %[xa], %[s2]\n" "ldr %[wa], [%[w]], #4\n"           \
+    "sxtb16 %[t], %[wb]\n" "smlad %[s2], %[u], %[xb], %[s2]\n" "sxtb16 %[u], %[wb], ror #8\n"              \
+    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n"  \
+    "smlad %[s3], %[u], %[xb], %[s3]\n"
 
-/* Two words of pairs regrouped: the first, or the second, of each. */
-static inline int32_t sw_firsts(int32_t a, int32_t b)
-{
-    return (int32_t)(((uint32_t)a & 0xffffu) | ((uint32_t)b << 16));
-}
-static inline int32_t sw_seconds(int32_t a, int32_t b)
-{
-    return (int32_t)(((uint32_t)b & 0xffff0000u) | ((uint32_t)a >> 16));
-}
+#define SW_OPERANDS                                                                                          \
+    [s0] "+r"(s0), [s1] "+r"(s1), [s2] "+r"(s2), [s3] "+r"(s3), [x] "+r"(vector), [w] "+r"(weights),         \
+        [wa] "+r"(wa), [wb] "+r"(wb), [xa] "=&r"(xa), [xb] "=&r"(xb), [t] "=&r"(t), [u] "=&r"(u)
 
-/* y = w x. */
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
     for (; rows > 0; rows -= 4, y += 4, w += 4 * columns) {
-        int32_t s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-        for (int c = 0; c < columns; c += 4) {
-            const int32_t x01 = sw_word(x + c), x23 = sw_word(x + c + 2);
-            const int32_t w0 = sw_word(w + c), w1 = sw_word(w + columns + c);
-            const int32_t w2 = sw_word(w + 2 * columns + c), w3 = sw_word(w + 3 * columns + c);
-            s0 = __smlad(sw_low(w0), x01, s0);
-            s1 = __smlad(sw_low(w1), x01, s1);
-            s2 = __smlad(sw_low(w2), x01, s2);
-            s3 = __smlad(sw_low(w3), x01, s3);
-            s0 = __smlad(sw_high(w0), x23, s0);
-            s1 = __smlad(sw_high(w1), x23, s1);
-            s2 = __smlad(sw_high(w2), x23, s2);
-            s3 = __smlad(sw_high(w3), x23, s3);
+        int32_t s0 = 0, s1 = 0, s2 = 0, s3 = 0, xa, xb, wa, wb, t, u;
+        const int16_t *vector = x;
+        const int8_t *weights = w;
+        int count = columns / 16;
+        __asm__ volatile("ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"
+                         : [w] "+r"(weights), [wa] "=&r"(wa), [wb] "=&r"(wb) : : "memory");
+        /* Both are decided when this is compiled, since sizes are constants. */
+        if (columns % 16 != 0) __asm__ volatile(SW_EIGHT_COLUMNS : SW_OPERANDS : : "memory");
+        if (count > 0) {
+            __asm__ volatile("1:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 1b\n"
+                             : SW_OPERANDS, [count] "+l"(count) : : "cc", "memory");
         }
         y[0] = s0;
         y[1] = s1;
@@ -87,108 +87,29 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     }
 }
 
-/* y[t] = w x[t] for four steps t; rows of x and y are `stride` apart. Two outputs at a time share the widening. */
-static inline void sw_product(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int outputs,
-                              int inputs, int stride)
-{
-    for (int o = 0; o < outputs; o += 2, w += 2 * inputs) {
-        int32_t a0 = 0, a1 = 0, a2 = 0, a3 = 0, b0 = 0, b1 = 0, b2 = 0, b3 = 0;
-        for (int i = 0; i < inputs; i += 4) {
-            const int32_t wa = sw_word(w + i), wb = sw_word(w + inputs + i);
-            for (int half = 0; half < 2; half++) {
-                const int16_t *pair = x + i + 2 * half;
-                const int32_t va = half ? sw_high(wa) : sw_low(wa), vb = half ? sw_high(wb) : sw_low(wb);
-                const int32_t x0 = sw_word(pair), x1 = sw_word(pair + stride);
-                const int32_t x2 = sw_word(pair + 2 * stride), x3 = sw_word(pair + 3 * stride);
-                a0 = __smlad(va, x0, a0);
-                b0 = __smlad(vb, x0, b0);
-                a1 = __smlad(va, x1, a1);
-                b1 = __smlad(vb, x1, b1);
-                a2 = __smlad(va, x2, a2);
-                b2 = __smlad(vb, x2, b2);
-                a3 = __smlad(va, x3, a3);
-                b3 = __smlad(vb, x3, b3);
-            }
-        }
-        y[o] = a0, y[o + 1] = b0;
-        y[stride + o] = a1, y[stride + o + 1] = b1;
-        y[2 * stride + o] = a2, y[2 * stride + o + 1] = b2;
-        y[3 * stride + o] = a3, y[3 * stride + o + 1] = b3;
-    }
-}
-
-/* y[t] = w^T x[t] for four steps t, with w as in sw_product: four inputs of two steps at a time. */
-static inline void sw_product_transposed(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x,
-                                         int outputs, int inputs, int stride)
-{
-    for (int t = 0; t < 4; t += 2, x += 2 * stride, y += 2 * stride) {
-        for (int i = 0; i < inputs; i += 4) {
-            int32_t a0 = 0, a1 = 0, a2 = 0, a3 = 0, b0 = 0, b1 = 0, b2 = 0, b3 = 0;
-            const int8_t *words = w + i;
-            for (int o = 0; o < outputs; o += 2, words += 2 * inputs) {
-                const int32_t one = sw_word(words), two = sw_word(words + inputs);
-                const int32_t low_one = sw_low(one), low_two = sw_low(two);
-                const int32_t high_one = sw_high(one), high_two = sw_high(two);
-                const int32_t xa = sw_word(x + o), xb = sw_word(x + stride + o);
-                const int32_t w0 = sw_firsts(low_one, low_two), w1 = sw_seconds(low_one, low_two);
-                const int32_t w2 = sw_firsts(high_one, high_two), w3 = sw_seconds(high_one, high_two);
-                a0 = __smlad(w0, xa, a0);
-                b0 = __smlad(w0, xb, b0);
-                a1 = __smlad(w1, xa, a1);
-                b1 = __smlad(w1, xb, b1);
-                a2 = __smlad(w2, xa, a2);
-                b2 = __smlad(w2, xb, b2);
-                a3 = __smlad(w3, xa, a3);
-                b3 = __smlad(w3, xb, b3);
-            }
-            y[i] = a0, y[i + 1] = a1, y[i + 2] = a2, y[i + 3] = a3;
-            y[stride + i] = b0, y[stride + i + 1] = b1, y[stride + i + 2] = b2, y[stride + i + 3] = b3;
-        }
-    }
-}
-
 #else
 
-/* y = w x. The vector is put into the weights' order once; the loop over a row is then one that compilers know. */
+/* The vector is put into the tiles' order once; the loop over them is then one that compilers vectorise. */
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
-    int16_t in_order[SW_LONGEST];
+    int16_t in_order[4 * SW_LONGEST];
     for (int c = 0; c < columns; c += 4) {
-        in_order[c] = x[c];
-        in_order[c + 1] = x[c + 2];
-        in_order[c + 2] = x[c + 1];
-        in_order[c + 3] = x[c + 3];
-    }
-    for (; rows > 0; rows--, y++, w += columns) {
-        int32_t sum = 0;
-        for (int c = 0; c < columns; c++) sum += w[c] * in_order[c];
-        y[0] = sum;
-    }
-}
-
-/* y[t] = w x[t] for four steps t; rows of x and y are `stride` apart. */
-static inline void sw_product(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int outputs,
-                              int inputs, int stride)
-{
-    for (int t = 0; t < 4; t++) sw_dots(y + t * stride, w, x + t * stride, outputs, inputs);
-}
-
-/* y[t] = w^T x[t] for four steps t, with w as in sw_product. */
-static inline void sw_product_transposed(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x,
-                                         int outputs, int inputs, int stride)
-{
-    for (int t = 0; t < 4; t++, x += stride, y += stride) {
-        int32_t sums[SW_LONGEST] = {0};
-        for (int o = 0; o < outputs; o++) {
-            const int32_t factor = x[o];
-            for (int i = 0; i < inputs; i++) sums[i] += w[o * inputs + i] * factor;
+        for (int r = 0; r < 4; r++) {
+            in_order[4 * c + 4 * r] = x[c];
+            in_order[4 * c + 4 * r + 1] = x[c + 2];
+            in_order[4 * c + 4 * r + 2] = x[c + 1];
+            in_order[4 * c + 4 * r + 3] = x[c + 3];
         }
-        for (int i = 0; i < inputs; i += 4) {
-            y[i] = sums[i];
-            y[i + 1] = sums[i + 2];
-            y[i + 2] = sums[i + 1];
-            y[i + 3] = sums[i + 3];
+    }
+    for (; rows > 0; rows -= 4, y += 4, w += 4 * columns) {
+        int32_t sums[32] = {0};
+        for (int c = 0; c < 4 * columns; c += 32) {
+            for (int j = 0; j < 32; j++) sums[j] += w[c + j] * in_order[c + j];
+        }
+        for (int j = 0; j < 16; j++) sums[j] += sums[j + 16];
+        for (int r = 0; r < 4; r++) {
+            y[r] = (sums[4 * r] + sums[4 * r + 1]) + (sums[4 * r + 2] + sums[4 * r + 3]);
         }
     }
 }

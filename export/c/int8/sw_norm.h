@@ -12,11 +12,30 @@
 
 #define SW_NORM_EPSILON 1e-5f
 
-/* From the sums of a product to xhat and h; returns r. `values` is scratch, `levels` the integers per unit of h. */
-static inline float sw_norm_elu(const int32_t *restrict sums, float *restrict values, int16_t *restrict xhat,
-                                int16_t *restrict hidden, const float channel[][4], float levels, int width, int padded)
+/* The larger of two numbers, neither of which is a NaN. */
+static inline float sw_larger(float a, float b)
 {
-    const float most = (float)SW_LEVELS(padded);
+#if defined(__ARM_FEATURE_NUMERIC_MAXMIN)
+    return __builtin_fmaxf(a, b);
+#else
+    return sw_max(a, b);
+#endif
+}
+
+/* ELU(y) in integers of 1 / SW_ELU_ONE, from y in the same unit plus SW_ELU_START: a straight line between points 1 / 32
+ * apart, which is off by half an integer at most. From -8 on downwards and from 8 on upwards it stays.
+ */
+static inline int16_t sw_elu(int32_t y)
+{
+    const int32_t held = y < 0 ? 0 : y > 2 * SW_ELU_START - 1 ? 2 * SW_ELU_START - 1 : y;
+    const int16_t *point = sw_elu_points[held / SW_ELU_STEP];
+    return (int16_t)(point[0] + point[1] * (held % SW_ELU_STEP) / SW_ELU_STEP);
+}
+
+/* From the sums of a product to xhat and h; returns r. `values` is scratch. */
+static inline float sw_norm_elu(const int32_t *restrict sums, float *restrict values, int16_t *restrict xhat,
+                                int16_t *restrict hidden, const float channel[][4], int width, int padded)
+{
     float sum = 0.0f, squares = 0.0f;
     for (int c = 0; c < width; c++) {
         const float u = (float)sums[c] * channel[c][SW_SCALE] + channel[c][SW_BIAS];
@@ -25,15 +44,13 @@ static inline float sw_norm_elu(const int32_t *restrict sums, float *restrict va
         squares += u * u;
     }
     const float mean = sum / (float)width;
-    const float r = sw_inverse_sqrt(sw_max(squares / (float)width - mean * mean, 0.0f) + SW_NORM_EPSILON);
+    const float r = sw_inverse_sqrt(sw_larger(squares / (float)width - mean * mean, 0.0f) + SW_NORM_EPSILON);
     const float per_xhat = 32767.0f * sw_inverse_sqrt((float)width);
     const float shift = -mean * r;
     for (int c = 0; c < width; c++) {
         const float normed = values[c] * r + shift;
-        const float y = normed * channel[c][SW_GAIN] + channel[c][SW_OFFSET];
-        const float h = sw_max(y, 0.0f) + (sw_exp(sw_min(y, 0.0f)) - 1.0f);
         xhat[c] = sw_rounded(normed * per_xhat);
-        hidden[c] = sw_rounded(sw_min(h * levels, most));
+        hidden[c] = sw_elu((int32_t)(normed * channel[c][SW_GAIN] + channel[c][SW_OFFSET]));
     }
     for (int c = width; c < padded; c++) {
         xhat[c] = 0;
@@ -42,33 +59,39 @@ static inline float sw_norm_elu(const int32_t *restrict sums, float *restrict va
     return r;
 }
 
-/* From dJ/dh, in `d`, to dJ/du times the scales of the rows in front, as int16 for the transposed product. Returns what
- * that product's sums have to be multiplied by. `unit` is what a 1 in `d` stands for.
- */
-static inline float sw_norm_elu_adjoint(float *restrict d, float unit, int16_t *restrict vector,
-                                        const int16_t *restrict xhat, const int16_t *restrict hidden,
-                                        const float back[][2], float largest, float r, float levels, int width,
-                                        int padded)
+/* What the first pass of the adjoint gathers over t = ELU'(y) gain dJ/dh. */
+typedef struct {
+    float sum, along, peak; /* of t, of t xhat, and the largest |t| */
+} sw_gathered;
+
+/* t of one output, gathered. */
+static inline float sw_through_elu(sw_gathered *all, float d, int16_t xhat, int16_t hidden, float gain)
 {
-    const float per_level = 1.0f / levels;
+    const int32_t slope = SW_ELU_ONE + (hidden < 0 ? hidden : 0);
+    const float t = d * ((float)slope * gain);
+    all->sum += t;
+    all->along += t * (float)xhat;
+    all->peak = sw_larger(all->peak, sw_abs(t));
+    return t;
+}
+
+/* From t, in `values`, to dJ/du times the scales of the rows in front, as int16 for the transposed product. Returns what
+ * that product's sums have to be multiplied by. `unit` is what a 1 in dJ/dh stands for.
+ */
+static inline float sw_through_norm(const sw_gathered *all, const float *restrict values, float unit,
+                                    int16_t *restrict vector, const int16_t *restrict xhat, const float back[][2],
+                                    float largest, float r, int width, int padded)
+{
     const float most = (float)SW_LEVELS(padded);
-    float sum = 0.0f, along = 0.0f, peak = 0.0f;
-    for (int c = 0; c < width; c++) {
-        const float slope = sw_min((float)hidden[c] * per_level, 0.0f) + 1.0f;
-        const float t = d[c] * (slope * back[c][SW_BACK_GAIN]);
-        d[c] = t;
-        sum += t;
-        along += t * (float)xhat[c];
-        peak = sw_max(peak, sw_abs(t));
-    }
     /* xhat's integers are 32767 / sqrt(n) a unit, so this is mean(t xhat) for a xhat in integers. */
-    const float project = along * (1.0f / (32767.0f * 32767.0f));
-    const float mean = sum / (float)width;
+    const float project = all->along * (1.0f / (32767.0f * 32767.0f));
+    const float mean = all->sum / (float)width;
     /* No result exceeds this, whatever xhat is; the bound costs a bit or two and saves a pass. */
-    const float bound = peak + sw_abs(mean) + 32767.0f * sw_abs(project);
+    const float bound = all->peak + sw_abs(mean) + 32767.0f * sw_abs(project);
     const float factor = bound > 1e-30f ? most / bound : 0.0f;
+    const float centre = -mean * factor, slant = -project * factor;
     for (int c = 0; c < width; c++) {
-        vector[c] = sw_rounded((d[c] - mean - (float)xhat[c] * project) * (back[c][SW_BACK_PART] * factor));
+        vector[c] = sw_rounded((values[c] * factor + ((float)xhat[c] * slant + centre)) * back[c][SW_BACK_PART]);
     }
     for (int c = width; c < padded; c++) vector[c] = 0;
     return factor > 0.0f ? unit * r * largest / factor : 0.0f;

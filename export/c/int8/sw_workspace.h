@@ -6,18 +6,22 @@
 
 #include "sw_settings.h"
 
-/* A length rounded up to whole 32-bit words of int8 weights; what is added is zero throughout. */
-#define SW_PADDED(n) (((n) + 3) / 4 * 4)
+/* A length rounded up to whole pairs of 32-bit words of int8 weights; what is added is zero throughout. */
+#define SW_PADDED(n) (((n) + 7) / 8 * 8)
+
+/* A number of rows rounded up to those that sw_dots takes at a time. */
+#define SW_ROWS(n) (((n) + 3) / 4 * 4)
 
 #define SW_ROW_P SW_PADDED(SW_SENSORS + 1)
 #define SW_LSTM_P SW_PADDED(SW_LSTM)
 #define SW_HEAD_P SW_PADDED(SW_HEAD)
 #define SW_STATE_P SW_PADDED(SW_LATENT + 1)
 #define SW_LATENT_P SW_PADDED(SW_LATENT)
+#define SW_FORCES_P SW_PADDED(2)
 #define SW_DYN1_P SW_PADDED(SW_DYN1)
 #define SW_DYN2_P SW_PADDED(SW_DYN2)
 #define SW_DECODER_P SW_PADDED(SW_DECODER)
-#define SW_HORIZON_P SW_PADDED(SW_HORIZON)
+#define SW_HORIZON_P SW_HORIZON
 
 #define SW_LARGER(a, b) ((a) > (b) ? (a) : (b))
 #define SW_WIDEST SW_LARGER(SW_LARGER(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
@@ -57,12 +61,11 @@ typedef struct {
     int16_t vector[SW_LARGER(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* Four steps of the horizon go through the decoder together. */
 typedef struct {
-    int32_t sums[4][SW_DECODER_ROW];
-    float x[4][SW_DECODER_P];
+    int32_t sums[SW_DECODER_ROW];
+    float x[SW_DECODER_P]; /* the sum of residuals, or dJ/d of it */
     float values[SW_DECODER_P];
-    int16_t vector[4][SW_DECODER_ROW];
+    int16_t vector[SW_DECODER_ROW];
 } sw_decoder_scratch;
 
 typedef struct {

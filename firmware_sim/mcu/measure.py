@@ -1,0 +1,155 @@
+"""One library, compiled for a Cortex-M7 and for this host: the same rows through both, and what the core needs."""
+
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.errors import McuError
+from firmware_sim.mcu.build import compile_example, compile_for_cortex_m7
+from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.emulator import FLASH, Machine
+from firmware_sim.mcu.settings import TERMS, Settings
+from firmware_sim.mcu.timing import Pipeline
+
+CLOCKS_MHZ: Final = (480, 300)
+RECORDED: Final = "recorded.txt"
+Rows = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """What a control step needs on the core.
+
+    Attributes:
+        precision, program_sha256: of the library.
+        flash_bytes, ram_bytes, stack_bytes: memory; RAM is what is linked there, and the stack.
+        multiply_accumulates: products of weights, by the networks' sizes.
+        instructions: executed ones, exact; they are the same in every step.
+        cycles: modelled ones (`timing`).
+        one_per_cycle_ms, modelled_ms: by clock in MHz, at an instruction a cycle and by the model.
+        steps: control steps compared with the host.
+        identical: whether all outputs were, to the bit.
+        action_difference, cost_difference: the largest ones.
+    """
+
+    precision: str
+    program_sha256: str
+    flash_bytes: int
+    ram_bytes: int
+    stack_bytes: int
+    multiply_accumulates: int
+    instructions: int
+    cycles: int
+    one_per_cycle_ms: dict[str, float]
+    modelled_ms: dict[str, float]
+    steps: int
+    identical: bool
+    action_difference: float
+    cost_difference: float
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """For people: what it is, and the figure with its unit."""
+        yield "library", f"{self.precision}, {self.program_sha256[:12]}"
+        for name, size in (("flash", self.flash_bytes), ("RAM with stack", self.ram_bytes)):
+            yield name, f"{size / 1024:.1f} KiB"
+        yield "stack", f"{self.stack_bytes} B"
+        yield "multiply-accumulates", f"{self.multiply_accumulates / 1e6:.2f} M"
+        yield "instructions", f"{self.instructions / 1e6:.3f} M"
+        for clock, milliseconds in self.one_per_cycle_ms.items():
+            yield f"at {clock} MHz, one a cycle", f"{milliseconds:.1f} ms"
+        for clock, milliseconds in self.modelled_ms.items():
+            yield f"at {clock} MHz, modelled pipeline", f"{milliseconds:.1f} ms"
+        agreement = "identical to the bit" if self.identical else f"action within {self.action_difference:.2g}"
+        yield f"{self.steps} steps against this host", agreement
+
+
+def measure_folder(folder: Path) -> Measurement:
+    """`measure` on a folder written by `stillwake export --c`; raises McuError if it is none."""
+    try:
+        sources = {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
+        rows = np.loadtxt(folder / RECORDED, dtype=np.float32, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise McuError(f"{folder}: {getattr(error, 'strerror', None) or error}") from error
+    return measure(sources, rows)
+
+
+def measure(sources: Mapping[str, bytes], rows: Rows) -> Measurement:
+    """Compile, run and compare.
+
+    Args:
+        sources: the library's files.
+        rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
+
+    Raises:
+        McuError: something is missing, does not compile or does not run; the message names it.
+    """
+    settings = Settings.of(sources)
+    window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
+    if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
+        raise McuError(f"recorded rows have shape {rows.shape}: must be at least {window} rows of {columns}")
+    firmware = read_elf(compile_for_cortex_m7(sources))
+    machine = Machine(firmware)
+    found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
+    expected = _on_host(sources, rows)
+    stack = machine.stack_used("mcu_step")
+    instructions, cycles = _count(machine)
+    return Measurement(
+        precision=settings.text("SW_PRECISION"),
+        program_sha256=settings.text("SW_PROGRAM_SHA256"),
+        flash_bytes=sum(firmware.sections.get(name, 0) for name in (".text", ".hot", ".rodata", ".data")),
+        ram_bytes=_ram(firmware) + stack,
+        stack_bytes=stack,
+        multiply_accumulates=settings.multiply_accumulates(),
+        instructions=instructions,
+        cycles=cycles,
+        one_per_cycle_ms={str(clock): instructions / (clock * 1e3) for clock in CLOCKS_MHZ},
+        modelled_ms={str(clock): cycles / (clock * 1e3) for clock in CLOCKS_MHZ},
+        steps=len(found),
+        identical=bool(np.array_equal(found, expected)),
+        action_difference=float(np.abs(found[:, 0] - expected[:, 0]).max()),
+        cost_difference=float(np.abs(found[:, 1] - expected[:, 1]).max()),
+    )
+
+
+def _ram(firmware: Firmware) -> int:
+    return sum(firmware.sections.get(name, 0) for name in (".hot", ".data", ".bss"))
+
+
+def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
+    """(action, cost) of every row from the first full window on."""
+    machine.call("mcu_reset")
+    answers = []
+    for i, row in enumerate(rows, start=1):
+        machine.write("mcu_row", row.astype("<f4").tobytes())
+        # Like the host's example, which does not answer before the window is full.
+        if machine.call("mcu_step" if i >= window else "mcu_push") != 0:
+            raise McuError(f"row {i}: a number is not finite")
+        if i >= window:
+            output = np.frombuffer(machine.read("mcu_output", 4 * (3 * horizon + TERMS + 1)), dtype="<f4")
+            answers.append((output[0], output[-1]))
+    return np.array(answers, dtype=np.float32)
+
+
+def _count(machine: Machine) -> tuple[int, int]:
+    """Instructions and modelled cycles of a control step."""
+    pipeline = Pipeline(machine.code(), FLASH)
+    blocks = [(count, pipeline.block(*place)) for place, count in machine.call_counted("mcu_step").items()]
+    return sum(n * block.instructions for n, block in blocks), sum(n * block.cycles for n, block in blocks)
+
+
+def _on_host(sources: Mapping[str, bytes], rows: Rows) -> Rows:
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder, "replay")
+        program.write_bytes(compile_example(sources))
+        program.chmod(0o755)
+        text = "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.astype(np.float64))
+        done = subprocess.run([program], input=text, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise McuError(f"the example program failed on the host: {done.stderr.strip()}")
+    return np.array([line.split() for line in done.stdout.splitlines()], dtype=np.float32)[:, [0, 3]]

@@ -1,0 +1,115 @@
+"""What a basic block costs on a Cortex-M7: a model of its in-order, dual-issue pipeline, and what it leaves out.
+
+Arm publishes no cycle counts for this core, so these are assumptions, stated to be questioned:
+
+- Instructions issue in order, up to two a cycle. Both must be ready; of a pair at most one may multiply, work in the
+  floating-point unit, store, or branch; two single loads may go together, a double load takes both load ports.
+- A result can be used one cycle later from the integer unit, two from a load or a multiplication (an accumulator one),
+  three from the floating-point unit, four from a fused multiply-add; divisions take 14 cycles and block their unit.
+- A block that ends in a branch pays one cycle more; branches are predicted.
+- Every access is a hit: code in instruction TCM or cache, workspace and the dynamics' weights in data TCM, all other
+  constants in a warm data cache.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import capstone
+
+_MULTIPLY: Final = ("smla", "smul", "smmul", "mla", "mls", "mul", "umull", "smull", "umlal", "smlal")
+_LOAD: Final = ("ldr", "vldr")
+_STORE: Final = ("str", "vstr")
+_MANY: Final = ("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "strd")
+_DIVIDE: Final = ("vdiv", "vsqrt", "sdiv", "udiv")
+_DIVIDE_CYCLES: Final = 14
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """A basic block's instructions and modelled cycles."""
+
+    instructions: int
+    cycles: int
+
+
+class Pipeline:
+    """Disassembles code and models its blocks."""
+
+    def __init__(self, code: bytes, origin: int) -> None:
+        self._code, self._origin = code, origin
+        self._disassembler = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
+        self._disassembler.detail = True
+
+    def block(self, address: int, size: int) -> Block:
+        """The block of `size` bytes at an address."""
+        start = address - self._origin
+        listing = list(self._disassembler.disasm(self._code[start : start + size], address))
+        return Block(instructions=len(listing), cycles=_cycles(listing))
+
+
+def _cycles(listing: list[Any]) -> int:
+    ready: dict[int, int] = {}
+    cycle = -1
+    issued: list[str] = []
+    divider = 0
+    for instruction in listing:
+        kind, latency, slots = _kind(instruction.mnemonic)
+        reads, writes = instruction.regs_access()
+        early = _accumulator(instruction) if kind == "multiply" else None
+        earliest = max((ready.get(reg, 0) - (reg == early) for reg in reads), default=0)
+        if kind == "divide":
+            earliest = max(earliest, divider)
+        if not (issued and earliest <= cycle and _fits(issued, kind)):
+            cycle, issued = max(cycle + 1, earliest), []
+        issued.append(kind)
+        cycle += slots - 1
+        if kind == "divide":
+            divider = cycle + _DIVIDE_CYCLES
+        for reg in writes:
+            ready[reg] = cycle + latency
+    branches = bool(listing) and _kind(listing[-1].mnemonic)[0] == "branch"
+    return cycle + 1 + branches
+
+
+def _fits(issued: list[str], kind: str) -> bool:
+    if len(issued) == 2 or "many" in (*issued, kind):
+        return False
+    (first,) = issued
+    if {first, kind} <= {"float", "divide"} or {first, kind} <= {"load", "store", "double"}:
+        return first == kind == "load"
+    return first != kind or kind == "integer"
+
+
+@cache
+def _kind(mnemonic: str) -> tuple[str, int, int]:
+    """Class, latency, and cycles at the issue stage."""
+    name = mnemonic.split(".")[0]
+    if name.startswith(_DIVIDE):
+        return "divide", _DIVIDE_CYCLES, 1
+    if name.startswith(_MANY):
+        # Two words a cycle; the longest here move about eight.
+        return "many", 2, 1 if name == "strd" else 4
+    if name.startswith("ldrd"):
+        return "double", 2, 1
+    if name.startswith(_LOAD):
+        return "load", 2, 1
+    if name.startswith(_STORE):
+        return "store", 1, 1
+    if name.startswith(_MULTIPLY):
+        return "multiply", 2, 1
+    if name.startswith(("vfm", "vfnm", "vmla", "vmls", "vnml")):
+        return "float", 4, 1
+    if name.startswith(("vmov", "vabs", "vneg", "vsel")):
+        return "float", 1, 1
+    if name.startswith("v"):
+        return "float", 3, 1
+    if name.startswith(("b", "cb")) and name not in ("bic", "bics", "bfi", "bfc"):
+        return "branch", 1, 1
+    return "integer", 1, 1
+
+
+def _accumulator(instruction: Any) -> int | None:
+    """The register that a multiply-accumulate adds to, which it needs one cycle later than its factors."""
+    operands = instruction.operands
+    return int(operands[3].reg) if len(operands) == 4 else None

@@ -1,0 +1,162 @@
+"""The controller on an emulated Cortex-M7: the host's numbers to the bit, and budgets that a change may not exceed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.config import ModelConfig, MpcConfig
+from contract.errors import McuError
+from export.c_library import c_library
+from export.c_release import RECORDED, int8_library, recorded_rows
+from export.program import ControllerProgram
+from export.random_program import random_program, random_window
+
+pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
+pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
+
+import unicorn
+from unicorn import arm_const
+
+from firmware_sim.mcu import measure as mcu
+from firmware_sim.mcu.build import compile_for_cortex_m7
+from firmware_sim.mcu.elf import Firmware, Segment, read_elf
+from firmware_sim.mcu.emulator import FLASH, Machine
+from firmware_sim.mcu.settings import Settings
+from firmware_sim.mcu.timing import Pipeline
+
+SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
+
+
+def windows_of(program: ControllerProgram, count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    series = np.concatenate([random_window(program, rng) for _ in range(2)])
+    return [series[i : i + program.window] for i in range(count)]
+
+
+def sources_and_rows(program: ControllerProgram, precision: str) -> tuple[dict[str, bytes], np.ndarray]:
+    windows = windows_of(program, 4)
+    sources = c_library(program) if precision == "float32" else int8_library(program, windows)
+    return sources, np.loadtxt(recorded_rows(windows).splitlines(), dtype=np.float32)
+
+
+@pytest.fixture(scope="module")
+def budgeted() -> mcu.Measurement:
+    """The size that fits a microcontroller: 128-wide dynamics, 64-wide decoder, 3 iterations over 25 steps, int8."""
+    model = ModelConfig(dynamics_width=128, decoder_width=64)
+    program = random_program(0, model=model, mpc=MpcConfig(iterations=3))
+    return mcu.measure(*sources_and_rows(program, "int8"))
+
+
+def test_the_budget_of_an_ecu_is_kept(budgeted):
+    """20 ms is the period; instructions are exact for this compiler, so a little room is enough for another one."""
+    assert budgeted.flash_bytes <= 160 * 1024
+    assert budgeted.ram_bytes <= 96 * 1024
+    assert budgeted.stack_bytes <= 2 * 1024
+    assert budgeted.instructions <= 12.2e6
+    assert budgeted.modelled_ms["480"] <= 16.0
+
+
+def test_the_core_computes_what_the_host_does(budgeted):
+    """Integer products agree to the bit whatever the instructions; so do floats where the host fuses, too. The bound is
+    what unfused roundings may move an action by, as in the parity tests."""
+    assert budgeted.steps == 4
+    assert budgeted.identical or budgeted.action_difference <= 2.5e-5
+
+
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+def test_odd_sizes_agree_too(precision):
+    model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
+    found = mcu.measure(*sources_and_rows(random_program(1, model=model, mpc=MpcConfig(horizon=7)), precision))
+    assert found.identical or found.action_difference <= 2.5e-5
+    assert found.precision == precision
+
+
+def test_multiply_accumulates_are_those_of_the_layers():
+    """Counted by hand for a tiny net: encoder 6 rows of 4 x 5 gates over 5 + 5 inputs, head 5 x 5, latent 3 x 5;
+    dynamics 12 x 4 + 12 x 12 + 12 x 3 = 228 and decoder 8 x 3 + 2 x 8 x 8 + 2 x 8 = 168, each 2 x 2 + 1 times over 4
+    steps."""
+    program = random_program(0, model=SMALL, mpc=MpcConfig(horizon=4, iterations=2))
+    expected = 6 * 20 * 10 + 25 + 15 + 5 * 4 * (228 + 168)
+    assert Settings.of(c_library(program)).multiply_accumulates() == expected
+
+
+def test_counting_blocks_counts_every_instruction():
+    sources, _ = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "int8")
+    machine = Machine(read_elf(compile_for_cortex_m7(sources)))
+    machine.call("mcu_reset")
+    pipeline = Pipeline(machine.code(), FLASH)
+    blocks = machine.call_counted("mcu_step")
+    counted = sum(count * pipeline.block(*place).instructions for place, count in blocks.items())
+
+    core = machine._core
+    single = 0
+
+    def tick(*_: object) -> None:
+        nonlocal single
+        single += 1
+
+    # The same call again, from the same start: some comparisons of the cost depend on the plan.
+    machine.call("mcu_reset")
+    core.ctl_flush_tb()
+    core.hook_add(unicorn.UC_HOOK_CODE, tick)
+    machine.call("mcu_step")
+    # The hook does not see conditional instructions that are skipped; the core spends their time all the same.
+    assert 0 <= counted - single < 1e-3 * single
+
+
+def test_the_machine_runs_thumb_code():
+    """r0 = 40 + 2, by hand-assembled instructions: MOVS r0, #40; ADDS r0, #2; BX lr."""
+    code = bytes.fromhex("2820 0230 7047".replace(" ", ""))
+    firmware = Firmware(
+        segments=(Segment(address=FLASH, content=code),), sections={".text": len(code)}, symbols={"answer": FLASH | 1}
+    )
+    machine = Machine(firmware)
+    assert machine.call("answer") == 42
+    assert machine.call_counted("answer").total() == 1
+    assert machine.stack_used("answer") == 0
+    assert machine._core.reg_read(arm_const.UC_ARM_REG_R0) == 42
+    with pytest.raises(McuError, match="no symbol question"):
+        machine.call("question")
+
+
+def test_a_wild_jump_is_reported():
+    """LDR r0, [r0] with r0 = -1 shifted left: an address outside all memories."""
+    code = bytes.fromhex("4ff0ff300007006870 47".replace(" ", ""))
+    firmware = Firmware(segments=(Segment(address=FLASH, content=code),), sections={}, symbols={"wild": FLASH})
+    with pytest.raises(McuError, match="wild: the core stopped at 0x8000"):
+        Machine(firmware).call("wild")
+
+
+@pytest.mark.parametrize(
+    ("code", "cycles", "why"),
+    [
+        ("0120 0221", 1, "two independent moves go together"),
+        ("0120 401c", 2, "MOVS r0, #1; ADDS r0, r0, #1: the second needs the first"),
+        ("0868 401c", 3, "LDR r0, [r1]; ADDS r0, r0, #1: a load's result comes after two cycles"),
+        ("20fb0013 20fb0024", 2, "two multiplications do not go together"),
+        ("0120 7047", 2, "a branch costs one cycle more"),
+    ],
+)
+def test_the_pipeline_model_keeps_its_rules(code, cycles, why):
+    raw = bytes.fromhex(code.replace(" ", ""))
+    assert Pipeline(raw, 0).block(0, len(raw)).cycles == cycles, why
+
+
+def test_a_folder_that_is_no_library_is_refused(tmp_path):
+    with pytest.raises(McuError, match=r"recorded\.txt"):
+        mcu.measure_folder(tmp_path)
+    (tmp_path / RECORDED).write_text("1 2 3 4 5\n")
+    with pytest.raises(McuError, match=r"sw_settings.h is missing"):
+        mcu.measure_folder(tmp_path)
+
+
+def test_too_few_rows_and_code_that_does_not_compile_are_refused():
+    sources, rows = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "float32")
+    with pytest.raises(McuError, match="at least 6 rows of 5"):
+        mcu.measure(sources, rows[:5])
+    with pytest.raises(McuError, match=r"compiling for the microcontroller: .*error"):
+        mcu.measure(sources | {"sw_cost.c": b"#error broken\n"}, rows)
+    with pytest.raises(McuError, match="not a 32-bit"):
+        read_elf(Path(__file__).read_bytes())
