@@ -4,7 +4,7 @@ Lengths in W, times in t_c, actions a = jet flow rate in U_inf W. A value is che
 `Config` that exists is valid. `contract.config_loading` reads trees from TOML and applies overrides.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from typing import Literal
 
@@ -77,11 +77,32 @@ class ModelConfig:
     decoder_width: int = 128
     decoder_blocks: int = 2
     dropout: float = 0.25
+    slim_dynamics_width: int | None = None
+    """Of the dynamics that the controller rolls out, distilled from the trained ones; None deploys those (ours)."""
+    slim_decoder_width: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("window", "latent", "lstm_width", "dynamics_width", "decoder_width", "decoder_blocks"):
             _require(getattr(self, name) >= 1, self, name, "at least 1")
+        for name in ("slim_dynamics_width", "slim_decoder_width"):
+            if getattr(self, name) is not None:
+                _require(getattr(self, name) >= 1, self, name, "at least 1")
         _require(0 <= self.dropout < 1, self, "dropout", "in [0, 1)")
+
+    @property
+    def slim(self) -> "ModelConfig":
+        """Shapes of the networks that are deployed. Dropout is left out: the student's teacher makes no noise."""
+        return replace(
+            self,
+            dynamics_width=self.slim_dynamics_width or self.dynamics_width,
+            decoder_width=self.slim_decoder_width or self.decoder_width,
+            dropout=0.0,
+        )
+
+    @property
+    def is_slimmed(self) -> bool:
+        """Whether dynamics and decoder are distilled too, and not the encoder alone."""
+        return self.slim_dynamics_width is not None or self.slim_decoder_width is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +121,12 @@ class TrainConfig:
     """Consecutive windows drawn together; 1 draws each on its own, as the paper does. Neighbours share most of
     their work, so 8 makes an iteration several times cheaper for a batch of the same size."""
     schedule: Literal["constant", "one_cycle"] = "constant"
+    stream_epochs: float = 0.0
+    """Passes of the distillation that read the recording as a stream, before those that read windows: they cost a
+    small part of them and leave them little to do (ours)."""
     distil_epochs: float = 300.0
+    predictor_epochs: float = 10.0
+    """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on (ours)."""
     sensors: int = 4
     shap_background: int = 100
     shap_explained: int = 500
@@ -122,9 +148,9 @@ class TrainConfig:
             _require(getattr(self, name) >= 1, self, name, "at least 1")
         _require(self.batch_size >= 2, self, "batch_size", "at least 2, for the variance over a batch")
         _require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
-        for name in ("learning_rate", "epochs", "distil_epochs"):
+        for name in ("learning_rate", "epochs", "distil_epochs", "predictor_epochs"):
             _require(getattr(self, name) > 0, self, name, "positive")
-        for name in ("force_weight", "variance_weight", "covariance_weight", "seed"):
+        for name in ("force_weight", "variance_weight", "covariance_weight", "stream_epochs", "seed"):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
 
 

@@ -1,6 +1,7 @@
 """Read a trained model directory (`model.safetensors`, `model.json`) as arrays, without PyTorch.
 
-The 4-sensor encoder (`slim.`) becomes the program's encoder; the 90-sensor teacher (`encoder.`) stays behind.
+The 4-sensor encoder (`slim.`) becomes the program's encoder; the 90-sensor teacher (`encoder.`) stays behind. So do
+the wide dynamics and decoder where the model holds slim ones (`slim_dynamics.`, `slim_decoder.`).
 """
 
 import hashlib
@@ -29,6 +30,7 @@ DESCRIPTION: Final = "model.json"
 WEIGHTS: Final = "model.safetensors"
 NETWORKS: Final = ("slim", "dynamics", "decoder")
 _TEACHER: Final = "encoder"
+_SLIMMED: Final = ("dynamics", "decoder")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,12 +112,16 @@ def _read_description(path: Path) -> dict[str, Any]:
 
 
 def _split(path: Path, tensors: Mapping[str, npt.NDArray[Any]]) -> dict[str, dict[str, npt.NDArray[Any]]]:
-    states: dict[str, dict[str, npt.NDArray[Any]]] = {network: {} for network in (*NETWORKS, _TEACHER)}
+    slim = {f"slim_{network}": network for network in _SLIMMED}
+    states: dict[str, dict[str, npt.NDArray[Any]]] = {network: {} for network in (*NETWORKS, _TEACHER, *slim)}
     for key, tensor in tensors.items():
         network, _, name = key.partition(".")
         if network not in states:
             raise ExportError(f"{path}: unknown tensor {key}")
         states[network][name] = tensor
+    for stored, network in slim.items():
+        if states[stored]:
+            states[network] = states[stored]
     return {network: states[network] for network in NETWORKS}
 
 

@@ -15,6 +15,7 @@ from contract.config import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
 from train.loss import prediction_loss
 from train.model import Encoder
+from train.streaming import fit_stream
 from train.windows import Rows, SegmentSampler
 
 _CHUNK = 1024
@@ -47,6 +48,8 @@ def distil(
 ) -> Encoder:
     """Train an encoder on the chosen sensors to say what the teacher says on all 90.
 
+    First as a stream, where 64 samples cost little more than one window does, then window by window, as it will run.
+
     Args:
         rows: with all sensors' columns.
         chosen: (N,) indices of the sensors, in the order of the slim encoder's inputs.
@@ -66,6 +69,8 @@ def distil(
     )
     with seeded(settings.seed, device):
         slim = Encoder(len(chosen), config.model).to(device)
+        if settings.stream_epochs:
+            fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
 
         def loss(step: int) -> dict[str, Tensor]:
             batch = sampler.batch(step)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from contract.errors import DatasetError
 from train.distil import encode_all
-from train.model import Decoder, Dynamics, Encoder
+from train.model import Encoder, Predictor, WakeModel
 from train.windows import Rows
 
 HORIZONS: Final = (5, 10, 25)
@@ -56,22 +56,33 @@ class EncoderMetrics:
 
 
 def evaluate(
-    encoder: Encoder, dynamics: Dynamics, decoder: Decoder, rows: Rows, *, horizons: Sequence[int] = HORIZONS
+    encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Figures of an encoder on test rows that hold its sensors' columns.
+    """Figures of an encoder, with these dynamics and decoder, on test rows that hold its sensors' columns.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    """
+    return judge(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
+
+
+def judge(
+    latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
+) -> EncoderMetrics:
+    """Figures of latents (n, N_z) that stand beside the rows, NaN where an episode has no window yet.
 
     Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it.
 
     Raises:
         DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
     """
-    latents = encode_all(encoder, rows)
+    dynamics, decoder = predictor.dynamics, predictor.decoder
     longest = max(horizons)
     with torch.no_grad():
         full = ~latents[:, 0].isnan()
         decoded = decoder(latents[full])
         reference = rows.forces[full]
-        starts = rollout_starts(rows, encoder.window, longest)
+        starts = rollout_starts(rows, window, longest)
         actions = rows.actions[starts[:, None] + torch.arange(longest, device=starts.device)]
         predicted = dynamics.rollout(latents[starts], actions)
         force_sigma, latent_sigma = _sigma(reference), _sigma(latents[full])

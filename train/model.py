@@ -43,7 +43,11 @@ class Encoder(nn.Module):
             last = states[:, -1].unflatten(0, unfolded.shape[:2])
         else:
             last = last_hidden(segments, self.window, *self.lstm.all_weights[0])
-        latent: Tensor = self.output(nn.functional.elu(self.hidden(self.norm(last))))
+        return self.read_out(last)
+
+    def read_out(self, state: Tensor) -> Tensor:
+        """(..., H) hidden states of the LSTM -> (..., N_z) latents."""
+        latent: Tensor = self.output(nn.functional.elu(self.hidden(self.norm(state))))
         return latent
 
 
@@ -108,6 +112,15 @@ class Decoder(nn.Module):
             x = block(x)
         forces: Tensor = self.output(x)
         return forces
+
+
+class Predictor(nn.Module):
+    """What the optimiser rolls out: dynamics and decoder."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.dynamics = Dynamics(config)
+        self.decoder = Decoder(config)
 
 
 class WakeModel(nn.Module):

@@ -1,7 +1,8 @@
 """A trained model on disk: a directory of `model.safetensors` and `model.json`, whole or not there.
 
-`model.safetensors` holds the weights under `encoder.`, `slim.`, `dynamics.` and `decoder.`; `model.json` holds
-what they assume and where they come from:
+`model.safetensors` holds the weights under `encoder.`, `slim.`, `dynamics.` and `decoder.`, and where the
+configuration asks for narrower ones, under `slim_dynamics.` and `slim_decoder.`; `model.json` holds what they assume
+and where they come from:
 
     schema, config (all settings), scaling (contract.bundle.Scaling), sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
@@ -17,7 +18,7 @@ from typing import Any, Final
 import dacite
 import safetensors
 import safetensors.torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from contract import sensors as sensor_facts
 from contract.atomic import replacing
@@ -25,7 +26,7 @@ from contract.bundle import Scaling
 from contract.config import Config
 from contract.config_loading import from_tree, to_tree
 from contract.errors import ConfigError, StillwakeError
-from train.model import Decoder, Dynamics, Encoder, WakeModel
+from train.model import Encoder, Predictor, WakeModel
 
 SCHEMA: Final = "stillwake-model/1"
 WEIGHTS: Final = "model.safetensors"
@@ -42,10 +43,12 @@ class TrainedModel:
 
     Attributes:
         teacher: encoder on all 90 sensors, dynamics and decoder.
-        slim: encoder on `sensors`, used with the teacher's dynamics and decoder.
+        slim: encoder on `sensors`.
+        predictor: narrower dynamics and decoder for the vehicle; None where the teacher's serve there.
         sensors: names, in the order of the slim encoder's inputs.
         scaling: of all 90 pressures, the action and the forces.
-        metrics: "teacher" and "slim" (`train.evaluate.EncoderMetrics`), "slim_latent" (L1/sigma against the teacher).
+        metrics: "teacher", "slim" and with a predictor "deployed" (`train.evaluate.EncoderMetrics`), and "slim_latent"
+            (L1/sigma against the teacher).
         ranking: method, mean and std of every sensor's score, stability of the best sets.
         versions: of the software.
     """
@@ -54,6 +57,7 @@ class TrainedModel:
     scaling: Scaling
     teacher: WakeModel
     slim: Encoder
+    predictor: Predictor | None
     sensors: tuple[str, ...]
     dataset_sha256: str
     metrics: Mapping[str, Any]
@@ -61,12 +65,9 @@ class TrainedModel:
     versions: Mapping[str, str]
 
     @property
-    def dynamics(self) -> Dynamics:
-        return self.teacher.dynamics
-
-    @property
-    def decoder(self) -> Decoder:
-        return self.teacher.decoder
+    def deployed(self) -> Predictor | WakeModel:
+        """The dynamics and decoder that go on the vehicle."""
+        return self.teacher if self.predictor is None else self.predictor
 
 
 def save(path: Path, model: TrainedModel) -> None:
@@ -126,12 +127,14 @@ def load(path: Path) -> TrainedModel:
         scaling = dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple]))
         _check_lengths(path, scaling)
         teacher, slim = WakeModel(sensor_facts.COUNT, config.model), Encoder(len(names), config.model)
-        _fill(path, teacher, slim, safetensors.torch.load(raw))
+        predictor = Predictor(config.model.slim) if config.model.is_slimmed else None
+        _fill(path, _parts(teacher, slim, predictor), safetensors.torch.load(raw))
         return TrainedModel(
             config=config,
             scaling=scaling,
             teacher=teacher,
             slim=slim,
+            predictor=predictor,
             sensors=names,
             dataset_sha256=body["dataset_sha256"],
             metrics=body["metrics"],
@@ -146,23 +149,35 @@ def load(path: Path) -> TrainedModel:
         raise ModelError(f"model {path}: {WEIGHTS} is damaged ({error})") from error
 
 
+def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Mapping[str, nn.Module]:
+    """Every network by the name its weights are stored under."""
+    parts: dict[str, nn.Module] = dict(teacher.named_children())
+    parts["slim"] = slim
+    if predictor is not None:
+        parts |= {f"slim_{name}": network for name, network in predictor.named_children()}
+    return parts
+
+
 def _tensors(model: TrainedModel) -> dict[str, Tensor]:
-    states = {**model.teacher.state_dict(), **{f"slim.{key}": value for key, value in model.slim.state_dict().items()}}
-    return {key: value.detach().cpu().contiguous() for key, value in states.items()}
+    parts = _parts(model.teacher, model.slim, model.predictor)
+    return {
+        f"{name}.{key}": value.detach().cpu().contiguous()
+        for name, network in parts.items()
+        for key, value in network.state_dict().items()
+    }
 
 
-def _fill(path: Path, teacher: WakeModel, slim: Encoder, tensors: Mapping[str, Tensor]) -> None:
-    expected = {**teacher.state_dict(), **{f"slim.{key}": value for key, value in slim.state_dict().items()}}
+def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]) -> None:
+    expected = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.state_dict().items()}
     for key in sorted(expected.keys() | tensors.keys()):
         if key not in tensors or key not in expected:
             raise ModelError(f"model {path}: {WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}")
         if tensors[key].shape != expected[key].shape:
             found, wanted = tuple(tensors[key].shape), tuple(expected[key].shape)
             raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {found}, the configuration needs {wanted}")
-    teacher.load_state_dict({key: value for key, value in tensors.items() if not key.startswith("slim.")})
-    slim.load_state_dict({key[5:]: value for key, value in tensors.items() if key.startswith("slim.")})
-    teacher.eval()
-    slim.eval()
+    for name, network in parts.items():
+        network.load_state_dict({key: tensors[f"{name}.{key}"] for key in network.state_dict()})
+        network.eval()
 
 
 def _check_lengths(path: Path, scaling: Scaling) -> None:

@@ -17,6 +17,7 @@ from contract.config import Config
 from contract.errors import DatasetError, StillwakeError
 from train import checkpoint, model_store
 from train.distil import distil, encode_all
+from train.distil_predictor import distil_predictor
 from train.evaluate import HORIZONS, evaluate, latent_error, rollout_starts
 from train.fit import Checkpoints, Progress, device_named, fit_joint, silent
 from train.model import Encoder
@@ -74,19 +75,25 @@ def train_all(
     names = tuple(chosen) if chosen is not None else ranking.top(config.train.sensors)
     indices = sensors.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
+    predictor = None
+    if config.model.is_slimmed:
+        predictor = distil_predictor(teacher, rows, config, progress=progress, checkpoints=checkpoints).cpu()
 
     teacher, slim = teacher.cpu(), slim.cpu()
     slim_rows = test_rows.with_sensors(indices)
     metrics = {
-        "teacher": evaluate(teacher.encoder, teacher.dynamics, teacher.decoder, test_rows).as_tree(),
-        "slim": evaluate(slim, teacher.dynamics, teacher.decoder, slim_rows).as_tree(),
+        "teacher": evaluate(teacher.encoder, teacher, test_rows).as_tree(),
+        "slim": evaluate(slim, teacher, slim_rows).as_tree(),
         "slim_latent": latent_error(encode_all(slim, slim_rows), encode_all(teacher.encoder, test_rows)),
     }
+    if predictor is not None:
+        metrics["deployed"] = evaluate(slim, predictor, slim_rows).as_tree()
     trained = TrainedModel(
         config=config,
         scaling=scaling,
         teacher=teacher,
         slim=slim,
+        predictor=predictor,
         sensors=names,
         dataset_sha256=digest,
         metrics=metrics,
@@ -122,6 +129,7 @@ def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | 
     settings = {
         "model": asdict(config.model),
         "train": asdict(config.train),
+        "horizon": config.mpc.horizon,
         "device": device,
         "chosen": None if chosen is None else list(chosen),
     }

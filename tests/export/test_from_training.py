@@ -34,6 +34,7 @@ def trained():
         ),
         teacher=WakeModel(sensors.COUNT, MODEL).eval(),
         slim=Encoder(len(CHOSEN), MODEL).eval(),
+        predictor=None,
         sensors=CHOSEN,
         dataset_sha256="d" * 64,
         metrics={"slim": {"r2": 0.9}},

@@ -1,5 +1,7 @@
 """Held-out figures against direct formulas on networks whose answers are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -41,7 +43,7 @@ def make_rows(lengths: tuple[int, ...]) -> Rows:
 
 
 def run(rows: Rows, bias: float = 0.0, horizons: tuple[int, ...] = (2, 5)):
-    return evaluate(LastRow(bias), Add(), nn.Identity(), rows, horizons=horizons)  # type: ignore[arg-type]
+    return evaluate(LastRow(bias), SimpleNamespace(dynamics=Add(), decoder=nn.Identity()), rows, horizons=horizons)  # type: ignore[arg-type]
 
 
 def test_a_perfect_model_has_no_error() -> None:

@@ -44,10 +44,10 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
     assert set(model.ranking["stable"]) == {"2", "4", "6", "8"}
     assert not model.teacher.training
     rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
-    again = evaluate(model.teacher.encoder, model.dynamics, model.decoder, rows).as_tree()
+    again = evaluate(model.teacher.encoder, model.teacher, rows).as_tree()
     assert again == model.metrics["teacher"]
     slim_rows = rows.with_sensors(sensors.indices(model.sensors))
-    assert evaluate(model.slim, model.dynamics, model.decoder, slim_rows).as_tree() == model.metrics["slim"]
+    assert evaluate(model.slim, model.deployed, slim_rows).as_tree() == model.metrics["slim"]
     assert encode_all(model.slim, slim_rows).shape == (200, 8)
 
 
@@ -153,6 +153,26 @@ def test_what_is_not_a_model_is_not_overwritten(recording: Path, small_config: C
     with pytest.raises(StillwakeError, match="not a model directory"):
         train_all(recording, small_config, tmp_path / "mine")
     assert (tmp_path / "mine" / "thesis.txt").exists()
+
+
+def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(
+    stored: Path, recording: Path, small_config: Config, tmp_path: Path
+) -> None:
+    narrow = replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16)
+    config = replace(small_config, model=narrow, train=replace(small_config.train, predictor_epochs=2.0))
+    train_all(recording, config, tmp_path / "narrow")
+    model, wide = model_store.load(tmp_path / "narrow"), model_store.load(stored)
+    assert model.predictor is not None
+    assert model.deployed.dynamics.hidden.out_features == 24
+    assert model.deployed.decoder.output.in_features == 16
+    # Teacher and encoder are those of a run that slims the encoder alone.
+    for one, two in zip(model.teacher.parameters(), wide.teacher.parameters(), strict=True):
+        assert torch.equal(one, two)
+    assert wide.predictor is None
+    assert "deployed" not in wide.metrics
+    rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
+    again = evaluate(model.slim, model.deployed, rows.with_sensors(sensors.indices(model.sensors))).as_tree()
+    assert again == model.metrics["deployed"]
 
 
 def test_an_altered_or_incomplete_model_is_refused(stored: Path) -> None:
