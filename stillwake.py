@@ -4,7 +4,6 @@ Rooms are imported where a command needs them, so that `run` on a vehicle needs 
 compiler, and a missing extra is one clear line.
 """
 
-import os
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -21,6 +20,7 @@ from rich.progress import TaskID
 from rich.table import Table
 
 import stillwake_pictures
+import stillwake_record
 from contract.config_loading import load_config, to_tree
 from contract.errors import StillwakeError
 from contract.results import write_result
@@ -35,89 +35,12 @@ INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as shells have it."""
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @app.callback()
 def _root() -> None:
     """A learned flow controller for truck wakes, from wall pressures to an ECU on the CAN bus."""
 
 
-@app.command()
-def record(
-    output: Annotated[Path, typer.Argument(help="HDF5 file to write.")],
-    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform (6000).")] = None,
-    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, test data (1500).")] = None,
-    uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).")] = None,
-    paper: Annotated[
-        bool,
-        typer.Option(
-            "--paper",
-            help="The paper's data set instead: 50,000 training steps in ten episodes, 2,500 uncontrolled, 10,000 of "
-            "the chirp to test on, and 10,000 of the extended chirp of its appendix A.",
-        ),
-    ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the training waveform; of the first one with --paper.")] = 1,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes, an episode each at a time; default: one a core.", min=1)
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="Record on this dask scheduler's workers; they must see the output's folder at its path."),
-    ] = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
-) -> None:
-    """Record the forced wake: 90 wall pressures, forces and the drag ledger at every control step.
-
-    Can be stopped at any time; the same command continues where it was.
-    """
-    from wake.episode_plan import EpisodePlan, paper_plans
-    from wake.recorder import record as record_dataset
-
-    config = load_config(config_file, overrides)
-    if paper and any(steps is not None for steps in (training, chirp, uncontrolled)):
-        raise StillwakeError("--paper says how much to record: leave --training, --chirp and --uncontrolled out")
-    plans: tuple[EpisodePlan, ...] = (
-        EpisodePlan(forcing="training", steps=6000 if training is None else training, seed=seed),
-        EpisodePlan(forcing="chirp", steps=1500 if chirp is None else chirp, seed=0),
-        EpisodePlan(forcing="none", steps=500 if uncontrolled is None else uncontrolled, seed=0),
-    )
-    plans = tuple(plan for plan in (paper_plans(seed) if paper else plans) if plan.steps > 0)
-    if not plans:
-        raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
-    if output.is_dir():
-        raise StillwakeError(f"cannot write {output}: it is a directory, not an HDF5 file")
-    total = sum(plan.steps for plan in plans)
-    # A block takes seconds, and is counted when it is whole: only many of them show the speed.
-    with progress_bar("steps", estimate_over=600.0) as bar:
-        done: dict[str, int] = {}
-        tasks: dict[str, TaskID] = {}
-
-        def show(name: str, steps: int, episode_total: int) -> None:
-            done[name] = steps
-            if len(done) < len(plans):
-                return
-            # What an earlier call recorded counts as done, but not for the speed.
-            for label, completed, of in [
-                *((p.name, done[p.name], p.steps) for p in plans),
-                ("all", sum(done.values()), total),
-            ]:
-                if label not in tasks:
-                    tasks[label] = bar.add_task(label, total=of, completed=completed, note="")
-                bar.update(tasks[label], completed=completed)
-
-        record_dataset(
-            output,
-            plans,
-            config,
-            workers=_cores() if workers is None else workers,
-            scheduler=scheduler,
-            progress=show,
-            notice=bar.console.print,
-        )
-    console.print(f"wrote {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
+app.command()(stillwake_record.record)
 
 
 @app.command()

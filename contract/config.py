@@ -50,6 +50,9 @@ class ForcingConfig:
     extended_chirp_start: float = 0.01
     """The extended chirp reaches past what the training waveform explores (paper, appendix A)."""
     extended_chirp_end: float = 0.8
+    exploration_time: float = 1.0
+    """Correlation time, in t_c, of the noise added to a controller's commands while they are recorded (ours): long
+    enough for the wake to answer, a fifth of a shedding cycle."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -60,6 +63,7 @@ class ForcingConfig:
             "chirp_end",
             "extended_chirp_start",
             "extended_chirp_end",
+            "exploration_time",
         ):
             _require(getattr(self, name) > 0, self, name, "positive")
         _require(self.modulation_index >= 0, self, "modulation_index", "non-negative")

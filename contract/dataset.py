@@ -23,8 +23,9 @@ from contract.int16_series import pack, unpack
 SCHEMA: Final = "stillwake-dataset/2"
 SCHEMA_1: Final = "stillwake-dataset/1"
 """Still read: float32 series, and one `Cd_slot` where pressure and viscous force now stand apart."""
-Role = Literal["train", "test", "extended"]
-"""The model is fitted to "train" and judged on "test"; "extended" asks for more than it was trained for."""
+Role = Literal["train", "test", "extended", "controlled"]
+"""The model is fitted to "train" and judged on "test"; "extended" asks for more than it was trained for; "controlled"
+is held out like them, and recorded while a controller drove the jets."""
 
 UNITS: Final[Mapping[str, str]] = {
     "t": "W/U_inf",

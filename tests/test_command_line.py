@@ -179,6 +179,54 @@ def test_nothing_to_record(refused, tmp_path):
     assert "nothing to record" in refused("record", tmp_path / "a.h5", *none)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--paper"], "--under and --paper are two recordings"),
+        (["--training", 10], "--training does not go with --under"),
+        (["--role", "test"], "role = 'test': must be one of train, controlled"),
+        (["--exploration", -0.1], "exploration = -0.1: must be finite and at least 0"),
+        (["--set", "flow.action_limit=0.05"], "built for another action limit: 0.075, the flow has 0.05"),
+        (["--set", "flow.control_period=0.1"], "built for another control period: 0.2, the flow has 0.1"),
+        (["--set", "forcing.exploration_time=0.0"], "ForcingConfig.exploration_time = 0.0: must be positive"),
+    ],
+)
+def test_a_recording_under_a_controller_that_makes_no_sense(refused, tmp_path, random_release, arguments, named):
+    assert named in refused("record", tmp_path / "a.h5", "--under", random_release, *arguments)
+
+
+def test_a_recording_under_a_controller_that_is_not_there_or_altered(refused, tmp_path, random_release):
+    line = refused("record", tmp_path / "a.h5", "--under", tmp_path / "nowhere")
+    assert f"bundle {tmp_path}/nowhere: no such directory or zip" in line
+    bundle = tmp_path / "bundle"
+    shutil.copytree(random_release, bundle)
+    (bundle / "controller.onnx").write_bytes((bundle / "controller.onnx").read_bytes() + b" ")
+    assert "controller.onnx was altered" in refused("record", tmp_path / "a.h5", "--under", bundle)
+    assert "give --under BUNDLE" in refused("record", tmp_path / "a.h5", "--episodes", 2)
+
+
+def test_the_first_schema_takes_no_rounds(refused, recording, random_release):
+    line = refused("record", recording, "--under", random_release)
+    assert "episodes can only be added to 'stillwake-dataset/2'" in line
+
+
+def test_rounds_under_a_controller_are_added(cli, tmp_path, random_release):
+    output = tmp_path / "a.h5"
+    for number in (1, 2):
+        outcome = cli(
+            "record", output, "--under", random_release, "--controlled", 2, "--episodes", 1, "--role", "train"
+        )
+        assert (outcome.code, outcome.err) == (0, "")
+        assert f"round {number}, 2 control steps under the controller" in outcome.out.replace("\n", " ")
+    found = dataset.read(output).episodes
+    assert [(one.name, one.role, len(one)) for one in found] == [
+        ("controlled_1_0", "train", 2),
+        ("controlled_2_0", "train", 2),
+    ]
+    assert found[0].provenance["bundle"] == "random"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
 @pytest.mark.parametrize("verb", ["record", "train", "export", "run", "develop"])
 @pytest.mark.parametrize(
     ("setting", "named"),

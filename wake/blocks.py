@@ -1,8 +1,9 @@
 """An episode on disk while it is being recorded.
 
-A block is one file of samples, and beside it the flow state at its end. The state is written first, so that a block
-which is there can be continued from; the state of an earlier block is then no longer needed. Every file is there and
-whole or not there at all, so a recording that was stopped at any instant continues without a seam.
+A block is one file of samples, and beside it the state at its end: the flow and the policy's memory. The state is
+written first, so that a block which is there can be continued from; the state of an earlier block is then no longer
+needed. Every file is there and whole or not there at all, so a recording that was stopped at any instant continues
+without a seam.
 """
 
 import io
@@ -49,19 +50,23 @@ class EpisodeBlocks:
             done = min(done + self.block_steps, self.steps)
         return done
 
-    def add(self, series: Series, end: State) -> None:
-        """Write the next block. Raises StillwakeError if it cannot be written; earlier blocks stay."""
+    def add(self, series: Series, end: State, memory: npt.NDArray[np.float64]) -> None:
+        """Write the next block, with the flow's state and the policy's memory at its end.
+
+        Raises StillwakeError if it cannot be written; earlier blocks stay.
+        """
         first = self.finished
-        _save(self._state(first), flat=end.flat, substep=end.substep, action=end.action)
+        _save(self._state(first), flat=end.flat, substep=end.substep, action=end.action, memory=memory)
         _save(self._samples(first), **series)
         for old in sorted(self.folder.glob("*.state.npz"))[:-_KEPT_STATES]:
             old.unlink(missing_ok=True)
 
-    def end(self) -> State:
-        """The flow at the end of the last finished block; there must be one."""
+    def end(self) -> tuple[State, npt.NDArray[np.float64]]:
+        """The flow and the policy's memory at the end of the last finished block; there must be one."""
         first = (self.finished - 1) // self.block_steps * self.block_steps
-        data = _load(self._state(first), ("flat", "substep", "action"))
-        return State(flat=data["flat"], substep=int(data["substep"]), action=float(data["action"]))
+        data = _load(self._state(first), ("flat", "substep", "action", "memory"))
+        state = State(flat=data["flat"], substep=int(data["substep"]), action=float(data["action"]))
+        return state, data["memory"]
 
     def series(self) -> Series:
         """Samples of all blocks; the episode must be finished."""

@@ -16,12 +16,14 @@ from contract.dataset import UNITS, Episode
 from contract.errors import StillwakeError
 from contract.results import versions
 from wake.blocks import EpisodeBlocks, Series
+from wake.controlled_plan import ControlledPlan
 from wake.episode_plan import EpisodePlan
-from wake.forcing import SIGNALS
+from wake.feedback import NoFeedback, Policy, PolicyFactory
 from wake.grid import truck_grid
 from wake.truck_wake import Sample, TruckWake, developed_state
 
 Array = npt.NDArray[np.float64]
+Plan = EpisodePlan | ControlledPlan
 Progress = Callable[[str, int, int], None]
 """Called with (episode, steps done, steps in all)."""
 
@@ -34,14 +36,16 @@ class EpisodeJob:
         parts: folder of the recording's unfinished work.
         owner: of the call of `record` that this belongs to; work stops when another one has taken the folder over.
         setting: what every sample depends on; see `setting_of`.
+        policy: makes the controller; without one, the plan's signal is all that drives the jets.
     """
 
     parts: Path
     owner: str
-    plan: EpisodePlan
+    plan: Plan
     config: Config
     block_steps: int
     setting: Mapping[str, Any]
+    policy: PolicyFactory = NoFeedback
 
     @property
     def blocks(self) -> EpisodeBlocks:
@@ -59,29 +63,29 @@ class EpisodeJob:
             raise StillwakeError(
                 f"{self.parts} is not to be seen from {platform.node()}: it must lie on a shared folder"
             )
-        mine = setting_of(self.config)
+        mine = setting_of(self.config, self.plan.packages)
         if mine != self.setting:
             raise StillwakeError(f"{platform.node()} would record with other {differing(mine, self.setting)}")
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return
         wake = TruckWake(self.config.flow) if wake is None else wake
-        actions = SIGNALS[plan.forcing](
-            plan.steps, self.config.forcing, self.config.flow, np.random.default_rng(plan.seed)
-        )
+        signal, policy = plan.signal(self.config), self.policy()
         first = blocks.finished
         if first:
-            sample = wake.reset(blocks.end())
+            state, memory = blocks.end()
+            sample = wake.reset(state)
         else:
+            memory = policy.start()
             sample = wake.reset(developed_state())
             for _ in range(plan.lead):
                 sample = wake.advance(0.0)
         while first < plan.steps:
             if not self._is_owner():
                 raise StillwakeError(f"{self.parts}: stopped, or taken over by another call")
-            block = actions[first : first + self.block_steps]
-            series, sample = _advance(wake, sample, block)
-            blocks.add(series, wake.state())
+            block = signal[first : first + self.block_steps]
+            series, sample, memory = _advance(wake, sample, policy, memory, block)
+            blocks.add(series, wake.state(), memory)
             first += len(block)
             progress(plan.name, first, plan.steps)
 
@@ -92,12 +96,7 @@ class EpisodeJob:
             role=self.plan.role,
             series=self.blocks.series(),
             initial_action=0.0 if self.plan.lead else developed_state().action,
-            provenance={
-                **self.setting,
-                "forcing_signal": self.plan.forcing,
-                "seed": self.plan.seed,
-                "lead_steps": self.plan.lead,
-            },
+            provenance={**self.setting, **self.plan.provenance},
         )
 
     def _is_owner(self) -> bool:
@@ -107,8 +106,8 @@ class EpisodeJob:
             return False
 
 
-def setting_of(config: Config) -> dict[str, Any]:
-    """Everything but the plan that decides the samples, as plain JSON."""
+def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages`, too."""
     start = files("wake").joinpath("data/developed.npz").read_bytes()
     return {
         "flow": asdict(config.flow),
@@ -116,7 +115,10 @@ def setting_of(config: Config) -> dict[str, Any]:
         "grid": list(truck_grid().shape),
         "start": "wake/data/developed.npz",
         "start_sha256": hashlib.sha256(start).hexdigest(),
-        "versions": {"python": platform.python_version(), **versions("stillwake", "numpy", "numba", "scipy")},
+        "versions": {
+            "python": platform.python_version(),
+            **versions("stillwake", "numpy", "numba", "scipy", *packages),
+        },
     }
 
 
@@ -128,12 +130,22 @@ def owner_file(parts: Path) -> Path:
     return parts / "owner"
 
 
-def _advance(wake: TruckWake, sample: Sample, actions: Array) -> tuple[Series, Sample]:
-    """Samples of a block that begins with `sample`, and the one after it."""
+def _advance(
+    wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
+) -> tuple[Series, Sample, Array]:
+    """Samples of a block that begins with `sample`, the one after it, and the policy's memory then.
+
+    What acts is the policy's command plus the signal, cut to the action limit; the policy sees it as the action in
+    force one step later.
+    """
     rows: list[Sample] = []
-    for action in actions:
+    actions = np.empty(len(signal))
+    limit = wake.config.action_limit
+    for k, added in enumerate(signal):
         rows.append(sample)
-        sample = wake.advance(float(action))
+        command, memory = policy.step(memory, sample.Cp, sample.action)
+        actions[k] = np.clip(command + added, -limit, limit)
+        sample = wake.advance(float(actions[k]))
     series = {name: np.array([getattr(row, name) for row in rows]) for name in UNITS}
     # A sample knows the action in force when it was taken; a recording holds the one commanded then.
-    return series | {"action": actions}, sample
+    return series | {"action": actions}, sample, memory

@@ -1,10 +1,14 @@
 """Which episodes a recording consists of."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, ClassVar, Final
 
+import numpy as np
+import numpy.typing as npt
+
+from contract.config import Config
 from contract.dataset import Role
-from wake.forcing import ForcingName
+from wake.forcing import SIGNALS, ForcingName
 
 _ROLES: Final[dict[ForcingName, Role]] = {
     "training": "train",
@@ -13,7 +17,7 @@ _ROLES: Final[dict[ForcingName, Role]] = {
     "extended_chirp": "extended",
 }
 _PAPER_TRAINING_EPISODES: Final = 10
-_SHEDDING_PERIOD: Final = 24
+SHEDDING_PERIOD: Final = 24
 """Of the uncontrolled wake, in control steps (Strouhal number 0.207)."""
 
 
@@ -33,6 +37,8 @@ class EpisodePlan:
     steps: int
     seed: int
     lead: int = 0
+    packages: ClassVar[tuple[str, ...]] = ()
+    """What decides the samples beside the flow solver."""
 
     @property
     def role(self) -> Role:
@@ -42,6 +48,15 @@ class EpisodePlan:
     @property
     def name(self) -> str:
         return f"{self.forcing}_{self.seed}"
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What the data set tells of the plan, as plain JSON."""
+        return {"forcing_signal": self.forcing, "seed": self.seed, "lead_steps": self.lead}
+
+    def signal(self, config: Config) -> npt.NDArray[np.float64]:
+        """Actions of every control step, (steps,), in U_inf W."""
+        return SIGNALS[self.forcing](self.steps, config.forcing, config.flow, np.random.default_rng(self.seed))
 
 
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
@@ -54,7 +69,7 @@ def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     """
     count = _PAPER_TRAINING_EPISODES
     training = (
-        EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(_SHEDDING_PERIOD * i / count))
+        EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))
         for i in range(count)
     )
     return (

@@ -1,7 +1,8 @@
-"""Open-loop forcing signals, sampled at the control period (paper, section 2.1).
+"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and the exploration noise under a
+controller.
 
-Every signal is a pure function of its settings, its length and a random generator, normalised to [-1, 1] and scaled
-to the action limit.
+Every forcing signal is a pure function of its settings, its length and a random generator, normalised to [-1, 1] and
+scaled to the action limit.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, sosfilt
+from scipy.signal import butter, lfilter, sosfilt
 
 from contract.config import FlowConfig, ForcingConfig
 from contract.errors import ConfigError
@@ -64,6 +65,23 @@ def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) ->
     if not 0.0 < frequency < highest:
         raise ConfigError(f"frequency = {frequency}: must be positive and below {highest}, half the control rate")
     signal: Array = amplitude * np.sin(2.0 * np.pi * frequency * flow.control_period * np.arange(steps))
+    return signal
+
+
+def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator, *, rms: float) -> Array:
+    """Coloured noise to add to a controller's commands; shape (steps,), in U_inf W.
+
+    An Ornstein-Uhlenbeck process sampled every control period: Gaussian, stationary from the first step on, with
+    autocorrelation exp(-lag / `exploration_time`). A longer signal begins with the shorter one of the same seed. It is
+    not clipped: the command that it is added to is.
+
+    Args:
+        rms: as a fraction of the action limit.
+    """
+    kept = np.exp(-flow.control_period / forcing.exploration_time)
+    white = rng.standard_normal(steps)
+    white[1:] *= np.sqrt(1.0 - kept**2)
+    signal: Array = rms * flow.action_limit * lfilter([1.0], [1.0, -kept], white)
     return signal
 
 

@@ -3,7 +3,8 @@
 import json
 import shutil
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -12,8 +13,9 @@ from contract.atomic import replacing
 from contract.config import Config
 from contract.dataset import Dataset, write
 from contract.errors import StillwakeError
-from wake.episode_job import EpisodeJob, Progress, differing, owner_file, setting_of
+from wake.episode_job import EpisodeJob, Plan, Progress, differing, owner_file, setting_of
 from wake.episode_plan import EpisodePlan
+from wake.feedback import NoFeedback, PolicyFactory
 from wake.truck_wake import TruckWake
 
 BLOCK_STEPS: Final = 100
@@ -50,18 +52,63 @@ def record(
             fail.
         PlantError: if the flow diverges.
     """
+    with finished_jobs(
+        jobs_for(output, plans, config, block_steps=block_steps),
+        workers=workers,
+        scheduler=scheduler,
+        progress=progress,
+        notice=notice,
+    ) as jobs:
+        write(output, Dataset(episodes=tuple(job.episode() for job in jobs)))
+
+
+def jobs_for(
+    output: Path, plans: Sequence[Plan], config: Config, *, block_steps: int, policy: PolicyFactory = NoFeedback
+) -> tuple[EpisodeJob, ...]:
+    """The work of one call; nothing is written yet."""
     # Workers may stand in another folder.
     output = output.absolute()
-    parts = output.with_name(output.name + ".parts")
-    setting = setting_of(config)
-    _claim(parts, {"plans": [asdict(plan) for plan in plans], "block_steps": block_steps, **setting})
-    owner = uuid.uuid4().hex
-    with replacing(owner_file(parts)) as temporary:
-        temporary.write_text(owner)
-    jobs = [
-        EpisodeJob(parts=parts, owner=owner, plan=plan, config=config, block_steps=block_steps, setting=setting)
+    parts, owner, setting = (
+        output.with_name(output.name + ".parts"),
+        uuid.uuid4().hex,
+        setting_of(config, plans[0].packages),
+    )
+    return tuple(
+        EpisodeJob(
+            parts=parts,
+            owner=owner,
+            plan=plan,
+            config=config,
+            block_steps=block_steps,
+            setting=setting,
+            policy=policy,
+        )
         for plan in plans
-    ]
+    )
+
+
+def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
+    """What tells one recording's parts from another's, as plain JSON."""
+    return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
+
+
+@contextmanager
+def finished_jobs(
+    jobs: Sequence[EpisodeJob],
+    *,
+    workers: int,
+    scheduler: str | None,
+    progress: Progress,
+    notice: Callable[[str], None],
+) -> Iterator[Sequence[EpisodeJob]]:
+    """Record what is missing of jobs from one call, yield them to be kept, and clear their parts away if they were.
+
+    Arguments and errors are those of `record`.
+    """
+    parts, config = jobs[0].parts, jobs[0].config
+    _claim(parts, task_of(jobs))
+    with replacing(owner_file(parts)) as temporary:
+        temporary.write_text(jobs[0].owner)
     for job in jobs:
         progress(job.plan.name, job.blocks.finished, job.plan.steps)
     unfinished = [job for job in jobs if job.blocks.finished < job.plan.steps]
@@ -77,13 +124,31 @@ def record(
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)
     finally:
         owner_file(parts).unlink(missing_ok=True)
-    write(output, Dataset(episodes=tuple(job.episode() for job in jobs)))
-    shutil.rmtree(parts)
+    yield jobs
+    clear(parts)
+
+
+def label_file(parts: Path) -> Path:
+    """Where the task stands that parts belong to."""
+    return parts / "task.json"
+
+
+def clear(parts: Path) -> None:
+    """Remove parts that are no longer needed; whoever is killed meanwhile leaves all of them or none."""
+    gone = _gone(parts)
+    shutil.rmtree(gone, ignore_errors=True)
+    parts.replace(gone)
+    shutil.rmtree(gone)
+
+
+def _gone(parts: Path) -> Path:
+    return parts.with_name(parts.name + ".done")
 
 
 def _claim(parts: Path, task: Mapping[str, Any]) -> None:
     """Make the folder of parts ours, or make sure it already is."""
-    label = parts / "task.json"
+    shutil.rmtree(_gone(parts), ignore_errors=True)
+    label = label_file(parts)
     if parts.is_dir() and any(path.is_dir() for path in parts.iterdir()):
         try:
             found = json.loads(label.read_text())

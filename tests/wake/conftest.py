@@ -1,8 +1,12 @@
-"""One plant for the room's tests: building it takes longer than most of them."""
+"""One plant for the room's tests: building it takes longer than most of them. And one that costs nothing."""
 
+import numpy as np
 import pytest
 
-from wake.truck_wake import TruckWake, developed_state
+from contract import sensors
+from contract.config import FlowConfig
+from wake import episode_job, recorder
+from wake.truck_wake import Sample, State, TruckWake, developed_state
 
 
 @pytest.fixture(scope="session")
@@ -15,3 +19,52 @@ def wake(shared_wake: TruckWake) -> TruckWake:
     """The plant in its shipped developed state."""
     shared_wake.reset(developed_state())
     return shared_wake
+
+
+class Oscillator:
+    """A plant of two numbers whose samples tell every state and action apart."""
+
+    def __init__(self, config: object = None) -> None:
+        self.config = FlowConfig()
+        self._flat, self._step, self._action = np.array([1.0, 0.0]), 0, 0.0
+
+    def reset(self, state: State) -> Sample:
+        self._flat, self._step, self._action = state.flat[:2].copy(), state.substep, state.action
+        return self.sample()
+
+    def state(self) -> State:
+        return State(flat=self._flat.copy(), substep=self._step, action=self._action)
+
+    def advance(self, action: float) -> Sample:
+        x, v = self._flat
+        v += 0.2 * (action - np.sin(x))
+        self._flat, self._step, self._action = np.array([x + 0.2 * v, v]), self._step + 1, action
+        return self.sample()
+
+    def sample(self) -> Sample:
+        x, v = (float(value) for value in self._flat)
+        return Sample(
+            t=0.2 * self._step,
+            Cp=x + v * np.arange(sensors.COUNT) / sensors.COUNT,
+            Cd=x,
+            Cl=v,
+            Cd_slot_pressure=x * v,
+            Cd_slot_viscous=x - v,
+            Cd_momentum=-(self._action**2),
+            jet_power=self._action * x,
+            Uy_probe=v - x,
+            action=self._action,
+        )
+
+
+@pytest.fixture
+def oscillator() -> type[Oscillator]:
+    return Oscillator
+
+
+@pytest.fixture
+def cheap_plant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recorder's plant in this process is an `Oscillator`."""
+    start = State(flat=np.array([1.0, 0.0]), substep=0, action=0.0)
+    monkeypatch.setattr(recorder, "TruckWake", Oscillator)
+    monkeypatch.setattr(episode_job, "developed_state", lambda: start)

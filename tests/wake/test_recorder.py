@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contract import sensors
 from contract.config import Config
 from contract.dataset import Dataset, read
 from contract.errors import StillwakeError
-from wake import episode_job, recorder
+from wake import recorder
 from wake.episode_plan import EpisodePlan, paper_plans
 from wake.grid import truck_grid
 from wake.recorder import record
-from wake.truck_wake import Sample, State, TruckWake
+from wake.truck_wake import TruckWake
 
 PLANS = [
     EpisodePlan(forcing="training", steps=7, seed=5, lead=2),
@@ -31,47 +30,9 @@ class Killed(BaseException):
     """Stands for a signal: not an Exception, so nothing may swallow it."""
 
 
-class Oscillator:
-    """A plant of two numbers whose samples tell every state and action apart."""
-
-    def __init__(self, config: object = None) -> None:
-        self.grid = None
-        self._flat, self._step, self._action = np.array([1.0, 0.0]), 0, 0.0
-
-    def reset(self, state: State) -> Sample:
-        self._flat, self._step, self._action = state.flat[:2].copy(), state.substep, state.action
-        return self.sample()
-
-    def state(self) -> State:
-        return State(flat=self._flat.copy(), substep=self._step, action=self._action)
-
-    def advance(self, action: float) -> Sample:
-        x, v = self._flat
-        v += 0.2 * (action - np.sin(x))
-        self._flat, self._step, self._action = np.array([x + 0.2 * v, v]), self._step + 1, action
-        return self.sample()
-
-    def sample(self) -> Sample:
-        x, v = (float(value) for value in self._flat)
-        return Sample(
-            t=0.2 * self._step,
-            Cp=x + v * np.arange(sensors.COUNT) / sensors.COUNT,
-            Cd=x,
-            Cl=v,
-            Cd_slot_pressure=x * v,
-            Cd_slot_viscous=x - v,
-            Cd_momentum=-(self._action**2),
-            jet_power=self._action * x,
-            Uy_probe=v - x,
-            action=self._action,
-        )
-
-
 @pytest.fixture(autouse=True)
-def cheap_plant(monkeypatch: pytest.MonkeyPatch) -> None:
-    start = State(flat=np.array([1.0, 0.0]), substep=0, action=0.0)
-    monkeypatch.setattr(recorder, "TruckWake", Oscillator)
-    monkeypatch.setattr(episode_job, "developed_state", lambda: start)
+def every_plant_is_cheap(cheap_plant: None) -> None:
+    pass
 
 
 def recorded(output: Path, plans: list[EpisodePlan] = PLANS, **arguments: Any) -> Dataset:
@@ -100,8 +61,8 @@ def test_samples_follow_the_timing_convention(tmp_path: Path, monkeypatch: pytes
     assert episode.initial_action == 0.0
 
 
-def test_a_lead_passes_before_the_first_sample(tmp_path: Path) -> None:
-    plan, plant = EpisodePlan(forcing="none", steps=4, seed=0, lead=6), Oscillator()
+def test_a_lead_passes_before_the_first_sample(tmp_path: Path, oscillator: type) -> None:
+    plan, plant = EpisodePlan(forcing="none", steps=4, seed=0, lead=6), oscillator()
     expected = [plant.advance(0.0) for _ in range(9)][5:]
     series = recorded(tmp_path / "a.h5", [plan]).episodes[0].series
     assert series["t"].tolist() == [sample.t for sample in expected]
@@ -151,14 +112,14 @@ def _stop_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> Call
     return lambda: count
 
 
-def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path) -> None:
+def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: type) -> None:
     plans = [EpisodePlan(forcing="training", steps=5, seed=5, lead=2)]
     whole = recorded(tmp_path / "whole.h5", plans)
     number, killed = 1, True
     while killed:
         output = tmp_path / f"{number}.h5"
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(recorder, "TruckWake", Oscillator)
+            patch.setattr(recorder, "TruckWake", oscillator)
             operations = _stop_before_operation(patch, number)
             killed = False
             try:

@@ -1,0 +1,61 @@
+"""Adding episodes to a data set that is already there."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from contract.dataset import SCHEMA, Dataset, Episode, read, write
+from contract.errors import DatasetError
+
+
+def read_to_append(path: Path, facts: Mapping[str, Any]) -> tuple[Episode, ...]:
+    """The episodes that are there, none if there is no file.
+
+    Args:
+        path: of the data set.
+        facts: provenance that every episode must share with what will be added, such as the flow's settings.
+
+    Raises:
+        DatasetError: if the file is no data set, of an earlier schema, or has an episode with other facts; the message
+            names the first difference.
+    """
+    if not path.exists():
+        return ()
+    episodes = read(path).episodes
+    with h5py.File(path, "r") as file:
+        schema = file.attrs["schema"]
+    if schema != SCHEMA:
+        raise DatasetError(f"{path}: schema {schema!r}, episodes can only be added to {SCHEMA!r}")
+    for episode in episodes:
+        found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
+        for name, there, here in _differences(found, facts):
+            raise DatasetError(
+                f"{path}: episode {episode.name} was recorded with {name} = {there}, what would be added has {here}: "
+                f"name another file"
+            )
+    return episodes
+
+
+def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any]) -> None:
+    """Add episodes at the end, or make the data set of them if there is none; the old file stays until the new one is
+    whole, and its episodes keep their values to the bit.
+
+    Args: as of `read_to_append`.
+
+    Raises:
+        DatasetError: as `read_to_append` and `contract.dataset.write` do, or if a name is taken.
+        StillwakeError: if the file cannot be written.
+    """
+    write(path, Dataset(episodes=(*read_to_append(path, facts), *episodes)))
+
+
+def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """(name, value there, value here) of what differs, nested names joined by dots; what is missing is None."""
+    for key in sorted(there.keys() | here.keys()):
+        a, b = there.get(key), here.get(key)
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            yield from _differences(a, b, f"{above}{key}.")
+        elif a != b:
+            yield f"{above}{key}", a, b

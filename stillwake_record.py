@@ -1,0 +1,172 @@
+"""The command that records: forced episodes, the paper's data set, or a round under a release's controller."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import TaskID
+
+from contract.config import Config
+from contract.config_loading import load_config
+from contract.errors import StillwakeError
+from stillwake_terminal import ConfigFile, Overrides, console, progress_bar
+
+
+def record(
+    output: Annotated[Path, typer.Argument(help="HDF5 file to write; with --under, to add to.")],
+    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform (6000).")] = None,
+    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, test data (1500).")] = None,
+    uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).")] = None,
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper",
+            help="The paper's data set instead: 50,000 training steps in ten episodes, 2,500 uncontrolled, 10,000 of "
+            "the chirp to test on, and 10,000 of the extended chirp of its appendix A.",
+        ),
+    ] = False,
+    under: Annotated[
+        Path | None,
+        typer.Option(help="Instead, let this release bundle's controller drive the jets, and add what comes of it."),
+    ] = None,
+    controlled: Annotated[
+        int | None, typer.Option(help="With --under: control steps an episode (1100).", min=1)
+    ] = None,
+    episodes: Annotated[int | None, typer.Option(help="With --under: episodes (2).", min=1)] = None,
+    exploration: Annotated[
+        float | None,
+        typer.Option(help="With --under: rms of the noise added to the commands, in action limits (0.15)."),
+    ] = None,
+    role: Annotated[
+        str | None, typer.Option(help="With --under: train, or controlled to hold the episodes out (train).")
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option(
+            help="Seed of the training waveform; of the first one with --paper; of exploration and phases with --under."
+        ),
+    ] = 1,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes, an episode each at a time; default: one a core.", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Record on this dask scheduler's workers; they must see the output's folder at its path."),
+    ] = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
+) -> None:
+    """Record the forced wake: 90 wall pressures, forces and the drag ledger at every control step.
+
+    With --under, record it under a controller with exploration, and append the episodes. Can be stopped at any time;
+    the same command continues where it was.
+    """
+    config = load_config(config_file, overrides)
+    if output.is_dir():
+        raise StillwakeError(f"cannot write {output}: it is a directory, not an HDF5 file")
+    lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
+    of_round = {"controlled": controlled, "episodes": episodes, "exploration": exploration, "role": role}
+    processes = {"workers": _cores() if workers is None else workers, "scheduler": scheduler}
+    if under is None:
+        _refuse_given(of_round, "says how to record under a controller: give --under BUNDLE, too")
+        _record_forced(output, config, lengths, paper, seed, processes)
+        return
+    if paper:
+        raise StillwakeError("--under and --paper are two recordings: give one of them")
+    _refuse_given(lengths, "does not go with --under: --controlled and --episodes say how much to record")
+    settings = {"steps" if name == "controlled" else name: v for name, v in of_round.items() if v is not None}
+    _record_round(output, config, under, {**settings, "seed": seed}, processes)
+
+
+def _record_forced(
+    output: Path,
+    config: Config,
+    lengths: Mapping[str, int | None],
+    paper: bool,
+    seed: int,
+    processes: Mapping[str, Any],
+) -> None:
+    from wake.episode_plan import EpisodePlan, paper_plans
+    from wake.recorder import record as record_dataset
+
+    if paper:
+        _refuse_given(lengths, "does not go with --paper, which says how much to record")
+
+    def steps(name: str, default: int) -> int:
+        given = lengths[name]
+        return default if given is None else given
+
+    plans = (
+        paper_plans(seed)
+        if paper
+        else (
+            EpisodePlan(forcing="training", steps=steps("training", 6000), seed=seed),
+            EpisodePlan(forcing="chirp", steps=steps("chirp", 1500), seed=0),
+            EpisodePlan(forcing="none", steps=steps("uncontrolled", 500), seed=0),
+        )
+    )
+    plans = tuple(plan for plan in plans if plan.steps > 0)
+    if not plans:
+        raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
+    with _progress(len(plans)) as shown:
+        record_dataset(output, plans, config, **processes, **shown)
+    total = sum(plan.steps for plan in plans)
+    console.print(f"wrote {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
+
+
+def _record_round(
+    output: Path, config: Config, bundle: Path, settings: Mapping[str, Any], processes: Mapping[str, Any]
+) -> None:
+    from contract.bundle import load
+    from firmware_sim.bundle_policy import BundlePolicy, check_flow
+    from wake.controlled_plan import ControlledRound
+    from wake.controlled_recording import record_round
+
+    release = load(bundle)
+    check_flow(release, config.flow)
+    wanted = ControlledRound(**settings, bundle=release.manifest.name, bundle_digest=release.digest)
+    # Built once here, so that a model that does not load is refused before anything is recorded.
+    BundlePolicy(release)
+    console.print(f"under {wanted.bundle} {release.digest[:12]}: {', '.join(release.manifest.sensors)}")
+    with _progress(wanted.episodes) as shown:
+        number = record_round(output, wanted, config, partial(BundlePolicy, release), **processes, **shown)
+    console.print(
+        f"wrote {output}: round {number}, {wanted.episodes * wanted.steps} control steps under the controller for "
+        f"{wanted.role!r}, {output.stat().st_size / 1e6:.1f} MB in all"
+    )
+
+
+@contextmanager
+def _progress(episodes: int) -> Iterator[dict[str, Any]]:
+    """`progress` and `notice` of a recording of so many episodes."""
+    # A block takes seconds, and is counted when it is whole: only many of them show the speed.
+    with progress_bar("steps", estimate_over=600.0) as bar:
+        done: dict[str, tuple[int, int]] = {}
+        tasks: dict[str, TaskID] = {}
+
+        def show(name: str, steps: int, total: int) -> None:
+            done[name] = (steps, total)
+            if len(done) < episodes:
+                return
+            # What an earlier call recorded counts as done, but not for the speed.
+            everything = (sum(part) for part in zip(*done.values(), strict=True))
+            for label, (completed, of) in {**done, "all": tuple(everything)}.items():
+                if label not in tasks:
+                    tasks[label] = bar.add_task(label, total=of, completed=completed, note="")
+                bar.update(tasks[label], completed=completed)
+
+        yield {"progress": show, "notice": bar.console.print}
+
+
+def _refuse_given(options: Mapping[str, object], reason: str) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise StillwakeError(f"--{name} {reason}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

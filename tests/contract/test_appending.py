@@ -1,0 +1,103 @@
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from contract import dataset, sensors
+from contract.appending import append, read_to_append
+from contract.dataset import UNITS, Dataset, Episode
+from contract.errors import DatasetError, StillwakeError
+
+FACTS = {"flow": {"reynolds": 500.0, "substeps": 30}, "grid": [443, 164]}
+
+
+def episode(name, steps=9, **changes):
+    rng = np.random.default_rng(steps)
+    series = {field: rng.normal(scale=0.2, size=steps) for field in UNITS}
+    series["Cp"] = rng.normal(scale=0.5, size=(steps, sensors.COUNT))
+    fields = {"role": "train", "initial_action": 0.01, "provenance": {**FACTS, "seed": 3}, **changes}
+    return Episode(name=name, series=series, **fields)
+
+
+@pytest.fixture
+def written(tmp_path) -> Path:
+    path = tmp_path / "data.h5"
+    dataset.write(path, Dataset(episodes=(episode("b"), episode("a", steps=7, role="test"))))
+    return path
+
+
+def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
+    with h5py.File(written) as file:
+        before = {(n, f): node[f][:] for n, node in file["episodes"].items() for f in UNITS}
+    append(written, [episode("z", role="controlled"), episode("c")], FACTS)
+    with h5py.File(written) as file:
+        assert all(np.array_equal(file["episodes"][n][f][:], values) for (n, f), values in before.items())
+    found = dataset.read(written).episodes
+    assert [item.name for item in found] == ["b", "a", "z", "c"]
+    assert [item.role for item in found] == ["train", "test", "controlled", "train"]
+
+
+def test_a_data_set_that_is_not_there_is_made(tmp_path):
+    assert read_to_append(tmp_path / "new.h5", FACTS) == ()
+    append(tmp_path / "new.h5", [episode("c")], FACTS)
+    assert [item.name for item in dataset.read(tmp_path / "new.h5").episodes] == ["c"]
+
+
+@pytest.mark.parametrize(
+    ("facts", "named"),
+    [
+        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* has 400\.0"),
+        ({**FACTS, "flow": {"reynolds": 500.0, "substeps": 30, "new": 1}}, r"flow\.new = None, .* has 1"),
+        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* has \[310, 114\]"),
+        ({**FACTS, "fluid": "water"}, r"fluid = None, .* has water"),
+    ],
+)
+def test_another_flow_is_refused_by_what_differs(written, facts, named):
+    before = written.read_bytes()
+    with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):
+        append(written, [episode("c")], facts)
+    assert written.read_bytes() == before
+
+
+def test_an_earlier_schema_is_refused(written):
+    with h5py.File(written, "r+") as file:
+        file.attrs["schema"] = dataset.SCHEMA_1
+        for node in file["episodes"].values():
+            del node["Cd_slot_viscous"]
+            node.move("Cd_slot_pressure", "Cd_slot")
+    with pytest.raises(
+        DatasetError, match="'stillwake-dataset/1', episodes can only be added to 'stillwake-dataset/2'"
+    ):
+        read_to_append(written, FACTS)
+
+
+def test_a_name_that_is_taken_is_refused(written):
+    before = written.read_bytes()
+    with pytest.raises(DatasetError, match="episode a: named twice"):
+        append(written, [episode("a")], FACTS)
+    assert written.read_bytes() == before
+
+
+def test_a_damaged_file_is_refused_and_kept(written):
+    written.write_bytes(written.read_bytes()[:900])
+    with pytest.raises(DatasetError, match="damaged"):
+        append(written, [episode("c")], FACTS)
+    assert len(written.read_bytes()) == 900
+
+
+@pytest.mark.parametrize("operation", ["write_bytes", "replace"])
+def test_the_old_file_stays_until_the_new_one_is_whole(written, monkeypatch, operation):
+    before, seen = written.read_bytes(), []
+
+    def fail(path, *arguments):
+        seen.append(written.read_bytes() == before)
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(Path, operation, fail)
+    with pytest.raises(StillwakeError, match=r"cannot write .*data\.h5: No space left"):
+        append(written, [episode("c")], FACTS)
+    assert seen == [True]
+    assert written.read_bytes() == before
+    assert [path.name for path in written.parent.iterdir()] == ["data.h5"]
