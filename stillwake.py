@@ -59,7 +59,14 @@ def train(
 
     began = time.monotonic()
     config = load_config(config_file, overrides)
-    names = {"fit": "joint fit", "rank": "SHAP ranking", "distil": "distillation"}
+    names = {
+        "fit": "joint fit",
+        "finish": "longer unroll",
+        "rank": "SHAP ranking",
+        "stream": "distil, streamed",
+        "distil": "distil, windows",
+        "predictor": "distil predictor",
+    }
     with progress_bar("iterations") as bar:
         tasks: dict[str, TaskID] = {}
 

@@ -8,14 +8,14 @@ of sums may differ elsewhere).
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Protocol
 
 import torch
 from torch import Tensor, nn
 
-from contract.config import Config
+from contract.config import Config, TrainConfig
 from contract.errors import ConfigError
 from train import checkpoint
 from train.loss import joint_loss
@@ -27,7 +27,7 @@ REPORT_EVERY = 10
 
 
 class Progress(Protocol):
-    """Called with the phase ("fit", "rank" or "distil"), steps done, steps in all and the latest loss terms."""
+    """Called with the phase ("fit", "finish", "rank", "stream", "distil" or "predictor"), steps done, steps in all and the latest loss terms."""
 
     def __call__(self, phase: str, step: int, total: int, terms: Mapping[str, float]) -> None: ...
 
@@ -146,10 +146,35 @@ def fit_joint(
     Raises:
         DatasetError: if an episode is too short for a window and the unroll.
     """
-    settings, device = config.train, rows.inputs.device
+    first = config.train
+    last = replace(
+        first,
+        epochs=first.finish.epochs,
+        unroll=first.finish.unroll,
+        learning_rate=first.finish.learning_rate,
+        force_weight=first.finish.force_weight,
+    )
+    device = rows.inputs.device
+    with seeded(first.seed, device):
+        model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
+        for phase, settings in (("fit", first), ("finish", last)):
+            if settings.epochs:
+                _fit(model, rows, config.model.window, settings, phase, progress, checkpoints)
+    return model
+
+
+def _fit(
+    model: WakeModel,
+    rows: Rows,
+    window: int,
+    settings: TrainConfig,
+    phase: str,
+    progress: Progress,
+    checkpoints: Checkpoints | None,
+) -> None:
     sampler = SegmentSampler(
         rows,
-        window=config.model.window,
+        window=window,
         ahead=settings.unroll,
         segment=settings.segment,
         batch_size=settings.batch_size,
@@ -158,17 +183,14 @@ def fit_joint(
     schedule = Schedule(
         steps=sampler.steps(settings.epochs), learning_rate=settings.learning_rate, shape=settings.schedule
     )
-    with seeded(settings.seed, device):
-        model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
-        optimise(
-            model,
-            lambda step: joint_loss(model, sampler.batch(step), settings).as_dict(),
-            schedule,
-            phase="fit",
-            progress=progress,
-            checkpoints=checkpoints,
-        )
-    return model
+    optimise(
+        model,
+        lambda step: joint_loss(model, sampler.batch(step), settings).as_dict(),
+        schedule,
+        phase=phase,
+        progress=progress,
+        checkpoints=checkpoints,
+    )
 
 
 def _rate(optimiser: torch.optim.Optimizer, schedule: Schedule) -> torch.optim.lr_scheduler.LRScheduler:

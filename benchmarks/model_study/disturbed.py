@@ -1,0 +1,100 @@
+"""Where and how the released encoder errs off its training data: other frequencies, disturbed sensors, more amplitude."""
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+from benchmarks.model_study.lab import Lab, episodes, test_rows
+from contract import dataset, sensors
+from contract.bundle import Scaling
+from train.distil import encode_all
+from train.evaluate import evaluate
+from train.model import Encoder, WakeModel
+from train.robustness import Fault, bias, dead, drift, noise, sliding_error, unit_steps
+from train.windows import Rows, prepare
+from wake.episode_plan import EpisodePlan
+from wake.recorder import record
+
+NOISE: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+"""Global deviations (paper, appendix B)."""
+OFFSETS: Final = (0.25, 0.5, 1.0)
+"""Of a biased or drifting sensor, in global deviations."""
+SLIDE: Final = 400
+"""Samples of the sliding error (paper, appendix A)."""
+THIN: Final = 25
+"""Every so many of its values are kept."""
+LIMIT: Final = 0.1
+"""Of a chirp past the training amplitude of 0.075, U_inf W."""
+STEPS: Final = 2000
+
+
+def measure(lab: Lab, scaling: Scaling) -> dict[str, Any]:
+    """All of it for the model of the first seed."""
+    trained = lab.model()
+    chosen = sensors.indices(trained.sensors)
+    unit = unit_steps(scaling, chosen)
+    rows = test_rows().with_sensors(chosen)
+    slim, teacher = trained.slim, trained.teacher
+
+    def judged(fault: Fault) -> dict[str, Any]:
+        found = evaluate(slim, teacher, fault(rows)).as_tree()
+        return {"drag": found["drag"], "lift": found["lift"]}
+
+    def one(name: str, place: int) -> dict[str, Any]:
+        return {"sensor": trained.sensors[place], "fault": name}
+
+    places = range(len(trained.sensors))
+    single = [{**one("dead", place), "level": None, **judged(dead(place))} for place in places]
+    single += [
+        {**one(name, place), "level": level, **judged(make(level, unit, place))}
+        for name, make in (("bias", bias), ("drift", drift))
+        for level in OFFSETS
+        for place in places
+    ]
+    return {
+        "extended": {
+            "frequency": _frequencies().tolist(),
+            "teacher": _slid(teacher.encoder, teacher, test_rows("extended")),
+            "slim": _slid(slim, teacher, test_rows("extended").with_sensors(chosen)),
+        },
+        "noise": [{"level": level, **judged(noise(level, unit, seed=1))} for level in NOISE],
+        "global_over_own": (1.0 / unit).tolist(),
+        "single": single,
+        "amplitude": _amplified(lab, slim, teacher, scaling, chosen),
+    }
+
+
+def _slid(encoder: Encoder, teacher: WakeModel, rows: Rows) -> list[list[float]]:
+    latents = encode_all(encoder, rows)
+    full = ~latents[:, 0].isnan()
+    with torch.no_grad():
+        decoded = teacher.decoder(latents[full])
+    found: list[list[float]] = sliding_error(decoded, rows.forces[full], SLIDE)[::THIN].tolist()
+    return found
+
+
+def _frequencies() -> np.ndarray[Any, Any]:
+    """Of the extended chirp at the middle of each sliding window that is kept: it sweeps evenly in time."""
+    (episode,) = episodes("extended")
+    forcing: Any = episode.provenance["forcing"]
+    first, last = (float(forcing[f"extended_chirp_{end}"]) for end in ("start", "end"))
+    along = np.linspace(first, last, len(episode))
+    window = 32
+    middles = along[window - 1 + SLIDE // 2 :][: len(episode) - window + 1 - SLIDE + 1]
+    return middles[::THIN]
+
+
+def _amplified(lab: Lab, slim: Encoder, teacher: WakeModel, scaling: Scaling, chosen: Any) -> dict[str, Any]:
+    path = lab.folder.parent / "amplitude.h5"
+    if not path.exists():
+        flow = replace(lab.config.flow, action_limit=LIMIT)
+        plan = EpisodePlan(forcing="chirp", steps=STEPS, seed=0)
+        record(path, (plan,), replace(lab.config, flow=flow), workers=1)
+    rows = prepare(dataset.read(path).with_role("test"), scaling, mirrored=False)
+    return {
+        "limit": LIMIT,
+        "teacher": evaluate(teacher.encoder, teacher, rows).as_tree(),
+        "slim": evaluate(slim, teacher, rows.with_sensors(chosen)).as_tree(),
+    }

@@ -1,0 +1,112 @@
+"""Data, settings and the folder of finished parts that every part of the study shares."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+
+from contract import dataset, sensors
+from contract.atomic import replacing
+from contract.bundle import Scaling
+from contract.config import Config
+from contract.config_loading import to_tree
+from contract.dataset import Episode
+from train.distil import distil
+from train.evaluate import evaluate
+from train.model import Encoder, WakeModel
+from train.model_store import TrainedModel, load
+from train.windows import Rows, fit_scaling, prepare
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lab:
+    """What a worker needs to make a part; small, and sent to it.
+
+    Attributes:
+        config: the release's settings.
+        folder: of finished parts, of this configuration and this recording alone.
+    """
+
+    config: Config
+    folder: Path
+
+    def part(self, name: str, make: Callable[[], Any]) -> Any:
+        """The finished part of that name, made now if it is not there: plain values for JSON."""
+        path = self.folder / f"{name}.json"
+        if not path.is_file():
+            made = make()
+            with replacing(path) as temporary:
+                temporary.write_text(json.dumps(made), encoding="utf-8")
+        return json.loads(path.read_text(encoding="utf-8"))
+
+    def has(self, name: str) -> bool:
+        return (self.folder / f"{name}.json").is_file()
+
+    def seeded(self, seed: int) -> Config:
+        return replace(self.config, train=replace(self.config.train, seed=seed))
+
+    def model_path(self, seed: int) -> Path:
+        return self.folder / f"model_{seed}"
+
+    def model(self, seed: int = 0) -> TrainedModel:
+        return load(self.model_path(seed))
+
+
+def open_lab(config: Config, parts: Path) -> Lab:
+    """A lab whose folder is named after the configuration and the recording."""
+    tree = to_tree(config)
+    text = json.dumps({name: tree[name] for name in ("model", "train", "mpc")}, sort_keys=True) + digest()
+    folder = parts / hashlib.sha256(text.encode()).hexdigest()[:12]
+    folder.mkdir(parents=True, exist_ok=True)
+    return Lab(config=config, folder=folder)
+
+
+@cache
+def digest() -> str:
+    return hashlib.sha256(PAPER.read_bytes()).hexdigest()
+
+
+@cache
+def episodes(role: str) -> tuple[Episode, ...]:
+    return _recording().with_role(role)  # type: ignore[arg-type]  # the roles are written in this package
+
+
+@cache
+def _recording() -> dataset.Dataset:
+    return dataset.read(PAPER)
+
+
+@cache
+def scaling() -> Scaling:
+    return fit_scaling(episodes("train"))
+
+
+@cache
+def training_rows() -> Rows:
+    return prepare(episodes("train"), scaling(), mirrored=True)
+
+
+@cache
+def test_rows(role: str = "test") -> Rows:
+    return prepare(episodes(role), scaling(), mirrored=False)
+
+
+def student(lab: Lab, teacher: WakeModel, names: tuple[str, ...], seed: int) -> tuple[Encoder, dict[str, Any]]:
+    """A slim encoder on these sensors, and its figures on the chirp with the teacher's dynamics and decoder."""
+    chosen = sensors.indices(names)
+    slim = distil(teacher.encoder, training_rows(), chosen, lab.seeded(seed))
+    found = evaluate(slim, teacher, test_rows().with_sensors(chosen)).as_tree()
+    return slim, {"sensors": list(names), "seed": seed, **found}
+
+
+def quiet() -> None:
+    """One thread a worker: parts run side by side."""
+    torch.set_num_threads(1)

@@ -1,0 +1,195 @@
+"""Every part of the study: what is trained, and what is measured on it. Parts are independent but for their stage."""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+from benchmarks.model_study import disturbed
+from benchmarks.model_study.lab import Lab, PAPER, scaling, student, test_rows, training_rows
+from contract import sensors
+from train.distil import encode_all
+from train.distil_predictor import distil_predictor
+from train.evaluate import evaluate, judge, latent_error
+from train.fit import fit_joint, seeded
+from train.model import Encoder, WakeModel
+from train.pipeline import train_all
+from train.streaming import encode_stream, fit_stream
+
+SEEDS: Final = (0, 1, 2)
+COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)
+UNROLLS: Final = (3, 5, 10, 25)
+UNROLL_EPOCHS: Final = 10.0
+"""Of the models that are trained with different unrolls, all alike; a quarter of the release's."""
+GROWTH: Final = tuple(range(1, 51))
+WIDTHS: Final = ((192, 96), (128, 64), (96, 64), (64, 32))
+METHODS: Final = ("shap", "qr", "greedy", "random", "hand")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A piece of work for one worker, by name and arguments: `KINDS[kind](lab, *arguments)`."""
+
+    kind: str
+    arguments: tuple[Any, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return "_".join([self.kind, *(str(argument) for argument in self.arguments)])
+
+
+def stages() -> Iterator[Sequence[Part]]:
+    """Parts that may run side by side, stage after stage."""
+    yield [Part(kind="model", arguments=(seed,)) for seed in SEEDS]
+    yield [
+        Part(kind="disturbed"),
+        *(Part(kind="choice", arguments=(method,)) for method in METHODS),
+        *(Part(kind="count", arguments=(count,)) for count in COUNTS),
+        *(Part(kind="without", arguments=(place,)) for place in range(4)),
+        *(Part(kind="width", arguments=widths) for widths in WIDTHS),
+        Part(kind="stream"),
+    ]
+    yield [Part(kind="method", arguments=(method, seed)) for method in METHODS for seed in SEEDS]
+    yield [Part(kind="unroll", arguments=(unroll,)) for unroll in UNROLLS]
+
+
+def model(lab: Lab, seed: int) -> dict[str, Any]:
+    """The whole training with this seed, as `stillwake train` does it."""
+    began = time.process_time()
+    path = lab.model_path(seed)
+    if not path.exists():
+        train_all(PAPER, lab.seeded(seed), path, resume=True)
+    trained, rows = lab.model(seed), test_rows()
+    latents = encode_all(trained.teacher.encoder, training_rows())
+    latents = latents[~latents[:, 0].isnan()]
+    slim_rows = rows.with_sensors(sensors.indices(trained.sensors))
+    return {
+        "seed": seed,
+        "cpu_minutes": (time.process_time() - began) / 60.0,
+        "sensors": list(trained.sensors),
+        "metrics": dict(trained.metrics),
+        "ranking": dict(trained.ranking),
+        "growth": {
+            "teacher": evaluate(trained.teacher.encoder, trained.teacher, rows, horizons=GROWTH).as_tree()["rollout"],
+            "slim": evaluate(trained.slim, trained.deployed, slim_rows, horizons=GROWTH).as_tree()["rollout"],
+        },
+        "latent_std": latents.std(dim=0).tolist(),
+        "latent_covariance": torch.cov(latents.T).tolist(),
+    }
+
+
+def count(lab: Lab, number: int) -> dict[str, Any]:
+    """A student on the ranking's best `number` sensors."""
+    return student(lab, lab.model().teacher, tuple(lab.model().ranking["order"][:number]), seed=0)[1]
+
+
+def without(lab: Lab, place: int) -> dict[str, Any]:
+    """A student on the chosen sensors but one (paper, appendix C)."""
+    names = lab.model().sensors
+    left = names[:place] + names[place + 1 :]
+    return {"removed": names[place], **student(lab, lab.model().teacher, left, seed=0)[1]}
+
+
+def choice(lab: Lab, method: str) -> dict[str, Any]:
+    """What a method of selection picks, and how long it takes."""
+    from train.selection.methods import select
+
+    began = time.process_time()
+    trained = lab.model()
+    if method == "shap":
+        return {"method": method, "sensors": list(trained.sensors), "cpu_seconds": None}
+    settings = lab.config.train
+    names = select(method, trained.teacher.encoder, training_rows(), settings.sensors, settings=settings)
+    return {"method": method, "sensors": list(names), "cpu_seconds": time.process_time() - began}
+
+
+def method(lab: Lab, name: str, seed: int) -> dict[str, Any]:
+    """A student on that method's choice."""
+    names = tuple(lab.part(f"choice_{name}", lambda: choice(lab, name))["sensors"])
+    return {"method": name, **student(lab, lab.model().teacher, names, seed)[1]}
+
+
+def unroll(lab: Lab, steps: int) -> dict[str, Any]:
+    """A teacher trained with another unroll k: how its roll-outs err, and what it cost."""
+    began = time.process_time()
+    settings = replace(lab.config.train, unroll=steps, epochs=UNROLL_EPOCHS)
+    trained = fit_joint(training_rows(), replace(lab.config, train=settings))
+    cpu = (time.process_time() - began) / 60.0
+    return {"unroll": steps, "cpu_minutes": cpu, **_grown(trained.encoder, trained)}
+
+
+def width(lab: Lab, dynamics: int, decoder: int) -> dict[str, Any]:
+    """Narrower dynamics and decoder behind the slim encoder."""
+    began = time.process_time()
+    trained = lab.model()
+    slimmed = replace(lab.config.model, slim_dynamics_width=dynamics, slim_decoder_width=decoder)
+    student_networks = distil_predictor(trained.teacher, training_rows(), replace(lab.config, model=slimmed))
+    rows = test_rows().with_sensors(sensors.indices(trained.sensors))
+    found = evaluate(trained.slim, student_networks, rows).as_tree()
+    parameters = sum(item.numel() for item in student_networks.parameters())
+    return {
+        "dynamics": dynamics,
+        "decoder": decoder,
+        "parameters": parameters,
+        "cpu_minutes": (time.process_time() - began) / 60.0,
+        **found,
+    }
+
+
+def stream(lab: Lab) -> dict[str, Any]:
+    """A student that carries its state on, beside the released one that reads windows."""
+    began = time.process_time()
+    trained, config = lab.model(), lab.config
+    chosen = sensors.indices(trained.sensors)
+    rows, test = training_rows().with_sensors(chosen), test_rows().with_sensors(chosen)
+    target = encode_all(trained.teacher.encoder, training_rows())
+    with seeded(config.train.seed, torch.device("cpu")):
+        carried = Encoder(len(chosen), config.model)
+        fit_stream(carried, target, rows, config)
+    cpu = (time.process_time() - began) / 60.0
+    teacher_latents = encode_all(trained.teacher.encoder, test_rows())
+    window = config.model.window
+    latents = {
+        "streamed": encode_stream(carried, test),
+        "read as windows": encode_all(carried, test),
+        "finished on windows": encode_all(trained.slim, test),
+    }
+    return {
+        "cpu_minutes": cpu,
+        "rows": [
+            {
+                "case": case,
+                "latent": latent_error(values, teacher_latents),
+                **judge(values, trained.teacher, test, window=window).as_tree(),
+            }
+            for case, values in latents.items()
+        ],
+    }
+
+
+def _grown(encoder: Encoder, trained: WakeModel) -> dict[str, Any]:
+    return evaluate(encoder, trained, test_rows(), horizons=GROWTH).as_tree()
+
+
+def correlation(names: Sequence[str]) -> list[list[float]]:
+    """Pearson correlation of these sensors' pressures over the training episodes."""
+    columns = sensors.indices(names)
+    half = len(training_rows().inputs) // 2  # without the mirror images
+    found: list[list[float]] = np.corrcoef(training_rows().inputs[:half, columns].numpy().T).tolist()
+    return found
+
+
+KINDS: Final = {
+    "model": model,
+    "count": count,
+    "without": without,
+    "choice": choice,
+    "method": method,
+    "unroll": unroll,
+    "width": width,
+    "stream": stream,
+    "disturbed": lambda lab: disturbed.measure(lab, scaling()),
+}
