@@ -49,12 +49,15 @@ def train(
     dataset: Annotated[Path | None, typer.Option(help="HDF5 data set; default: the shipped recording.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     resume: Annotated[bool, typer.Option(help="Continue an interrupted training.")] = False,
-    sensors: Annotated[str, typer.Option(help="Comma-separated sensors instead of the SHAP ranking's best.")] = "",
+    sensors: Annotated[str, typer.Option(help="Comma-separated sensors instead of the method's choice.")] = "",
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Train the latent model, rank the sensors by SHAP, distil the slim encoder, judge all on the test episodes."""
+    """Train the latent model, choose the sensors, distil the slim encoder, judge all on the test episodes.
+
+    The sensors are the SHAP ranking's best; --set 'train.selection="qr"' (greedy, random, hand) takes another method.
+    """
     from train.pipeline import train_all
 
     began = time.monotonic()
@@ -63,6 +66,7 @@ def train(
         "fit": "joint fit",
         "finish": "longer unroll",
         "rank": "SHAP ranking",
+        "select": "sensor selection",
         "stream": "distil, streamed",
         "distil": "distil, windows",
         "predictor": "distil predictor",
@@ -86,10 +90,11 @@ def train(
             chosen=tuple(name.strip() for name in sensors.split(",")) if sensors else None,
         )
     console.print(_metrics_table(trained.metrics))
+    stable = trained.ranking.get("stable", {})
     if json_file is not None:
         write_result(
             json_file,
-            figures={"metrics": trained.metrics, "sensors": trained.sensors, "stable": trained.ranking["stable"]},
+            figures={"metrics": trained.metrics, "sensors": trained.sensors, "stable": stable},
             facts={
                 "dataset_sha256": trained.dataset_sha256,
                 "config": to_tree(config),
@@ -98,8 +103,9 @@ def train(
             },
             on=date.today(),
         )
-    stable = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in trained.ranking["stable"].items())
-    console.print(f"sensors: {', '.join(trained.sensors)}   top sets identical over the repeats: {stable}")
+    sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
+    found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking['method']}"
+    console.print(f"sensors: {', '.join(trained.sensors)}   {found}")
     console.print(f"wrote {output}")
 
 

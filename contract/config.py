@@ -11,6 +11,9 @@ from typing import Literal
 from contract.errors import ConfigError
 from contract.operating_point import OperatingPoint
 
+SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
+"""How the slim encoder's sensors are chosen (`train.selection`)."""
+
 
 def _require(holds: bool, owner: object, name: str, rule: str) -> None:
     value = getattr(owner, name)
@@ -150,6 +153,8 @@ class TrainConfig:
     predictor_epochs: float = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on (ours)."""
     sensors: int = 4
+    selection: SelectionMethod = "shap"
+    """How they are chosen; the others are what the paper's method is measured against (ours)."""
     shap_background: int = 100
     shap_explained: int = 500
     shap_repeats: int = 10

@@ -79,4 +79,3 @@ def distil_predictor(
         student.to(device)
         optimise(student, loss, schedule, phase="predictor", progress=progress, checkpoints=checkpoints)
     return student
-

@@ -49,7 +49,7 @@ class TrainedModel:
         scaling: of all 90 pressures, the action and the forces.
         metrics: "teacher", "slim" and with a predictor "deployed" (`train.evaluate.EncoderMetrics`), and "slim_latent"
             (L1/sigma against the teacher).
-        ranking: method, mean and std of every sensor's score, stability of the best sets.
+        ranking: method and order of the sensors; of SHAP also every sensor's mean and std, stability of the best sets.
         versions: of the software.
     """
 

@@ -1,4 +1,4 @@
-"""From a recording to a stored model: joint fit, sensor ranking, distillation, held-out figures."""
+"""From a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
 
 import hashlib
 import json
@@ -22,7 +22,9 @@ from train.evaluate import HORIZONS, evaluate, latent_error, rollout_starts
 from train.fit import Checkpoints, Progress, device_named, fit_joint, silent
 from train.model import Encoder
 from train.model_store import TrainedModel
-from train.rank_sensors import Ranking, ShapRanker, rank
+from train.selection.budget import check_count
+from train.selection.methods import select
+from train.selection.shap_ranking import Ranking, ShapRanker, rank
 from train.windows import Rows, fit_scaling, prepare
 
 STABILITY_SETS: Final = (2, 4, 6, 8)
@@ -47,7 +49,7 @@ def train_all(
         progress: called from every phase; see `train.fit.Progress`.
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; without one, start.
-        chosen: names of the slim encoder's sensors; None takes the `config.train.sensors` best of the ranking.
+        chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
 
     Returns:
         The stored model, on the CPU.
@@ -71,8 +73,10 @@ def train_all(
 
     rows = train_rows.to(where)
     teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
-    ranking = _ranking(teacher.encoder, rows, config, checkpoints, progress)
-    names = tuple(chosen) if chosen is not None else ranking.top(config.train.sensors)
+    if chosen is None:
+        names, ranking = _choice(teacher.encoder, rows, config, checkpoints, progress)
+    else:
+        names, ranking = tuple(chosen), {"method": "given", "order": list(chosen)}
     indices = sensors.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     predictor = None
@@ -97,7 +101,7 @@ def train_all(
         sensors=names,
         dataset_sha256=digest,
         metrics=metrics,
-        ranking=_ranking_tree(ranking),
+        ranking=ranking,
         versions=_versions(),
     )
     model_store.save(output, trained)
@@ -107,12 +111,11 @@ def train_all(
 
 def _check(config: Config, train_rows: Rows, test_rows: Rows) -> None:
     """Whatever the later phases would refuse is refused before the first one has cost minutes."""
-    # An all-equal ranking serves to check the number of sensors.
-    Ranking(scores=torch.zeros(1, sensors.COUNT, dtype=torch.float64).numpy()).top(config.train.sensors)
+    check_count(config.train.sensors)
     rollout_starts(test_rows, config.model.window, max(HORIZONS))
     windows = sum(max(0, length - config.model.window + 1) for length in train_rows.lengths)
     wanted = max(config.train.shap_background, config.train.shap_explained)
-    if windows < wanted:
+    if config.train.selection == "shap" and windows < wanted:
         raise DatasetError(f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking")
 
 
@@ -136,15 +139,32 @@ def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | 
     return checkpoint.Identity(settings=json.dumps(settings, sort_keys=True), dataset_sha256=digest)
 
 
+def _choice(
+    encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
+) -> tuple[tuple[str, ...], Mapping[str, Any]]:
+    """The chosen sensors, and what the model's file says of how they were found."""
+    settings, path = config.train, checkpoints.path("select")
+    if settings.selection == "shap":
+        ranking = _ranking(encoder, rows, config, checkpoints, progress)
+        return ranking.top(settings.sensors), _ranking_tree(ranking)
+    state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
+    if state is None:
+        names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
+        # Kept although it costs little: mirror images tie but for rounding, and a resumed run may round otherwise.
+        checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(sensors.indices(names))})
+    else:
+        names = tuple(sensors.NAMES[index] for index in state["order"].tolist())
+    return names, {"method": settings.selection, "order": list(names)}
+
+
 def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
     settings, path = config.train, checkpoints.path("rank")
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is not None:
         return Ranking(scores=state["scores"].numpy())
-    ranker = ShapRanker(
-        background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
+    ranking = rank(
+        ShapRanker.of(settings), encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress
     )
-    ranking = rank(ranker, encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress)
     checkpoint.save(path, checkpoints.identity, {"scores": torch.from_numpy(ranking.scores)})
     return ranking
 
@@ -157,6 +177,7 @@ def _ranking_tree(ranking: Ranking) -> Mapping[str, Any]:
         "mean": ranking.mean.tolist(),
         "std": ranking.std.tolist(),
         "stable": {str(count): ranking.is_stable(count) for count in STABILITY_SETS},
+        "differences": {str(count): dict(ranking.differences(count)) for count in STABILITY_SETS},
     }
 
 

@@ -12,7 +12,7 @@ from contract.config import Config
 from contract.dataset import Dataset
 from contract.errors import ConfigError, DatasetError
 from train.model import WakeModel
-from train.rank_sensors import Ranking, ShapRanker, rank
+from train.selection.shap_ranking import Ranking, ShapRanker, rank
 from train.windows import Rows, fit_scaling, prepare
 
 

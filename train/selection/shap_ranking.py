@@ -1,11 +1,12 @@
-"""Which sensors the encoder listens to (paper, section 2.3.1 and appendix C).
+"""The paper's method: which sensors the encoder listens to (section 2.3.1 and appendix C).
 
 A `Ranker` scores the 90 sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
-method is `ShapRanker`; another method is another class with the same call.
+ranker is `ShapRanker`.
 """
 
 import copy
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,9 +17,12 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.errors import ConfigError, DatasetError
+from contract.config import TrainConfig
+from contract.errors import DatasetError
 from train.fit import Progress, silent
 from train.model import Encoder
+from train.selection.budget import check_count
+from train.selection.window_draws import first_rows, windows_at
 from train.windows import Rows
 
 Scores = npt.NDArray[np.float64]
@@ -53,8 +57,7 @@ class Ranking:
         Raises:
             ConfigError: if there are not that many sensors.
         """
-        if not 1 <= count <= sensors.COUNT:
-            raise ConfigError(f"train.sensors = {count}: must be from 1 to {sensors.COUNT}")
+        check_count(count)
         return _names(_best(self.mean, count))
 
     def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
@@ -64,6 +67,15 @@ class Ranking:
     def is_stable(self, count: int) -> bool:
         """Whether every repeat has the same set of best sensors."""
         return len(set(self.top_sets(count))) == 1
+
+    def differences(self, count: int) -> Mapping[str, float]:
+        """Share of the repeats that have a sensor among their best, for those that some have and others not.
+
+        In the sensors' order; empty if the set is stable.
+        """
+        repeats = len(self.scores)
+        found = Counter(name for names in self.top_sets(count) for name in names)
+        return {name: found[name] / repeats for name in sensors.NAMES if 0 < found[name] < repeats}
 
 
 def rank(
@@ -95,6 +107,13 @@ class ShapRanker:
     background: int
     explained: int
     samples: int
+
+    @classmethod
+    def of(cls, settings: TrainConfig) -> "ShapRanker":
+        """With the numbers of draws of those settings."""
+        return cls(
+            background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
+        )
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores:
         """Scores (90,); windows are drawn from `rows` without replacement.
@@ -154,11 +173,10 @@ class _Packed(nn.Module):
 
 
 def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.random.Generator) -> Tensor:
-    firsts = np.concatenate([np.arange(span.start, span.stop - window + 1) for span in rows.spans()])
+    firsts = first_rows(rows, window)
     if len(firsts) < count:
         raise DatasetError(f"recording has {len(firsts)} windows, too few to draw {count} {purpose} samples")
-    chosen = torch.as_tensor(generator.choice(firsts, count, replace=False), device=rows.inputs.device)
-    return rows.inputs[chosen[:, None] + torch.arange(window, device=chosen.device)]
+    return windows_at(rows, generator.choice(firsts, count, replace=False), window)
 
 
 def _best(scores: Scores, count: int) -> npt.NDArray[np.intp]:

@@ -1,0 +1,71 @@
+"""The methods behind one interface: a teacher, its recording and a budget in, names of sensors out."""
+
+from typing import Final, get_args
+
+import numpy as np
+
+from contract import sensors
+from contract.config import SelectionMethod, TrainConfig
+from contract.errors import ConfigError
+from train.fit import Progress, silent
+from train.model import Encoder
+from train.selection.budget import check_count
+from train.selection.greedy_forward import forward
+from train.selection.hand_choice import outward
+from train.selection.qr_pivoting import pivots
+from train.selection.random_draws import best_draw
+from train.selection.ridge_student import ridge_student
+from train.selection.shap_ranking import ShapRanker, rank
+from train.windows import Rows
+
+Method = SelectionMethod
+
+METHODS: Final[tuple[Method, ...]] = get_args(Method)
+
+RANDOM_DRAWS: Final = 64
+"""Choices that "random" judges."""
+
+
+def select(
+    method: Method,
+    encoder: Encoder,
+    rows: Rows,
+    count: int,
+    *,
+    settings: TrainConfig,
+    draws: int = RANDOM_DRAWS,
+    progress: Progress = silent,
+) -> tuple[str, ...]:
+    """Names of the chosen sensors, in the method's order.
+
+    "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection by
+    the ridge student. "random": the best of `draws` by that student. "hand": by position alone.
+
+    Args:
+        rows: with all sensors' columns.
+        count: sensors to choose.
+        settings: its seed and, for "shap", its draws are used.
+
+    Raises:
+        ConfigError: unknown method, or not that many sensors.
+        DatasetError: if `rows` hold too few windows.
+    """
+    if method not in METHODS:
+        raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")
+    check_count(count)
+    if method == "shap":
+        ranker = ShapRanker.of(settings)
+        return rank(ranker, encoder, rows, repeats=1, seed=settings.seed, progress=progress).top(count)
+    if method == "qr":
+        chosen = pivots(rows, count)
+    elif method == "hand":
+        chosen = outward(count)
+    else:
+        # Neighbouring run seeds, and the two uses of one, must not share draws.
+        windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
+        student = ridge_student(encoder, rows, windows)
+        if method == "greedy":
+            chosen = forward(student, count, progress=progress)
+        else:
+            chosen = best_draw(student, count, draws=draws, seed=choices, progress=progress)
+    return tuple(sensors.NAMES[index] for index in chosen)

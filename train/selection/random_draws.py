@@ -1,0 +1,26 @@
+"""The best of some random choices: what a method must beat to have found anything."""
+
+import numpy as np
+
+from contract import sensors
+from train.fit import Progress, silent
+from train.selection.ridge_student import RidgeStudent
+
+
+def draw(count: int, draws: int, seed: int) -> list[tuple[int, ...]]:
+    """That many choices of `count` sensors, each without repetition and in the sensors' order."""
+    generator = np.random.default_rng(seed)
+    return [tuple(np.sort(generator.choice(sensors.COUNT, count, replace=False)).tolist()) for _ in range(draws)]
+
+
+def best_draw(
+    student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
+) -> tuple[int, ...]:
+    """The draw of which the ridge student makes the smallest error."""
+    best, least = (), np.inf
+    for number, chosen in enumerate(draw(count, draws, seed)):
+        error = student.error(chosen)
+        if error < least:
+            best, least = chosen, error
+        progress("select", number + 1, draws, {"error": least})
+    return best

@@ -1,0 +1,120 @@
+"""A student that costs milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
+
+It stands for the slim encoder where thousands of choices are compared and none can be distilled. With the centred
+lags X (n, F) and latents Z (n, N_z) of the windows it is fitted to,
+
+    W = (X'X/n + lambda I)^-1 X'Z/n
+
+and its error is what it leaves of the latents of other windows. Both need only the products of all lags, which are
+formed once; a choice is then a small block of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+import torch
+
+from contract import sensors
+from contract.errors import DatasetError
+from train.model import Encoder
+from train.selection.window_draws import first_rows, windows_at
+from train.windows import Rows
+
+Array = npt.NDArray[np.float64]
+
+STRIDE: Final = 4
+"""Every 4th row of the window is a lag: 0.8 t_c, six to a shedding cycle, 8 lags in a window of 32."""
+
+RIDGE: Final = 1e-4
+"""Lambda. Inputs have unit variance, so it weighs like noise of 1 % of each sensor's deviation."""
+
+FITTED: Final = 4000
+JUDGED: Final = 2000
+"""Windows it is fitted to and judged on; a recording with fewer is split in the same proportion."""
+
+_CHUNK = 1024
+
+
+def lagged(windows: Array) -> Array:
+    """(n, L, F) windows -> (n, F x lags), the lags of a column side by side, newest first."""
+    return windows[:, ::-1][:, ::STRIDE].transpose(0, 2, 1).reshape(len(windows), -1)
+
+
+def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Lags of all columns and the encoder's latents, of the windows to fit and of those to judge.
+
+    Raises:
+        DatasetError: if there are fewer than 6 windows.
+    """
+    firsts = first_rows(rows, encoder.window)
+    total = min(len(firsts), FITTED + JUDGED)
+    if total < 6:
+        raise DatasetError(f"recording has {total} windows, too few to fit and judge a student: must be at least 6")
+    drawn = np.random.default_rng(seed).choice(firsts, total, replace=False)
+    inputs, latents = [], []
+    with torch.no_grad():
+        for chunk in np.array_split(drawn, -(-total // _CHUNK)):
+            windows = windows_at(rows, chunk, encoder.window)
+            latents.append(encoder.encode_segments(windows)[:, 0].cpu().numpy().astype(np.float64))
+            inputs.append(lagged(windows.cpu().numpy().astype(np.float64)))
+    x, z = np.concatenate(inputs), np.concatenate(latents)
+    fitted = total * FITTED // (FITTED + JUDGED)
+    return (x[:fitted], z[:fitted]), (x[fitted:], z[fitted:])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RidgeStudent:
+    """Products of all lags and latents, centred on the means of the fitted windows, as means over windows.
+
+    Attributes:
+        gram: (F, F) of the fitted windows' lags.
+        cross: (F, N_z) of their lags and latents.
+        judged_gram: (F, F) of the judged windows' lags.
+        judged_cross: (F, N_z) of their lags and latents.
+        judged_power: mean square of their latents, summed over N_z.
+        lags: of each column.
+    """
+
+    gram: Array
+    cross: Array
+    judged_gram: Array
+    judged_cross: Array
+    judged_power: float
+    lags: int
+
+    def error(self, chosen: Sequence[int]) -> float:
+        """Share of the judged latents' mean square that the student on those sensors and the action leaves."""
+        columns = np.append(np.asarray(chosen, dtype=np.intp), sensors.COUNT)
+        places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
+        block = np.ix_(places, places)
+        regular = self.gram[block] + RIDGE * np.eye(len(places))
+        weights = scipy.linalg.cho_solve(scipy.linalg.cho_factor(regular), self.cross[places])
+        explained = 2.0 * np.sum(weights * self.judged_cross[places])
+        explained -= np.sum(weights * (self.judged_gram[block] @ weights))
+        return float(1.0 - explained / self.judged_power)
+
+
+def ridge_student(encoder: Encoder, rows: Rows, seed: int) -> RidgeStudent:
+    """The student of that encoder, with windows drawn by `seed`.
+
+    Raises:
+        DatasetError: if there are too few windows, or the encoder says the same of all of them.
+    """
+    (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
+    mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)
+    x, z, judged_x, judged_z = x - mean_x, z - mean_z, judged_x - mean_x, judged_z - mean_z
+    power = float(np.square(judged_z).sum() / len(judged_z))
+    if power == 0.0:
+        raise DatasetError("latents are the same in all windows: no choice of sensors is better than another")
+    return RidgeStudent(
+        gram=x.T @ x / len(x),
+        cross=x.T @ z / len(x),
+        judged_gram=judged_x.T @ judged_x / len(judged_x),
+        judged_cross=judged_x.T @ judged_z / len(judged_x),
+        judged_power=power,
+        lags=-(-encoder.window // STRIDE),
+    )
