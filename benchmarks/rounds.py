@@ -21,6 +21,7 @@ from rich.table import Table
 
 from benchmarks.markdown import read
 from contract import dataset, sensors
+from contract.dataset import Role
 from contract.results import versions, write_result
 from train import model_store
 from train.evaluate import evaluate
@@ -79,7 +80,7 @@ def _release(parts: Path, number: int, data: Path) -> Path:
     return bundle
 
 
-def _recorded(output: Path, before: Path, bundle: Path, episodes: int, steps: int, *, role: str) -> Path:
+def _recorded(output: Path, before: Path, bundle: Path, episodes: int, steps: int, *, role: Role) -> Path:
     """The data set `before` with a round added; recorded aside, so that a file of that name is a whole one."""
     if not output.exists():
         aside = output.with_suffix(".recording.h5")
@@ -94,8 +95,9 @@ def _recorded(output: Path, before: Path, bundle: Path, episodes: int, steps: in
 def _row(parts: Path, number: int, held_out: Path) -> dict[str, Any]:
     trained = model_store.load(parts / f"model_{number}")
     chosen = sensors.indices(trained.sensors)
-    found = {}
-    for name, role in (("chirp", "test"), ("controlled", "controlled")):
+    found: dict[str, Any] = {}
+    roles: dict[str, Role] = {"chirp": "test", "controlled": "controlled"}
+    for name, role in roles.items():
         episodes = dataset.read(held_out).with_role(role)
         rows = prepare(episodes, trained.scaling, mirrored=False).with_sensors(chosen)
         found[name] = evaluate(trained.slim, trained.deployed, rows).as_tree()

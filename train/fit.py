@@ -27,7 +27,8 @@ REPORT_EVERY = 10
 
 
 class Progress(Protocol):
-    """Called with the phase ("fit", "finish", "rank", "stream", "distil" or "predictor"), steps done, steps in all and the latest loss terms."""
+    """Called with the phase ("fit", "finish", "rank", "stream", "distil" or "predictor"), steps done, steps in all and
+    the latest loss terms."""
 
     def __call__(self, phase: str, step: int, total: int, terms: Mapping[str, float]) -> None: ...
 

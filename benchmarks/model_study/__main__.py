@@ -17,10 +17,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.model_study import figures, page
 from benchmarks.model_study.lab import Lab, digest, open_lab, quiet
-from benchmarks.model_study.parts import COUNTS, KINDS, METHODS, SEEDS, UNROLLS, WIDTHS, Part, correlation, stages
+from benchmarks.model_study.parts import COUNTS, KINDS, SEEDS, UNROLLS, WIDTHS, Part, correlation, stages
 from contract.config_loading import load_config, to_tree
 from contract.results import versions, write_result
 from stillwake_terminal import ConfigFile, Overrides
+from train.selection.methods import METHODS
 
 
 def main(

@@ -1,4 +1,4 @@
-"""Where and how the released encoder errs off its training data: other frequencies, disturbed sensors, more amplitude."""
+"""How the slim encoder errs off its training data: other frequencies, disturbed sensors, a larger amplitude."""
 
 from dataclasses import replace
 from typing import Any, Final

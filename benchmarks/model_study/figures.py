@@ -68,7 +68,7 @@ def forces(lab: Lab) -> Figure:
 
 
 def latent_pairs(lab: Lab) -> Figure:
-    """Every pair of the teacher's latents on training data, upper ones by lift, lower ones by drag (paper, figure 6)."""
+    """Every pair of the teacher's latents on training data, upper ones by lift, lower ones by drag (paper, fig. 6)."""
     trained, rows = lab.model(), training_rows()
     latents = encode_all(trained.teacher.encoder, rows)
     seen = torch.nonzero(~latents[:, 0].isnan()).flatten()
@@ -76,7 +76,7 @@ def latent_pairs(lab: Lab) -> Figure:
     z, c = latents[thin].numpy(), rows.forces[thin].numpy()
     size = z.shape[1]
     figure = Figure(figsize=(11.0, 11.0), dpi=90, layout="constrained")
-    grid = figure.subplots(size, size, sharex="col")
+    grid = figure.subplots(size, size, sharex="col", squeeze=False)
     for i in range(size):
         for j in range(size):
             axes: Axes = grid[i, j]
@@ -224,7 +224,7 @@ def selection(found: Mapping[str, Any]) -> Figure:
     left_out.set_title(r"$L_1/\sigma$ without it (dotted: with all)", fontsize=10)
     left_out.legend(fontsize=8)
     order = [item["method"] for item in found["choices"]]
-    for offset, (name, label, colour) in zip((-0.12, 0.12), FORCES, strict=True):
+    for offset, (name, _, colour) in zip((-0.12, 0.12), FORCES, strict=True):
         for place, method in enumerate(order):
             errors = [item[name]["l1_over_sigma"] for item in found["methods"] if item["method"] == method]
             methods.plot([place + offset] * len(errors), errors, "o", color=colour, markersize=5)

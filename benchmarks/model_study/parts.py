@@ -1,7 +1,7 @@
 """Every part of the study: what is trained, and what is measured on it. Parts are independent but for their stage."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from benchmarks.model_study import disturbed
-from benchmarks.model_study.lab import Lab, PAPER, scaling, student, test_rows, training_rows
+from benchmarks.model_study.lab import PAPER, Lab, scaling, student, test_rows, training_rows
 from contract import sensors
 from train.distil import encode_all
 from train.distil_predictor import distil_predictor
@@ -17,6 +17,7 @@ from train.evaluate import evaluate, judge, latent_error
 from train.fit import fit_joint, seeded
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
+from train.selection.methods import METHODS, Method, select
 from train.streaming import encode_stream, fit_stream
 
 SEEDS: Final = (0, 1, 2)
@@ -26,7 +27,6 @@ UNROLL_EPOCHS: Final = 10.0
 """Of the models that are trained with different unrolls, all alike; a quarter of the release's."""
 GROWTH: Final = tuple(range(1, 51))
 WIDTHS: Final = ((192, 96), (128, 64), (96, 64), (64, 32))
-METHODS: Final = ("shap", "qr", "greedy", "random", "hand")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +93,8 @@ def without(lab: Lab, place: int) -> dict[str, Any]:
     return {"removed": names[place], **student(lab, lab.model().teacher, left, seed=0)[1]}
 
 
-def choice(lab: Lab, method: str) -> dict[str, Any]:
+def choice(lab: Lab, method: Method) -> dict[str, Any]:
     """What a method of selection picks, and how long it takes."""
-    from train.selection.methods import select
-
     began = time.process_time()
     trained = lab.model()
     if method == "shap":
@@ -106,7 +104,7 @@ def choice(lab: Lab, method: str) -> dict[str, Any]:
     return {"method": method, "sensors": list(names), "cpu_seconds": time.process_time() - began}
 
 
-def method(lab: Lab, name: str, seed: int) -> dict[str, Any]:
+def method(lab: Lab, name: Method, seed: int) -> dict[str, Any]:
     """A student on that method's choice."""
     names = tuple(lab.part(f"choice_{name}", lambda: choice(lab, name))["sensors"])
     return {"method": name, **student(lab, lab.model().teacher, names, seed)[1]}
@@ -182,7 +180,7 @@ def correlation(names: Sequence[str]) -> list[list[float]]:
     return found
 
 
-KINDS: Final = {
+KINDS: Final[Mapping[str, Callable[..., Any]]] = {
     "model": model,
     "count": count,
     "without": without,

@@ -47,7 +47,6 @@ def test_the_student_rolls_out_as_the_teacher(small_recording: Dataset, small_co
     untrained = error(Predictor(config.model.slim))
     assert untrained > 0.6
     # measured: see below
-    print(error(student))
     assert error(student) < 0.25
 
 

@@ -43,7 +43,7 @@ def test_noise_has_its_level_and_spares_the_action() -> None:
     assert bool((change[:, 2] == 0).all())
     assert torch.equal(noise(0.5, unit, seed=2)(rows).inputs, noise(0.5, unit, seed=2)(rows).inputs)
     assert not torch.equal(noise(0.5, unit, seed=3)(rows).inputs, noise(0.5, unit, seed=2)(rows).inputs)
-    with pytest.raises(ConfigError, match="noise level -0.1"):
+    with pytest.raises(ConfigError, match=r"noise level -0\.1"):
         noise(-0.1, unit, seed=0)
 
 

@@ -17,7 +17,8 @@ def best_draw(
     student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
 ) -> tuple[int, ...]:
     """The draw of which the ridge student makes the smallest error."""
-    best, least = (), np.inf
+    best: tuple[int, ...] = ()
+    least = np.inf
     for number, chosen in enumerate(draw(count, draws, seed)):
         error = student.error(chosen)
         if error < least:
