@@ -9,8 +9,6 @@ stay in `runs/rounds`, so that the hours this takes may be interrupted.
 """
 
 import shutil
-import subprocess
-import sys
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -19,6 +17,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.commands import LOOP, ROOT, stillwake
 from benchmarks.markdown import read
 from contract import dataset, sensors
 from contract.dataset import Role
@@ -27,10 +26,8 @@ from train import model_store
 from train.evaluate import evaluate
 from train.windows import prepare
 
-ROOT: Final = Path(__file__).resolve().parent.parent
 PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 
-_LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
 _COLUMNS: Final = ("steps", "chirp R2", "chirp h=25", "controlled R2", "controlled h=25", "Cd", "reduction_percent")
 
 
@@ -72,11 +69,11 @@ def _release(parts: Path, number: int, data: Path) -> Path:
     """Model, bundle and closed loop of a round; what is there already is kept."""
     model, bundle, run = (parts / f"{name}_{number}" for name in ("model", "bundle", "run"))
     if not (model / model_store.DESCRIPTION).is_file():
-        _stillwake("train", model, "--dataset", data, "--resume")
+        stillwake("train", model, "--dataset", data, "--resume")
     if not bundle.exists():
-        _stillwake("export", model, bundle, "--dataset", data, "--name", f"truck-wake-round-{number}")
+        stillwake("export", model, bundle, "--dataset", data, "--name", f"truck-wake-round-{number}")
     if not run.with_suffix(".json").exists():
-        _stillwake("run", run, "--bundle", bundle, "--json", run.with_suffix(".json"))
+        stillwake("run", run, "--bundle", bundle, "--json", run.with_suffix(".json"))
     return bundle
 
 
@@ -87,7 +84,7 @@ def _recorded(output: Path, before: Path, bundle: Path, episodes: int, steps: in
         if not aside.exists():
             shutil.copyfile(before, aside)
         options = ("--episodes", episodes, "--controlled", steps, "--role", role)
-        _stillwake("record", aside, "--under", bundle, *options)
+        stillwake("record", aside, "--under", bundle, *options)
         aside.replace(output)
     return output
 
@@ -108,7 +105,7 @@ def _row(parts: Path, number: int, held_out: Path) -> dict[str, Any]:
         "controlled_steps": sum(len(item) for item in recorded if item.provenance["forcing_signal"] == "controlled"),
         "sensors": list(trained.sensors),
         **found,
-        "loop": {name: loop[name] for name in _LOOP},
+        "loop": {name: loop[name] for name in LOOP},
     }
 
 
@@ -117,13 +114,6 @@ def _pair(part: dict[str, Any], key: str) -> str:
         last = part["rollout"][-1]
         return f"{last['drag']:.2f} / {last['lift']:.2f}"
     return f"{part['drag'][key]:.3f} / {part['lift'][key]:.3f}"
-
-
-def _stillwake(*arguments: object) -> None:
-    command = [sys.executable, str(ROOT / "stillwake.py"), *map(str, arguments)]
-    Console().print(f"[bold]stillwake {' '.join(map(str, arguments))}[/bold]")
-    if (status := subprocess.run(command, check=False).returncode) != 0:
-        raise typer.Exit(status)
 
 
 if __name__ == "__main__":

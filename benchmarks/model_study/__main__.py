@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.model_study import figures, page
 from benchmarks.model_study.lab import Lab, digest, open_lab, quiet
-from benchmarks.model_study.parts import COUNTS, KINDS, SEEDS, UNROLLS, WIDTHS, Part, correlation, stages
+from benchmarks.model_study.parts import COUNTS, KINDS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, correlation, stages
 from contract.config_loading import load_config, to_tree
 from contract.results import versions, write_result
 from stillwake_terminal import ConfigFile, Overrides
@@ -70,6 +70,7 @@ def collected(lab: Lab) -> dict[str, Any]:
         "unrolls": [found("unroll", steps) for steps in UNROLLS],
         "widths": [found("width", *widths) for widths in WIDTHS],
         "stream": found("stream"),
+        "loops": [found("loop", name) for name in LOOPS],
         "disturbed": found("disturbed"),
         "correlation": correlation(lab.model().sensors),
     }

@@ -56,6 +56,10 @@ class Lab:
     def model_path(self, seed: int) -> Path:
         return self.folder / f"model_{seed}"
 
+    def variant(self, name: str) -> Path:
+        """Where a variant of the first seed's model is kept."""
+        return self.folder / f"variant_{name}"
+
     def model(self, seed: int = 0) -> TrainedModel:
         return load(self.model_path(seed))
 

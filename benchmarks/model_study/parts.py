@@ -8,9 +8,12 @@ from typing import Any, Final
 import numpy as np
 import torch
 
+from benchmarks.commands import LOOP, stillwake
+from benchmarks.markdown import read
 from benchmarks.model_study import disturbed
 from benchmarks.model_study.lab import PAPER, Lab, scaling, student, test_rows, training_rows
 from contract import sensors
+from train import model_store
 from train.distil import encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import evaluate, judge, latent_error
@@ -27,6 +30,8 @@ UNROLL_EPOCHS: Final = 10.0
 """Of the models that are trained with different unrolls, all alike; a quarter of the release's."""
 GROWTH: Final = tuple(range(1, 51))
 WIDTHS: Final = ((192, 96), (128, 64), (96, 64), (64, 32))
+LOOPS: Final = (*METHODS, "128_64", "96_64", "64_32")
+"""Variants that close the loop: a method's sensors, or narrower networks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +58,7 @@ def stages() -> Iterator[Sequence[Part]]:
         Part(kind="stream"),
     ]
     yield [Part(kind="method", arguments=(method, seed)) for method in METHODS for seed in SEEDS]
+    yield [Part(kind="loop", arguments=(name,)) for name in LOOPS]
     yield [Part(kind="unroll", arguments=(unroll,)) for unroll in UNROLLS]
 
 
@@ -105,9 +111,12 @@ def choice(lab: Lab, method: Method) -> dict[str, Any]:
 
 
 def method(lab: Lab, name: Method, seed: int) -> dict[str, Any]:
-    """A student on that method's choice."""
+    """A student on that method's choice; the first seed's is kept for the loop."""
     names = tuple(lab.part(f"choice_{name}", lambda: choice(lab, name))["sensors"])
-    return {"method": name, **student(lab, lab.model().teacher, names, seed)[1]}
+    slim, found = student(lab, lab.model().teacher, names, seed)
+    if seed == SEEDS[0]:
+        model_store.save(lab.variant(name), replace(lab.model(), slim=slim, sensors=names))
+    return {"method": name, **found}
 
 
 def unroll(lab: Lab, steps: int) -> dict[str, Any]:
@@ -127,6 +136,8 @@ def width(lab: Lab, dynamics: int, decoder: int) -> dict[str, Any]:
     student_networks = distil_predictor(trained.teacher, training_rows(), replace(lab.config, model=slimmed))
     rows = test_rows().with_sensors(sensors.indices(trained.sensors))
     found = evaluate(trained.slim, student_networks, rows).as_tree()
+    narrow = replace(trained, config=replace(trained.config, model=slimmed), predictor=student_networks)
+    model_store.save(lab.variant(f"{dynamics}_{decoder}"), narrow)
     parameters = sum(item.numel() for item in student_networks.parameters())
     return {
         "dynamics": dynamics,
@@ -168,6 +179,16 @@ def stream(lab: Lab) -> dict[str, Any]:
     }
 
 
+def loop(lab: Lab, name: str) -> dict[str, Any]:
+    """The closed loop with a variant of the first seed's model, as `stillwake export` and `stillwake run` make it."""
+    bundle, run = (lab.folder / f"{kind}_{name}" for kind in ("bundle", "run"))
+    if not bundle.exists():
+        stillwake("export", lab.variant(name), bundle, "--dataset", PAPER)
+    stillwake("run", run, "--bundle", bundle, "--json", run.with_suffix(".json"))
+    figures = read(run.with_suffix(".json"))["figures"]
+    return {"variant": name, **{key: figures[key] for key in LOOP}}
+
+
 def _grown(encoder: Encoder, trained: WakeModel) -> dict[str, Any]:
     return evaluate(encoder, trained, test_rows(), horizons=GROWTH).as_tree()
 
@@ -188,6 +209,7 @@ KINDS: Final[Mapping[str, Callable[..., Any]]] = {
     "method": method,
     "unroll": unroll,
     "width": width,
+    "loop": loop,
     "stream": stream,
     "disturbed": lambda lab: disturbed.measure(lab, scaling()),
 }
