@@ -121,11 +121,12 @@ class FinishConfig:
     unroll: int = 20
     learning_rate: float = 5e-4
     force_weight: float = 2.0
+    decode_weight: float = 2.0
 
     def __post_init__(self) -> None:
         _require(self.unroll >= 1, self, "unroll", "at least 1")
         _require(self.learning_rate > 0, self, "learning_rate", "positive")
-        for name in ("epochs", "force_weight"):
+        for name in ("epochs", "force_weight", "decode_weight"):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
 
 
@@ -135,6 +136,8 @@ class TrainConfig:
 
     unroll: int = 5
     force_weight: float = 0.25
+    decode_weight: float = 0.0
+    """On the forces read from the encoded latents themselves; the paper's loss sees predicted ones only (ours)."""
     variance_weight: float = 0.02
     covariance_weight: float = 0.02
     batch_size: int = 512
@@ -177,7 +180,7 @@ class TrainConfig:
         _require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
         for name in ("learning_rate", "epochs", "distil_epochs", "predictor_epochs"):
             _require(getattr(self, name) > 0, self, name, "positive")
-        for name in ("force_weight", "variance_weight", "covariance_weight", "stream_epochs", "seed"):
+        for name in ("force_weight", "decode_weight", "variance_weight", "covariance_weight", "stream_epochs", "seed"):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
 
 

@@ -8,7 +8,7 @@ of sums may differ elsewhere).
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -147,20 +147,14 @@ def fit_joint(
     Raises:
         DatasetError: if an episode is too short for a window and the unroll.
     """
-    first = config.train
-    last = replace(
-        first,
-        epochs=first.finish.epochs,
-        unroll=first.finish.unroll,
-        learning_rate=first.finish.learning_rate,
-        force_weight=first.finish.force_weight,
-    )
-    device = rows.inputs.device
-    with seeded(first.seed, device):
+    settings, device = config.train, rows.inputs.device
+    with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
-        for phase, settings in (("fit", first), ("finish", last)):
-            if settings.epochs:
-                _fit(model, rows, config.model.window, settings, phase, progress, checkpoints)
+        _fit(model, rows, config.model.window, settings, "fit", progress, checkpoints)
+        if settings.finish.epochs:
+            # Its fields bear the names of those they replace.
+            last = replace(settings, **asdict(settings.finish))
+            _fit(model, rows, config.model.window, last, "finish", progress, checkpoints)
     return model
 
 

@@ -132,9 +132,9 @@ def load(path: Path) -> TrainedModel:
         return TrainedModel(
             config=config,
             scaling=scaling,
-            teacher=teacher,
+            teacher=teacher.eval(),
             slim=slim,
-            predictor=predictor,
+            predictor=None if predictor is None else predictor.eval(),
             sensors=names,
             dataset_sha256=body["dataset_sha256"],
             metrics=body["metrics"],

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from contract.config import Config
+from contract.config import Config, FinishConfig
 from contract.dataset import Dataset
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from train.checkpoint import Identity
@@ -116,10 +116,12 @@ def test_a_checkpoint_of_another_run_is_refused(rows: Rows, small_config: Config
 
 def test_only_loss_terms_that_add_up_are_reported(rows: Rows, small_config: Config) -> None:
     reports: list[Mapping[str, float]] = []
-    fit_joint(rows, small_config, progress=lambda phase, step, total, terms: reports.append(terms))
+    config = trained(small_config, decode_weight=0.5)
+    fit_joint(rows, config, progress=lambda phase, step, total, terms: reports.append(terms))
     weights = {
         "prediction": 1.0,
         "force": small_config.train.force_weight,
+        "decode": 0.5,
         "variance": small_config.train.variance_weight,
         "covariance": small_config.train.covariance_weight,
     }
@@ -138,3 +140,24 @@ def test_devices() -> None:
 def test_cuda_asked_for_and_absent() -> None:
     with pytest.raises(ConfigError, match="no CUDA"):
         device_named("cuda")
+
+
+def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(
+    rows: Rows, small_config: Config, tmp_path: Path
+) -> None:
+    config = trained(small_config, epochs=4.0, finish=FinishConfig(epochs=8.0, unroll=9))
+    whole = fit_joint(rows, config)
+    unfinished = fit_joint(rows, trained(config, finish=FinishConfig()))
+    assert not torch.equal(whole.dynamics.output.weight, unfinished.dynamics.output.weight)
+    seen: list[str] = []
+
+    def stop_in_the_finish(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+        seen.append(phase)
+        if phase == "finish" and step >= 10:
+            raise KeyboardInterrupt
+
+    kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=7)
+    with pytest.raises(KeyboardInterrupt):
+        fit_joint(rows, config, progress=stop_in_the_finish, checkpoints=kept)
+    assert seen.index("finish") == len(seen) - 1
+    assert_equal(whole, fit_joint(rows, config, checkpoints=replace(kept, resume=True)))
