@@ -19,18 +19,19 @@ from rich.console import Console
 from rich.progress import TaskID
 from rich.table import Table
 
+import stillwake_bundle
 import stillwake_pictures
 import stillwake_record
 from contract.config_loading import load_config, to_tree
 from contract.errors import StillwakeError
 from contract.results import write_result
+from contract.signing import public_key, read_private_key
 from stillwake_terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 errors = Console(stderr=True)
 
 SHIPPED_RECORDING: Final = Path(str(files("wake").joinpath("data/recording.h5")))
-SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
 INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as shells have it."""
 
@@ -117,6 +118,7 @@ def export(
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[Path | None, typer.Option(help="Recording the gates are run on; default: shipped.")] = None,
     c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
+    key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -126,6 +128,7 @@ def export(
     """
     from export.pipeline import export_all
 
+    signing_key = None if key is None else read_private_key(key)
     done = export_all(
         model,
         output,
@@ -134,12 +137,16 @@ def export(
         recording=SHIPPED_RECORDING if dataset is None else dataset,
         config=load_config(config_file, overrides),
         c_folder=c_folder,
+        created=date.today(),
+        key=signing_key,
     )
     table = Table("gate", "measured")
     for title, value in done.gates():
         table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)
-    console.print(f"wrote {output}: {precision}, controller.onnx {done.release.controller_bytes / 1024:.0f} KiB")
+    signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
+    size = f"controller.onnx {done.release.controller_bytes / 1024:.0f} KiB"
+    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True)
     if done.library is not None:
         console.print(f"wrote {c_folder}: C99, {precision}, {done.library.workspace_bytes / 1024:.0f} KiB of workspace")
 
@@ -165,6 +172,7 @@ def mcu(
 def run(
     output: Annotated[Path, typer.Argument(help="Run folder to write.")],
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    trust: stillwake_bundle.Trust = None,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
@@ -175,17 +183,16 @@ def run(
 ) -> None:
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
     from can_bridge.messages import Mode
-    from contract.bundle import load
     from firmware_sim.closed_loop import SUMMARY, run_closed_loop, summary
     from firmware_sim.plants import open_plant
     from firmware_sim.report import drag_rows, headline, service_rows, write_report
     from firmware_sim.run_log import Row
 
     config = load_config(config_file, overrides)
-    release = load(SHIPPED_BUNDLE if bundle is None else bundle)
+    release = stillwake_bundle.open_release(bundle, trust)
     if plant not in ("stillwake", "openfoam"):
         raise StillwakeError(f"--plant {plant}: must be stillwake or openfoam")
-    console.print(f"bundle {release.manifest.name} {release.digest[:12]}: {', '.join(release.manifest.sensors)}")
+    console.print(*stillwake_bundle.headline(release), sep="\n", soft_wrap=True)
     with progress_bar("periods") as bar:
         task = bar.add_task("closed loop", total=None, note="")
 
@@ -268,6 +275,7 @@ def steady(
     console.print("  ".join(f"{name} {value:.4g}" for name, value in found.figures().items()), f"\nwrote {output}")
 
 
+app.add_typer(stillwake_bundle.bundle, name="bundle")
 app.add_typer(stillwake_pictures.picture, name="picture")
 app.command()(stillwake_pictures.animate)
 

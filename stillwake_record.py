@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import TaskID
 
+import stillwake_bundle
 from contract.config import Config
 from contract.config_loading import load_config
 from contract.errors import StillwakeError
@@ -121,17 +122,16 @@ def _record_forced(
 def _record_round(
     output: Path, config: Config, bundle: Path, settings: Mapping[str, Any], processes: Mapping[str, Any]
 ) -> None:
-    from contract.bundle import load
     from firmware_sim.bundle_policy import BundlePolicy, check_flow
     from wake.controlled_plan import ControlledRound
     from wake.controlled_recording import record_round
 
-    release = load(bundle)
+    release = stillwake_bundle.open_release(bundle, None)
     check_flow(release, config.flow)
     wanted = ControlledRound(**settings, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
     BundlePolicy(release)
-    console.print(f"under {wanted.bundle} {release.digest[:12]}: {', '.join(release.manifest.sensors)}")
+    console.print(*stillwake_bundle.headline(release), sep="\n", soft_wrap=True)
     with _progress(wanted.episodes) as shown:
         number = record_round(output, wanted, config, partial(BundlePolicy, release), **processes, **shown)
     console.print(

@@ -1,9 +1,10 @@
 """The release bundle: what is flashed onto an ECU, as a directory or a zip of it.
 
-`manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built
-for, where it came from, and the SHA-256 of every other file and of the DBC it speaks. Loading verifies all
-of it and refuses a mismatch by name. The manifest's own hash guards against accidents, not against an
-attacker who can rewrite it: there is no signature yet.
+`manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built for, the
+data set, weights and program it comes from, and the SHA-256 of every other file and of the DBC it speaks.
+`manifest.sig`, where there is one, is an Ed25519 signature of the manifest's bytes (`contract.signing`), and so of all
+that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against accidents; a
+signature by a key that the reader trusts guards against people.
 
 `controller.onnx` computes one control step. Its interface, with L the window, S the sensors and H the horizon:
 
@@ -27,102 +28,60 @@ cost       ()        J of `new_plan`
 """
 
 import hashlib
-import json
-import zipfile
-import zlib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-import dacite
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import sensors as sensor_facts
-from contract.atomic import replacing
-from contract.config import MpcConfig
-from contract.config_loading import as_float
-from contract.errors import BundleError, ConfigError
-from contract.operating_point import OperatingPoint
+from contract import signing
+from contract.bundle_files import is_plain_name, read_files, write_files
+from contract.errors import BundleError, BundleFileError, BundleManifestError, BundleSignatureError, BundleSignerError
+from contract.manifest import MANIFEST as MANIFEST
+from contract.manifest import Manifest as Manifest
+from contract.manifest import Scaling as Scaling
+from contract.manifest import encode, open_manifest, parse
+from contract.signing import PublicKey
 
-SCHEMA: Final = "stillwake-bundle/1"
-MANIFEST: Final = "manifest.json"
+SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"
-PRECISIONS: Final = ("float32", "int8")
+UNSIGNED: Final = "unsigned: its hashes show accidents, not who made it"
 
-
-@dataclass(frozen=True, kw_only=True)
-class Scaling:
-    """Standardisation inside the controller: scaled = (value - mean) / std, per sensor and per force."""
-
-    pressure_mean: tuple[float, ...]
-    pressure_std: tuple[float, ...]
-    action_std: float
-    force_mean: tuple[float, ...]
-    force_std: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Manifest:
-    """What the controller in a bundle assumes about the vehicle around it.
-
-    Raises BundleError if the scaling does not fit the sensors or a number makes no sense.
-
-    Attributes:
-        name: for people.
-        precision: "float32" or "int8" (weights; arithmetic is float32).
-        sensors: names in the order of the controller's window and of the Pressure message.
-        window: L, control steps of history.
-        control_period: in t_c.
-        action_limit: bound on |a| the optimiser keeps.
-        operating_point: units of the bus.
-        mpc: horizon, iterations, learning rate, default weights.
-        budget_ms: latest answer after a pressure frame.
-        provenance: data set hash, settings, metrics and versions of the training.
-    """
-
-    name: str
-    precision: str
-    sensors: tuple[str, ...]
-    window: int
-    control_period: float
-    action_limit: float
-    operating_point: OperatingPoint
-    mpc: MpcConfig
-    scaling: Scaling
-    budget_ms: float
-    provenance: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        for name, values, count in (
-            ("pressure_mean", self.scaling.pressure_mean, len(self.sensors)),
-            ("pressure_std", self.scaling.pressure_std, len(self.sensors)),
-            ("force_mean", self.scaling.force_mean, 2),
-            ("force_std", self.scaling.force_std, 2),
-        ):
-            if len(values) != count:
-                raise BundleError(f"scaling.{name} has {len(values)} values: must have {count}")
-        deviations = (*self.scaling.pressure_std, self.scaling.action_std, *self.scaling.force_std)
-        if not all(value > 0 for value in deviations):
-            raise BundleError(f"scaling: standard deviations {deviations} must be positive")
-        if self.precision not in PRECISIONS:
-            raise BundleError(f"precision {self.precision!r}: must be one of {PRECISIONS}")
-        for name in ("window", "control_period", "action_limit", "budget_ms"):
-            if not getattr(self, name) > 0:
-                raise BundleError(f"{name} = {getattr(self, name)!r}: must be positive")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bundle:
-    """A verified bundle. `digest` is the SHA-256 of the manifest; its first 4 bytes go on the bus."""
+    """A verified bundle.
+
+    Attributes:
+        files: all but manifest and signature.
+        digest: SHA-256 of the manifest; its first 4 bytes go on the bus. A signature does not change it.
+        signer: who signed the manifest, with a signature that is good; None if nobody did.
+        is_trusted: whether it was loaded with that key as the one to trust.
+    """
 
     manifest: Manifest
     files: Mapping[str, bytes]
     digest: str
+    signer: PublicKey | None = None
+    is_trusted: bool = False
 
     @property
     def short_hash(self) -> int:
         return int(self.digest[:8], 16)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One thing that was verified about a bundle; `error` is None if it is in order."""
+
+    name: str
+    found: str
+    error: BundleError | None = None
 
 
 def dbc_bytes() -> bytes:
@@ -132,116 +91,159 @@ def dbc_bytes() -> bytes:
 
 def dbc_sha256() -> str:
     """Its hash, in hex, as manifests and generated headers hold it."""
-    return _sha256(dbc_bytes())
+    return sha256(dbc_bytes())
 
 
-def pack(manifest: Manifest, contents: Mapping[str, bytes]) -> dict[str, bytes]:
-    """All files of the bundle, the manifest with its hashes included.
+def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> dict[str, bytes]:
+    """All files of the bundle, the manifest with its hashes and, given a key, its signature included.
 
-    Raises BundleError for a file name that is a path or the manifest's own.
+    Raises BundleFileError for a file name that is a path or taken.
     """
     for name in contents:
-        if name in ("", ".", "..", MANIFEST) or "/" in name or "\\" in name:
-            raise BundleError(f"bundle file {name!r}: must be a plain file name other than {MANIFEST}")
-    body = {
-        "schema": SCHEMA,
-        **asdict(manifest),
-        "dbc_sha256": dbc_sha256(),
-        "files": {name: _sha256(data) for name, data in sorted(contents.items())},
-    }
-    body["manifest_sha256"] = _manifest_digest(body)
-    return {MANIFEST: (json.dumps(body, indent=2, sort_keys=True) + "\n").encode(), **contents}
+        if name in (MANIFEST, SIGNATURE) or not is_plain_name(name):
+            raise BundleFileError(f"bundle file {name!r}: must be a plain file name other than {MANIFEST}, {SIGNATURE}")
+    hashes = {name: sha256(data) for name, data in sorted(contents.items())}
+    packed = {MANIFEST: encode(manifest, hashes, dbc_sha256()), **contents}
+    if key is not None:
+        packed[SIGNATURE] = signing.sign(key, packed[MANIFEST])
+    return packed
 
 
-def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes]) -> None:
-    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all.
+def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
+    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all; unsigned without a key.
 
     Raises:
         BundleError: for a bad file name, or if the path is a directory with something else in it.
         StillwakeError: if the place cannot be written.
     """
-    packed = pack(manifest, contents)
+    packed = pack(manifest, contents, key)
     if path.suffix != ".zip" and path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
         # Writing replaces the whole directory.
         raise BundleError(f"bundle {path}: that directory holds something else; name another")
-    with replacing(path) as temporary:
-        if path.suffix == ".zip":
-            with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-                for name, data in sorted(packed.items()):
-                    # A fixed date keeps equal bundles equal byte for byte.
-                    archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
-        else:
-            temporary.mkdir()
-            for name, data in packed.items():
-                (temporary / name).write_bytes(data)
+    write_files(path, packed)
 
 
-def load(path: Path) -> Bundle:
-    """Read and verify a bundle directory or zip.
+def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:
+    """Verify all of a bundle but its signature, and sign it in place.
 
     Raises:
-        BundleError: if anything is missing, added, altered or of another schema; the message names it.
+        BundleError: as `load` does.
+        StillwakeError: if it cannot be written.
     """
-    found = _read_all(path)
-    if MANIFEST not in found:
-        raise BundleError(f"bundle {path}: {MANIFEST} is missing")
-    raw = found.pop(MANIFEST)
+    found = read_files(path)
+    found.pop(SIGNATURE, None)
+    bundle = _first_error(_examine(path, found, None))
+    write_files(path, {**found, SIGNATURE: signing.sign(key, found[MANIFEST])})
+    return replace(bundle, signer=signing.public_key(key))
+
+
+def load(path: Path, trusted: PublicKey | None = None) -> Bundle:
+    """Read and verify a bundle directory or zip.
+
+    Args:
+        trusted: the key that must have signed it. Without one an unsigned bundle passes, and so does any key's good
+            signature; `Bundle.signer` says which.
+
+    Raises:
+        BundleError: if anything is missing, added, altered, of another schema or not signed as demanded; the message
+            names it, and the subclass says of what kind it is.
+    """
+    return _first_error(_examine(path, read_files(path), trusted))
+
+
+def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
+    """Every check that `load` makes, the failed ones with their errors, as far as they can be made."""
     try:
-        body = json.loads(raw)
-        schema, digest = body.pop("schema"), body.pop("manifest_sha256")
-        hashes, dbc = body.pop("files"), body.pop("dbc_sha256")
-        if not isinstance(hashes, dict):
-            raise TypeError("'files' is not a table")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BundleError(f"bundle {path}: {MANIFEST} is damaged ({error})") from error
-    if schema != SCHEMA:
-        raise BundleError(f"bundle {path}: schema {schema!r}, this version reads {SCHEMA!r}")
-    if _manifest_digest({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc}) != digest:
-        raise BundleError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
-    _verify_files(path, found, hashes)
-    if dbc != dbc_sha256():
-        raise BundleError(f"bundle {path}: built for another stillwake.dbc")
-    return Bundle(manifest=_parse(path, body), files=found, digest=digest)
+        found = read_files(path)
+    except BundleError as error:
+        return [Check(name="container", found="", error=error)]
+    kind = "directory" if path.is_dir() else "zip"
+    return [Check(name="container", found=f"{kind} of {len(found)} files"), *_examine(path, found, trusted)]
 
 
-def _verify_files(path: Path, found: Mapping[str, bytes], hashes: Mapping[str, str]) -> None:
-    for name in sorted(hashes.keys() | found.keys()):
-        if name not in found:
-            raise BundleError(f"bundle {path}: {name} is missing")
-        if name not in hashes:
-            raise BundleError(f"bundle {path}: {name} is not in the manifest")
-        if _sha256(found[name]) != hashes[name]:
-            raise BundleError(f"bundle {path}: {name} was altered (SHA-256 does not match the manifest)")
-    if CONTROLLER not in found:
-        raise BundleError(f"bundle {path}: {CONTROLLER} is missing")
+def _first_error(checks: Generator[Check, None, Bundle | None]) -> Bundle:
+    # Stops there: nothing is parsed once its signature has failed.
+    while True:
+        try:
+            check = next(checks)
+        except StopIteration as end:
+            assert isinstance(end.value, Bundle)
+            return end.value
+        if check.error is not None:
+            raise check.error
 
 
-def _parse(path: Path, body: Mapping[str, Any]) -> Manifest:
+def _examine(
+    path: Path, files_found: Mapping[str, bytes], trusted: PublicKey | None
+) -> Generator[Check, None, Bundle | None]:
+    """Check after check; in the end the bundle, if the last ones had something to work on."""
+    found = dict(files_found)
+    raw, signature = found.pop(MANIFEST, None), found.pop(SIGNATURE, None)
+    if raw is None:
+        yield Check(name=MANIFEST, found="", error=BundleManifestError(f"bundle {path}: {MANIFEST} is missing"))
+        return None
+    signer = yield from _check(
+        SIGNATURE,
+        lambda: _verify_signature(path, raw, signature, trusted),
+        lambda key: UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}",
+    )
+    opened = yield from _check(MANIFEST, lambda: open_manifest(path, raw), lambda parts: parts.digest)
+    if opened is None:
+        return None
+    for name in sorted({CONTROLLER} | opened.hashes.keys() | found.keys()):
+        yield from _check(name, partial(_verify_file, path, name, found, opened.hashes), str)
+    yield from _check("DBC", lambda: _verify_dbc(path, opened.dbc), str)
+    manifest = yield from _check("content", lambda: parse(path, opened.body), lambda parsed: parsed.name)
+    if manifest is None:
+        return None
+    return Bundle(manifest=manifest, files=found, digest=opened.digest, signer=signer, is_trusted=trusted is not None)
+
+
+def _check(name: str, look: Callable[[], _T], say: Callable[[_T], str]) -> Generator[Check, None, _T | None]:
     try:
-        manifest = dacite.from_dict(
-            Manifest, body, config=dacite.Config(strict=True, cast=[tuple], type_hooks={float: as_float})
+        value = look()
+    except BundleError as error:
+        yield Check(name=name, found="", error=error)
+        return None
+    yield Check(name=name, found=say(value))
+    return value
+
+
+def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: PublicKey | None) -> PublicKey | None:
+    if signature is None:
+        if trusted is not None:
+            raise BundleSignerError(f"bundle {path}: unsigned, must be signed by key {trusted.fingerprint}")
+        return None
+    try:
+        signer = signing.signer(signature, raw)
+    except ValueError as error:
+        raise BundleSignatureError(f"bundle {path}: {SIGNATURE} is damaged ({error})") from error
+    if signer is None:
+        raise BundleSignatureError(f"bundle {path}: bad signature: {MANIFEST} or {SIGNATURE} was altered")
+    if trusted is not None and signer != trusted:
+        raise BundleSignerError(
+            f"bundle {path}: signed by key {signer.fingerprint}, must be signed by key {trusted.fingerprint}"
         )
-        sensor_facts.indices(manifest.sensors)
-    except (dacite.DaciteError, ConfigError, BundleError) as error:
-        raise BundleError(f"bundle {path}: {MANIFEST}: {error}") from error
-    return manifest
+    return signer
 
 
-def _read_all(path: Path) -> dict[str, bytes]:
-    try:
-        if path.is_dir():
-            return {item.name: item.read_bytes() for item in path.iterdir()}
-        if path.is_file():
-            with zipfile.ZipFile(path) as archive:
-                return {name: archive.read(name) for name in archive.namelist()}
-    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError) as error:
-        raise BundleError(f"bundle {path}: cannot be read ({error})") from error
-    raise BundleError(f"bundle {path}: no such directory or zip")
+def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapping[str, Any]) -> str:
+    if name not in found:
+        raise BundleFileError(f"bundle {path}: {name} is missing")
+    if name not in hashes:
+        raise BundleFileError(f"bundle {path}: {name} is not in the manifest")
+    digest = sha256(found[name])
+    if digest != hashes[name]:
+        raise BundleFileError(f"bundle {path}: {name} was altered (SHA-256 does not match the manifest)")
+    return digest
 
 
-def _sha256(data: bytes) -> str:
+def _verify_dbc(path: Path, dbc: object) -> str:
+    if dbc != dbc_sha256():
+        raise BundleFileError(f"bundle {path}: built for another stillwake.dbc")
+    return dbc_sha256()
+
+
+def sha256(data: bytes) -> str:
+    """In hex, as manifests hold it."""
     return hashlib.sha256(data).hexdigest()
-
-
-def _manifest_digest(body: Mapping[str, Any]) -> str:
-    return _sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode())

@@ -14,7 +14,31 @@ class DatasetError(StillwakeError):
 
 
 class BundleError(StillwakeError):
-    """A release bundle that is incomplete, of another schema, or altered."""
+    """A release bundle that cannot be used; its subclasses say what is wrong with it."""
+
+
+class BundleContainerError(BundleError):
+    """A directory or zip that is not read: truncated, too large, or holding paths, links or doubled names."""
+
+
+class BundleManifestError(BundleError):
+    """A manifest that is missing, damaged, altered, of another schema, or makes no sense."""
+
+
+class BundleFileError(BundleError):
+    """A file that is missing, altered, or not in the manifest, or a DBC that is not this version's."""
+
+
+class BundleSignatureError(BundleError):
+    """A signature that is malformed, or not of this manifest."""
+
+
+class BundleSignerError(BundleError):
+    """A bundle that the trusted key did not sign: it is unsigned, or another key's."""
+
+
+class KeyFileError(StillwakeError):
+    """A key file that is missing, in the way of a new one, or not an Ed25519 key."""
 
 
 class BusError(StillwakeError):

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract import bundle
 from contract.operating_point import OperatingPoint
@@ -14,6 +16,7 @@ from export.onnx_graph import build_controller
 from export.onnx_weights import Precision
 from export.parity import ParityReport, check_parity
 from export.program import ControllerProgram
+from export.program_hash import program_sha256
 from export.quantisation_gate import QuantisationLimits, QuantisationReport, check_quantisation, compare_quantised
 from export.random_program import random_window
 from export.weights import Array
@@ -44,11 +47,16 @@ def write_release(
     name: str,
     operating_point: OperatingPoint,
     budget_ms: float,
+    compute_time_ms: float,
     control_period: float,
+    created: date,
+    dataset_sha256: str,
+    weights_sha256: str,
     provenance: Mapping[str, Any],
     windows: Sequence[Array] | None = None,
     calibration: Sequence[Array] | None = None,
     limits: QuantisationLimits | None = None,
+    key: Ed25519PrivateKey | None = None,
 ) -> ReleaseReport:
     """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all.
 
@@ -56,12 +64,17 @@ def write_release(
         precision: "float32" or "int8" (weights).
         name: of the release, for people.
         budget_ms: latest answer after a pressure frame.
+        compute_time_ms: what of it is allotted to the control step.
         control_period: in t_c.
-        provenance: of the training; the gates' figures are added under `export`.
+        created: today.
+        dataset_sha256: of the recording that the program was trained on.
+        weights_sha256: of the trained model's tensors.
+        provenance: of the training otherwise; the gates' figures are added under `export`.
         windows: recorded windows (L, S+1), consecutive ones, for the gates; random ones if None.
         calibration: other recorded windows, consecutive ones, from which rounded biases are corrected; not
             corrected if None.
         limits: what int8 weights may change.
+        key: to sign the release with; unsigned if None.
 
     Raises:
         ExportError: the program cannot be lowered, the graph does not compute what the reference does, or int8
@@ -83,6 +96,7 @@ def write_release(
     )
     manifest = bundle.Manifest(
         name=name,
+        created=created.isoformat(),
         precision=precision,
         sensors=program.sensors,
         window=program.window,
@@ -92,7 +106,11 @@ def write_release(
         mpc=program.mpc,
         scaling=program.scaling,
         budget_ms=budget_ms,
+        compute_time_ms=compute_time_ms,
+        dataset_sha256=dataset_sha256,
+        weights_sha256=weights_sha256,
+        program_sha256=program_sha256(effective),
         provenance={**provenance, "export": asdict(report)},
     )
-    bundle.write(path, manifest, {bundle.CONTROLLER: model})
+    bundle.write(path, manifest, {bundle.CONTROLLER: model}, key)
     return report

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any, Final, get_args
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract import dataset
 from contract.config import Config
@@ -41,7 +44,16 @@ class Exported:
 
 
 def export_all(
-    model: Path, output: Path, *, precision: str, name: str, recording: Path, config: Config, c_folder: Path | None
+    model: Path,
+    output: Path,
+    *,
+    precision: str,
+    name: str,
+    recording: Path,
+    config: Config,
+    c_folder: Path | None,
+    created: date,
+    key: Ed25519PrivateKey | None = None,
 ) -> Exported:
     """Write the C library, if a folder is given for it, and then the bundle.
 
@@ -49,6 +61,8 @@ def export_all(
         model: directory written by `train`.
         precision: "int8" or "float32", of both.
         recording: data set whose test episode the gates replay, and whose training episode calibrates int8.
+        created: today.
+        key: to sign the bundle with; unsigned if None.
 
     Raises:
         ExportError: the model does not fit, or a lowering does not pass its gates.
@@ -67,6 +81,7 @@ def export_all(
         library = write_c_release(
             c_folder, program, precision=kinds[precision], windows=windows, calibration=calibration
         )
+    provenance = dict(trained.provenance)
     release = write_release(
         output,
         program,
@@ -74,9 +89,14 @@ def export_all(
         name=name,
         operating_point=config.operating_point,
         budget_ms=config.period_ns / 1e6,
+        compute_time_ms=config.ecu.compute_time_ms,
         control_period=config.flow.control_period,
-        provenance=trained.provenance,
+        created=created,
+        dataset_sha256=provenance.pop("dataset_sha256"),
+        weights_sha256=provenance.pop("weights_sha256"),
+        provenance=provenance,
         windows=windows,
         calibration=calibration,
+        key=key,
     )
     return Exported(release=release, library=library)

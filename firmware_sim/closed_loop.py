@@ -133,6 +133,7 @@ def summary(log: RunLog) -> dict[str, Any]:
         "frames_rejected": log.bus.rejected,
         "sensors": log.facts["sensors"],
         "controller": log.facts["controller"],
+        "signer": log.facts.get("signer"),
         "controlled_averages_from_t_c_after_enable": log.facts["settle"],
     }
 
@@ -141,6 +142,7 @@ def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu, plant: str) 
     manifest = bundle.manifest
     return {
         "controller": f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
+        "signer": bundle.signer and bundle.signer.fingerprint,
         "plant": plant,
         "sensors": list(manifest.sensors),
         "mpc": asdict(manifest.mpc),

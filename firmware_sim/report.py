@@ -128,12 +128,14 @@ def headline(log: RunLog) -> str:
 def _page(log: RunLog, pictures: list[bytes]) -> str:
     before, under = (_embed(picture) for picture in pictures)
     facts = log.facts
+    signed = f"signed by key {facts['signer']}" if facts.get("signer") else "unsigned"
     drag = "".join(f"<tr><th>{html.escape(a)}</th><td>{b}</td><td>{c}</td></tr>" for a, b, c in drag_rows(log))
     service = "".join(f"<tr><th>{html.escape(a)}</th><td>{b}</td></tr>" for a, b in service_rows(log))
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>stillwake run</title><style>{_STYLE}</style></head><body>
 <h1>Closed loop over CAN</h1>
-<p class="note">{html.escape(facts["controller"])}, sensors {html.escape(", ".join(facts["sensors"]))}</p>
+<p class="note">{html.escape(facts["controller"])}, {signed}, sensors
+{html.escape(", ".join(facts["sensors"]))}</p>
 <p><strong>{html.escape(headline(log))}</strong></p>
 <table><tr><th></th><th>uncontrolled</th><th>controlled</th></tr>{drag}</table>
 <p class="note">Uncontrolled: everything before control was requested. Controlled: from {facts["settle"]:g}

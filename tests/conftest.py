@@ -1,5 +1,6 @@
 """What more than one room's tests need."""
 
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,11 @@ def random_release(tmp_path_factory) -> Path:
         name="random",
         operating_point=config.operating_point,
         budget_ms=config.period_ns / 1e6,
+        compute_time_ms=config.ecu.compute_time_ms,
         control_period=config.flow.control_period,
+        created=date(2026, 1, 2),
+        dataset_sha256="0" * 64,
+        weights_sha256="0" * 64,
         provenance={},
         limits=QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0),
     )

@@ -251,8 +251,9 @@ def test_a_run_and_its_report(cli, tmp_path, random_release):
     outcome = cli("run", folder, "--bundle", random_release, "--lead-in", 0.4, "--controlled", 0.4, "--settle", 0)
     assert (outcome.code, outcome.err) == (0, "")
     assert "mean Cd (wall)" in outcome.out
+    assert outcome.out.count("warning: ") == outcome.out.count("warning: unsigned: ") == 1
     summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["frames_sent"], summary["frames_lost"]) == (8, 0)
+    assert (summary["frames_sent"], summary["frames_lost"], summary["signer"]) == (8, 0, None)
     # The window was never full.
     assert summary["mpc_ms_p50"] is None
     (folder / "report.html").unlink()

@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+import shutil
+import subprocess
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from contract import bundle, dataset
+from contract import bundle, dataset, signing
 from contract.config_loading import load_config
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,12 +40,26 @@ def test_the_recordings_hold_what_the_documents_say(name: str, expected: dict[st
 
 def test_the_release_was_trained_on_the_shipped_recording() -> None:
     release = bundle.load(RELEASE)
-    assert (
-        release.manifest.provenance["dataset_sha256"]
-        == hashlib.sha256((DATA / "recording.h5").read_bytes()).hexdigest()
-    )
+    assert release.manifest.dataset_sha256 == hashlib.sha256((DATA / "recording.h5").read_bytes()).hexdigest()
     assert (release.manifest.precision, len(release.manifest.sensors)) == ("int8", 4)
     assert release.manifest.mpc == load_config().mpc
+
+
+def test_the_release_is_the_projects() -> None:
+    assert bundle.load(RELEASE, signing.project_key()).is_trusted
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs the openssl command")
+def test_openssl_agrees_about_the_signature(tmp_path: Path) -> None:
+    """The check that `docs/controller.md` shows, with a program that knows nothing of this one."""
+    signature = (RELEASE / "manifest.sig").read_text(encoding="ascii").split()[-1]
+    (tmp_path / "raw").write_bytes(bytes.fromhex(signature))
+    command = ["openssl", "pkeyutl", "-verify", "-pubin", "-inkey", str(ROOT / "contract" / "release.pub"), "-rawin"]
+    command += ["-sigfile", str(tmp_path / "raw"), "-in"]
+    manifest = RELEASE / "manifest.json"
+    (tmp_path / "altered").write_bytes(manifest.read_bytes() + b" ")
+    assert subprocess.run([*command, str(manifest)], capture_output=True, check=False).returncode == 0
+    assert subprocess.run([*command, str(tmp_path / "altered")], capture_output=True, check=False).returncode != 0
 
 
 def test_the_shown_figures_are_this_releases() -> None:

@@ -1,6 +1,4 @@
 import json
-import shutil
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contract import bundle
-from contract.bundle import CONTROLLER, MANIFEST, Manifest, Scaling
+from contract import manifest as manifests
+from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE, Manifest, Scaling
 from contract.config import CostWeights, MpcConfig
 from contract.errors import BundleError, StillwakeError
 from contract.operating_point import OperatingPoint
@@ -35,6 +34,9 @@ def manifest(**changes: object) -> Manifest:
             force_std=(0.1, 1.0),
         ),
         "budget_ms": 20.0,
+        "compute_time_ms": 8.0,
+        "created": "2026-01-02",
+        **dict.fromkeys(("dataset_sha256", "weights_sha256", "program_sha256"), "0" * 64),
         "provenance": {"seed": 1, "versions": {"numpy": "2.0"}},
     }
     return Manifest(**{**fields, **changes})
@@ -77,6 +79,10 @@ def test_every_part_moves_the_digest(tmp_path):
         (manifest(), CONTENTS),
         (manifest(name="other"), CONTENTS),
         (manifest(mpc=MpcConfig(horizon=24)), CONTENTS),
+        (manifest(compute_time_ms=7.0), CONTENTS),
+        (manifest(dataset_sha256="1" * 64), CONTENTS),
+        (manifest(weights_sha256="1" * 64), CONTENTS),
+        (manifest(program_sha256="1" * 64), CONTENTS),
         (manifest(), {**CONTENTS, "notes.txt": b"hellp"}),
         (manifest(), {CONTROLLER: CONTENTS[CONTROLLER]}),
     ]
@@ -167,7 +173,9 @@ def test_altered_manifest_is_found(directory, key, value):
         bundle.load(directory)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "3", "{", "{}", "\x00", '{"schema": 1, "manifest_sha256": 1, "files": []}'])
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, "", "[]", "3", "{", "{}", "\x00", '{"schema": 1, "manifest_sha256": 1, "files": []}']
+)
 def test_damaged_manifest_is_named(directory, text):
     (directory / MANIFEST).write_text(text)
     with pytest.raises(BundleError, match=r"manifest\.json is damaged"):
@@ -176,7 +184,7 @@ def test_damaged_manifest_is_named(directory, text):
 
 def test_other_schema_is_named(directory):
     (directory / MANIFEST).write_text(json.dumps({**altered_body(directory), "schema": "stillwake-bundle/9"}))
-    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/1'"):
+    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/2'"):
         bundle.load(directory)
 
 
@@ -196,7 +204,7 @@ def resealed(directory: Path, **changes: object) -> None:
     """Write a manifest whose hash is right and whose content is not: what a faulty exporter would make."""
     body = {**altered_body(directory), **changes}
     body.pop("manifest_sha256")
-    body["manifest_sha256"] = bundle._manifest_digest(body)
+    body["manifest_sha256"] = manifests.digest_of(body)
     (directory / MANIFEST).write_text(json.dumps(body))
 
 
@@ -208,6 +216,10 @@ def resealed(directory: Path, **changes: object) -> None:
         ({"window": "32"}, "window"),
         ({"window": 0}, "window = 0"),
         ({"precision": "fp16"}, "'fp16'"),
+        ({"compute_time_ms": 20.5}, r"compute_time_ms = 20\.5: must be in 0\.\.budget_ms, which is 20\.0"),
+        ({"dataset_sha256": "0" * 63}, "dataset_sha256 = '0+': must be a SHA-256"),
+        ({"weights_sha256": None}, "weights_sha256"),
+        ({"created": "yesterday"}, "created = 'yesterday': must be a date"),
         ({"surprise": 1}, "surprise"),
         ({"operating_point": {"width": -1.0, "speed": 25.0, "density": 1.2}}, r"operating_point\.width"),
     ],
@@ -218,7 +230,7 @@ def test_manifest_that_makes_no_sense_is_refused_by_field(directory, changes, cu
         bundle.load(directory)
 
 
-@pytest.mark.parametrize("name", ["../evil", "a/b", "", "..", MANIFEST, "a\\b"])
+@pytest.mark.parametrize("name", ["../evil", "a/b", "", "..", MANIFEST, SIGNATURE, "a\\b"])
 def test_file_name_that_leads_elsewhere_is_refused(tmp_path, name):
     with pytest.raises(BundleError, match="plain file name"):
         bundle.write(tmp_path / "b", manifest(), {**CONTENTS, name: b""})
@@ -249,15 +261,3 @@ def test_scaling_must_be_positive():
     for bad in (replace(scaling, action_std=0.0), replace(scaling, pressure_std=(0.1, 0.2, 0.3, -0.4))):
         with pytest.raises(BundleError, match="must be positive"):
             manifest(scaling=bad)
-
-
-def test_duplicate_name_in_a_zip_does_not_smuggle_content(tmp_path, directory):
-    path = tmp_path / "twice.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        for item in directory.iterdir():
-            archive.writestr(item.name, item.read_bytes())
-        with pytest.warns(UserWarning, match="Duplicate"):
-            archive.writestr(CONTROLLER, b"another controller")
-    with pytest.raises(BundleError, match=r"controller\.onnx was altered"):
-        bundle.load(path)
-    shutil.rmtree(directory)

@@ -1,14 +1,20 @@
 """Releases: what is written loads and answers like the reference; what fails a gate is not written at all."""
 
+import re
+from datetime import date
+
 import numpy as np
 import onnxruntime
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import bundle
+from contract import bundle, signing
 from contract.config import ModelConfig, MpcConfig
 from contract.errors import ExportError, StillwakeError
 from contract.operating_point import OperatingPoint
 from export.bundle_writer import ReleaseReport, write_release
+from export.c_library import c_library
+from export.c_release import int8_library
 from export.program import ControllerProgram
 from export.quantisation_gate import QuantisationLimits
 from export.quantise import quantise
@@ -30,8 +36,12 @@ def release(path, program, **changes) -> ReleaseReport:
         "name": "test",
         "operating_point": OperatingPoint(),
         "budget_ms": 20.0,
+        "compute_time_ms": 8.0,
         "control_period": 0.2,
-        "provenance": {"dataset_sha256": "abc"},
+        "created": date(2026, 1, 2),
+        "dataset_sha256": "0" * 64,
+        "weights_sha256": "1" * 64,
+        "provenance": {"versions": {"torch": "2"}},
         "limits": LOOSE,
     }
     return write_release(path, program, **{**settings, **changes})
@@ -45,7 +55,10 @@ def test_a_written_release_loads_and_controls(tmp_path, program, name, precision
     manifest = loaded.manifest
     assert (manifest.sensors, manifest.window, manifest.mpc) == (program.sensors, program.window, program.mpc)
     assert (manifest.scaling, manifest.precision) == (program.scaling, precision)
-    assert manifest.provenance["dataset_sha256"] == "abc"
+    assert (manifest.created, manifest.compute_time_ms) == ("2026-01-02", 8.0)
+    assert (manifest.dataset_sha256, manifest.weights_sha256) == ("0" * 64, "1" * 64)
+    assert manifest.provenance["versions"] == {"torch": "2"}
+    assert loaded.signer is None
     assert manifest.provenance["export"]["parity"]["action"] == report.parity.action
     assert (report.quantisation is None) == (precision == "float32")
 
@@ -60,6 +73,22 @@ def test_a_written_release_loads_and_controls(tmp_path, program, name, precision
     effective = quantise(program) if precision == "int8" else program
     expected = control_step(effective, window.astype(float), plan.astype(float), free.astype(float))
     np.testing.assert_allclose(new_plan, expected.plan, atol=2.5e-5)
+
+
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+def test_a_bundle_and_a_c_library_of_one_program_name_the_same_program(tmp_path, program, precision):
+    calibration = [random_window(program, np.random.default_rng(i)) for i in range(3)]
+    release(tmp_path / "release", program, precision=precision, calibration=calibration)
+    library = c_library(program) if precision == "float32" else int8_library(program, calibration)
+    stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', library["sw_settings.h"].decode())
+    assert bundle.load(tmp_path / "release").manifest.program_sha256 == stated.group(1)
+
+
+def test_a_release_is_signed_with_the_key_given(tmp_path, program):
+    key = Ed25519PrivateKey.generate()
+    release(tmp_path / "release", program, key=key)
+    trusted = signing.public_key(key)
+    assert bundle.load(tmp_path / "release", trusted).signer == trusted
 
 
 def test_recorded_windows_are_used_by_the_gates(tmp_path, program):

@@ -92,6 +92,9 @@ def make_bundle(*, sensors: Sequence[str] = ("upper_39", "lower_39", "base_0", "
             force_std=(1.0, 1.0),
         ),
         "budget_ms": 20.0,
+        "compute_time_ms": 8.0,
+        "created": "2026-01-02",
+        **dict.fromkeys(("dataset_sha256", "weights_sha256", "program_sha256"), "0" * 64),
         "provenance": {},
     }
     return Bundle(manifest=Manifest(**{**facts, **changes}), files={}, digest="0123456789abcdef" * 4)

@@ -1,0 +1,147 @@
+"""Ed25519 signatures (RFC 8032) of release manifests: keys as PEM files, and the text that stands in `manifest.sig`.
+
+A signature is made over the very bytes of the manifest, so that nothing has to be parsed before it is verified. It
+stands in a file of its own with the public key it claims to be of:
+
+    stillwake-signature/1
+    key <32 bytes in hex>
+    signature <64 bytes in hex>
+
+The key in the file proves nothing by itself: it lets a reader say who signed, and only a key that the reader has from
+elsewhere makes a signature trusted.
+"""
+
+import hashlib
+import os
+import re
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from contract.errors import KeyFileError
+
+PRIVATE_KEY: Final = "release.key"
+PUBLIC_KEY: Final = "release.pub"
+
+_TEXT: Final = re.compile(rb"stillwake-signature/1\nkey ([0-9a-f]{64})\nsignature ([0-9a-f]{128})\n")
+_OWNER_ONLY: Final = 0o600
+_ALL_READ: Final = 0o644
+
+
+@dataclass(frozen=True)
+class PublicKey:
+    """An Ed25519 public key, 32 bytes."""
+
+    raw: bytes
+
+    @property
+    def fingerprint(self) -> str:
+        """First 16 bytes of its SHA-256, in hex: for people to compare. Programs compare whole keys."""
+        return hashlib.sha256(self.raw).hexdigest()[:32]
+
+
+def sign(key: Ed25519PrivateKey, data: bytes) -> bytes:
+    """The signature file's content for these bytes."""
+    return f"stillwake-signature/1\nkey {public_key(key).raw.hex()}\nsignature {key.sign(data).hex()}\n".encode()
+
+
+def signer(signature: bytes, data: bytes) -> PublicKey | None:
+    """Whose signature of these bytes a signature file holds.
+
+    Returns:
+        The key that the file names, or None if the signature is not its.
+
+    Raises:
+        ValueError: the file has not the form above.
+    """
+    match = _TEXT.fullmatch(signature)
+    if match is None:
+        raise ValueError("not of the form stillwake-signature/1")
+    raw, value = (bytes.fromhex(part.decode()) for part in match.groups())
+    try:
+        Ed25519PublicKey.from_public_bytes(raw).verify(value, data)
+    except (InvalidSignature, ValueError):
+        return None
+    return PublicKey(raw)
+
+
+def public_key(key: Ed25519PrivateKey) -> PublicKey:
+    """The public half."""
+    return PublicKey(key.public_key().public_bytes_raw())
+
+
+def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
+    """Write `release.key` (PKCS #8, readable by its owner alone) and `release.pub` into a folder, made if need be.
+
+    Raises:
+        KeyFileError: one of them is there already, or the folder cannot be written.
+    """
+    secret = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    written: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content, mode in ((PRIVATE_KEY, secret, _OWNER_ONLY), (PUBLIC_KEY, public, _ALL_READ)):
+            # Exclusive, and with its mode from the start: no moment in which others could read it.
+            with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+                written.append(folder / name)
+                file.write(content)
+    except FileExistsError as error:
+        _remove(written)
+        raise KeyFileError(f"{error.filename or folder}: is there already; keys are never overwritten") from error
+    except OSError as error:
+        _remove(written)
+        raise KeyFileError(f"cannot write keys into {folder}: {error.strerror or error}") from error
+    return public_key(key)
+
+
+def read_private_key(path: Path) -> Ed25519PrivateKey:
+    """Raises KeyFileError if the file is missing, encrypted, or not an Ed25519 private key in PEM."""
+    try:
+        key = serialization.load_pem_private_key(_read(path), password=None)
+    except TypeError as error:
+        raise KeyFileError(f"key {path}: is encrypted; must be a PEM file without a passphrase") from error
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise KeyFileError(f"key {path}: not a private key in PEM") from error
+    if not isinstance(key, Ed25519PrivateKey):
+        raise KeyFileError(f"key {path}: must be an Ed25519 key")
+    return key
+
+
+def read_public_key(path: Path) -> PublicKey:
+    """Raises KeyFileError if the file is missing or not an Ed25519 public key in PEM."""
+    return _parse_public(str(path), _read(path))
+
+
+def project_key() -> PublicKey:
+    """The key that the shipped bundle is signed with."""
+    return _parse_public(f"contract/{PUBLIC_KEY}", files("contract").joinpath(PUBLIC_KEY).read_bytes())
+
+
+def _parse_public(name: str, content: bytes) -> PublicKey:
+    try:
+        key = serialization.load_pem_public_key(content)
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise KeyFileError(f"key {name}: not a public key in PEM") from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise KeyFileError(f"key {name}: must be an Ed25519 key")
+    return PublicKey(key.public_bytes_raw())
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise KeyFileError(f"key {path}: {error.strerror or error}") from error
+
+
+def _remove(written: list[Path]) -> None:
+    for path in written:
+        path.unlink(missing_ok=True)
