@@ -57,7 +57,7 @@ def train(
 ) -> None:
     """Train the latent model, choose the sensors, distil the slim encoder, judge all on the test episodes.
 
-    The sensors are the SHAP ranking's best; --set 'train.selection="qr"' (greedy, random, hand) takes another method.
+    The sensors are the SHAP ranking's best; --set train.selection=qr (greedy, random, hand) takes another method.
     """
     from train.pipeline import train_all
 

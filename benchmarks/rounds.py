@@ -69,7 +69,9 @@ def _release(parts: Path, number: int, data: Path) -> Path:
     """Model, bundle and closed loop of a round; what is there already is kept."""
     model, bundle, run = (parts / f"{name}_{number}" for name in ("model", "bundle", "run"))
     if not (model / model_store.DESCRIPTION).is_file():
-        stillwake("train", model, "--dataset", data, "--resume")
+        # Sensors are drilled into the body once: later rounds keep the first one's.
+        fixed = ("--sensors", ",".join(model_store.load(parts / "model_0").sensors)) if number else ()
+        stillwake("train", model, "--dataset", data, "--resume", *fixed)
     if not bundle.exists():
         stillwake("export", model, bundle, "--dataset", data, "--name", f"truck-wake-round-{number}")
     if not run.with_suffix(".json").exists():

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import dacite
 
@@ -21,7 +21,8 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
 
     Args:
         path: a TOML file; None for the release settings.
-        overrides: `section.key=value` strings, the value in TOML syntax.
+        overrides: `section.key=value` strings, the value in TOML syntax; a bare word is a string, because shells
+            take the quotation marks away.
 
     Raises:
         ConfigError: unreadable file, unknown key, wrong type or value out of range.
@@ -41,6 +42,12 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
     _refuse_booleans(tree)
     try:
         return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
+    except dacite.WrongTypeError as error:
+        if get_origin(error.field_type) is Literal:
+            *most, last = map(repr, get_args(error.field_type))
+            known = f"{', '.join(most)} or {last}"
+            raise ConfigError(f"configuration: {error.field_path} = {error.value!r}: must be {known}") from error
+        raise ConfigError(f"configuration: {error}") from error
     except dacite.DaciteError as error:
         raise ConfigError(f"configuration: {error}") from error
 
@@ -71,7 +78,9 @@ def _apply(tree: dict[str, Any], text: str) -> None:
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"override {text!r}: {value!r} is not a TOML value") from error
+        if not value.strip().isidentifier():
+            raise ConfigError(f"override {text!r}: {value!r} is not a TOML value") from error
+        parsed = value.strip()
     *sections, leaf = key.strip().split(".")
     for section in sections:
         tree = tree.setdefault(section, {})

@@ -29,11 +29,14 @@ def test_tree_round_trip(horizon, lift, epochs):
 def test_file_then_overrides(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text("[mpc]\nhorizon = 10\n[mpc.weights]\nlift = 1\n")
-    config = load_config(path, ["mpc.weights.lift=2", 'bus.channel="can0"', "flow.reynolds = 100"])
+    config = load_config(
+        path, ["mpc.weights.lift=2", 'bus.channel="can0"', "flow.reynolds = 100", "train.selection=qr"]
+    )
     assert config.mpc.horizon == 10
     assert config.mpc.weights.lift == 2.0
     assert isinstance(config.mpc.weights.lift, float)
     assert config.bus.channel == "can0"
+    assert config.train.selection == "qr"
     assert config.flow.reynolds == 100.0
 
 
@@ -57,7 +60,9 @@ def test_file_then_overrides(tmp_path):
         ("mpc.horizon", "section.key=value"),
         ("=3", "section.key=value"),
         ("mpc.horizon=", "not a TOML value"),
-        ("mpc.horizon=one", "'one' is not a TOML value"),
+        ("mpc.horizon=one", 'mpc.horizon.*"one"'),
+        ("mpc.horizon=1 2", "'1 2' is not a TOML value"),
+        ("train.schedule=cosine", "train.schedule = 'cosine': must be 'constant' or 'one_cycle'"),
         ("mpc.horizon.deeper=1", "'horizon' is a value"),
     ],
 )

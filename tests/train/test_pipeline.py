@@ -81,6 +81,29 @@ def test_an_interrupted_run_goes_on_to_the_same_model(
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
 
 
+def test_another_method_s_choice_is_stored_and_survives_an_interruption(
+    recording: Path, small_config: Config, tmp_path: Path
+) -> None:
+    config = replace(small_config, train=replace(small_config.train, selection="greedy", shap_explained=5000))
+    phases: list[str] = []
+    whole = train_all(recording, config, tmp_path / "whole", progress=lambda *args: phases.append(args[0]))
+    assert "select" in phases
+    assert "rank" not in phases
+    assert model_store.load(tmp_path / "whole").ranking == {"method": "greedy", "order": list(whole.sensors)}
+
+    def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if now == "distil":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_all(recording, config, tmp_path / "resumed", progress=interrupt)
+    phases.clear()
+    resumed = tmp_path / "resumed"
+    train_all(recording, config, resumed, resume=True, progress=lambda *args: phases.append(args[0]))
+    assert not {"fit", "select"} & set(phases)
+    assert (resumed / "model.safetensors").read_bytes() == (tmp_path / "whole" / "model.safetensors").read_bytes()
+
+
 def test_a_resume_under_other_settings_is_refused(recording: Path, small_config: Config, tmp_path: Path) -> None:
     def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
         if now == "rank":

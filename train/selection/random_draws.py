@@ -3,6 +3,7 @@
 import numpy as np
 
 from contract import sensors
+from contract.errors import ConfigError
 from train.fit import Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
@@ -16,7 +17,9 @@ def draw(count: int, draws: int, seed: int) -> list[tuple[int, ...]]:
 def best_draw(
     student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
 ) -> tuple[int, ...]:
-    """The draw of which the ridge student makes the smallest error."""
+    """The draw of which the ridge student makes the smallest error; raises ConfigError without a draw."""
+    if draws < 1:
+        raise ConfigError(f"draws = {draws}: must be at least 1")
     best: tuple[int, ...] = ()
     least = np.inf
     for number, chosen in enumerate(draw(count, draws, seed)):

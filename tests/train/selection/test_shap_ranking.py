@@ -9,17 +9,10 @@ from torch import Tensor, nn
 
 from contract import sensors
 from contract.config import Config
-from contract.dataset import Dataset
 from contract.errors import ConfigError, DatasetError
 from train.model import WakeModel
 from train.selection.shap_ranking import Ranking, ShapRanker, rank
-from train.windows import Rows, fit_scaling, prepare
-
-
-@pytest.fixture
-def rows(small_recording: Dataset) -> Rows:
-    episodes = small_recording.with_role("train")
-    return prepare(episodes, fit_scaling(episodes), mirrored=True)
+from train.windows import Rows
 
 
 class Linear(nn.Module):
@@ -100,6 +93,12 @@ def test_sets_are_compared_without_their_order() -> None:
     assert ranking.top_sets(3)[1] == {"upper_05", "upper_03", "upper_08"}
     np.testing.assert_allclose(ranking.mean[[3, 5]], 9.5)
     np.testing.assert_allclose(ranking.std[[3, 7]], [np.sqrt(0.5), 8 / np.sqrt(2)])
+
+
+def test_differences_name_the_sensors_some_repeats_lack() -> None:
+    ranking = scored([3, 5, 7], [5, 3, 8], [3, 5, 8], [5, 3, 8])
+    assert ranking.differences(2) == {}
+    assert ranking.differences(3) == {"upper_07": 0.25, "upper_08": 0.75}
 
 
 @pytest.mark.parametrize("count", [0, 91])

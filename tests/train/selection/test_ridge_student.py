@@ -1,0 +1,77 @@
+"""The ridge student's error against numpy's least squares and against errors known in closed form."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from contract import sensors
+from contract.errors import DatasetError
+from train.model import Encoder
+from train.selection.ridge_student import RIDGE, lagged, ridge_student, sample
+from train.windows import Rows
+
+MakeRows = Callable[..., Rows]
+MakeTeacher = Callable[..., Encoder]
+
+
+def test_the_error_is_that_of_numpy_s_least_squares(listener: MakeTeacher, noise_rows: MakeRows) -> None:
+    teacher = listener((("upper_03", 0, 1.0), ("action", 4, 0.5)), (("base_2", 8, 1.0), ("lower_10", 3, 1.0)))
+    rows = noise_rows((500, 300))
+    rows.inputs[:, 20] += 2.0  # an offset, which the student's intercept must take up
+    student = ridge_student(teacher, rows, seed=3)
+    (x, z), (judged_x, judged_z) = sample(teacher, rows, seed=3)
+    chosen = [3, 20, 82]
+    columns = np.concatenate([np.arange(8) + 8 * index for index in (*chosen, sensors.COUNT)])
+    x, judged_x = x[:, columns], judged_x[:, columns]
+    mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)
+    # Ridge as ordinary least squares on rows of sqrt(n lambda) I added below.
+    below = np.sqrt(len(x) * RIDGE) * np.eye(len(columns))
+    weights = np.linalg.lstsq(
+        np.vstack([x - mean_x, below]), np.vstack([z - mean_z, np.zeros((len(columns), 2))]), rcond=None
+    )[0]
+    left = judged_z - mean_z - (judged_x - mean_x) @ weights
+    expected = np.square(left).sum() / np.square(judged_z - mean_z).sum()
+    assert 0.2 < expected < 0.9
+    assert student.error(chosen) == pytest.approx(expected, rel=1e-9)
+
+
+def test_lags_are_every_fourth_row_from_the_newest() -> None:
+    windows = np.arange(2 * 32 * 3, dtype=float).reshape(2, 32, 3)
+    lags = lagged(windows).reshape(2, 3, 8)
+    np.testing.assert_array_equal(lags[1, 2], windows[1, [31, 27, 23, 19, 15, 11, 7, 3], 2])
+
+
+def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(
+    listener: MakeTeacher, noise_rows: MakeRows
+) -> None:
+    # Only ages that are multiples of four are lags; the action is always one of the inputs.
+    teacher = listener((("upper_07", 12, 1.0), ("action", 28, 1.0)))
+    student = ridge_student(teacher, noise_rows((2000,)), seed=0)
+    assert student.error([7]) < 1e-7  # lambda squared, but for how the sample departs from unit variance
+    # Half the variance is the action's; 650 judged windows know it to a few per cent.
+    assert student.error([8]) == pytest.approx(0.5, abs=0.1)
+    deaf = ridge_student(listener((("upper_07", 13, 1.0),)), noise_rows((2000,)), seed=0)
+    assert deaf.error([7]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(
+    listener: MakeTeacher, noise_rows: MakeRows
+) -> None:
+    rows = noise_rows((60, 50))
+    rows.inputs[:, 0] = torch.arange(110.0)
+    (x, _), (judged_x, _) = sample(listener((("action", 0, 1.0),)), rows, seed=1)
+    newest, judged = set(x[:, 0].astype(int)), set(judged_x[:, 0].astype(int))
+    assert not newest & judged
+    assert newest | judged == {*range(31, 60), *range(91, 110)}
+
+
+def test_too_few_windows_and_a_teacher_without_opinion_are_refused(listener: MakeTeacher, noise_rows: MakeRows) -> None:
+    teacher = listener((("upper_07", 0, 1.0),))
+    with pytest.raises(DatasetError, match="5 windows, too few to fit and judge a student: must be at least 6"):
+        ridge_student(teacher, noise_rows((36,)), seed=0)
+    still = noise_rows((60,))
+    still = Rows(inputs=torch.zeros_like(still.inputs), actions=still.actions, forces=still.forces, lengths=(60,))
+    with pytest.raises(DatasetError, match="the same in all windows"):
+        ridge_student(teacher, still, seed=0)
