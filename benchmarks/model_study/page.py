@@ -13,6 +13,7 @@ from contract.atomic import replacing
 PAGE: Final = ROOT / "docs" / "model.md"
 
 _HEADS: Final = ("R2 Cd", "R2 Cl", "L1/sigma Cd", "L1/sigma Cl")
+_LOOP_HEADS: Final = ("less drag in the loop", "mean abs Cl there")
 _ERRORS: Final = tuple((force, kind) for kind in ("r2", "l1_over_sigma") for force in ("drag", "lift"))
 
 
@@ -44,6 +45,7 @@ def tables(results: Path) -> dict[str, str]:
         "widths": widths(found),
         "stream": stream(found["stream"]),
         "rounds": rounds(results),
+        "training": training(results),
     }
 
 
@@ -65,7 +67,7 @@ def unrolls(rows: Sequence[Mapping[str, Any]]) -> str:
         at = {item["horizon"]: item for item in row["rollout"]}
         grown = [f"{at[h]['drag']:.2f} / {at[h]['lift']:.2f}" for h in (1, 5, 10, 25, 50)]
         pair = "{:.2f} / {:.2f}".format(*paper[row["unroll"]])
-        lines.append((row["unroll"], *(row[f][k] for f, k in _ERRORS), *grown, pair, row["cpu_minutes"]))
+        lines.append((row["unroll"], *_errors(row), *grown, pair, f"{row['cpu_minutes']:.1f}"))
     ahead = tuple(f"h = {h}" for h in (1, 5, 10, 25, 50))
     return table(("k", *_HEADS, *ahead, "paper, h = 25", "CPU minutes"), lines)
 
@@ -112,8 +114,10 @@ def methods(found: Mapping[str, Any]) -> str:
         rows = [row for row in found["methods"] if row["method"] == choice["method"]]
         columns = [[row[force][kind] for row in rows] for force, kind in _ERRORS]
         cells = (f"{np.mean(column):.3f} ± {np.std(column, ddof=1):.3f}" for column in columns)
-        lines.append((choice["method"], ", ".join(choice["sensors"]), *cells, choice["cpu_seconds"]))
-    return table(("method", "sensors", *_HEADS, "CPU seconds"), lines)
+        loop = next(item for item in found["loops"] if item["variant"] == choice["method"])
+        seconds = "" if choice["cpu_seconds"] is None else f"{choice['cpu_seconds']:.1f}"
+        lines.append((choice["method"], ", ".join(choice["sensors"]), *cells, seconds, *_closed(loop)))
+    return table(("method", "sensors", *_HEADS, "CPU seconds", *_LOOP_HEADS), lines)
 
 
 def noise(found: Mapping[str, Any]) -> str:
@@ -140,11 +144,14 @@ def single(found: Mapping[str, Any]) -> str:
 
 def widths(found: Mapping[str, Any]) -> str:
     seed = found["seeds"][0]["metrics"]["slim"]
-    lines: list[tuple[object, ...]] = [("256/128, as trained", *_errors(seed), *_steps(seed), "")]
+    released = _closed(next(item for item in found["loops"] if item["variant"] == "shap"))
+    lines: list[tuple[object, ...]] = [("256/128, as trained", *_errors(seed), *_steps(seed), "", *released)]
     for row in found["widths"]:
         name = f"{row['dynamics']}/{row['decoder']}"
-        lines.append((name, *_errors(row), *_steps(row), row["cpu_minutes"]))
-    return table(("dynamics/decoder", *_HEADS, "h = 5", "h = 10", "h = 25", "CPU minutes"), lines)
+        loop = next((item for item in found["loops"] if item["variant"] == name.replace("/", "_")), None)
+        closed = _closed(loop) if loop is not None else ("", "")
+        lines.append((name, *_errors(row), *_steps(row), f"{row['cpu_minutes']:.1f}", *closed))
+    return table(("dynamics/decoder", *_HEADS, "h = 5", "h = 10", "h = 25", "CPU minutes", *_LOOP_HEADS), lines)
 
 
 def stream(found: Mapping[str, Any]) -> str:
@@ -166,9 +173,27 @@ def rounds(results: Path) -> str:
     return table(("round", "steps added", *heads, "mean abs Cl", "mean Cl", "rms action"), lines)
 
 
+def training(results: Path) -> str:
+    found = read(results / "training.json")["figures"]
+    lines = [
+        ("straightforward: every window read for itself by torch.nn.LSTM", found["straightforward_ms"]),
+        ("shared windows, own backward pass (`train.recurrence`)", found["shared_ms"]),
+        ("of it the LSTM", found["lstm_ms"]),
+        ("arithmetic floor of the step", found["step_floor_ms"]),
+        ("arithmetic floor of the LSTM", found["lstm_floor_ms"]),
+        ("LSTM read as a stream, as many latents", found["stream_lstm_ms"]),
+    ]
+    return table(("one step, batch of 512 samples, one thread", "ms"), [(name, f"{ms:.1f}") for name, ms in lines])
+
+
 def _side(loop: Mapping[str, float]) -> Iterator[str]:
     for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action"):
         yield f"{loop[name]:.3f}"
+
+
+def _closed(loop: Mapping[str, float]) -> Iterator[str]:
+    yield f"{loop['reduction_percent']:.1f} %"
+    yield f"{loop['abs_Cl_controlled']:.2f}"
 
 
 def _errors(row: Mapping[str, Any]) -> Iterator[str]:
