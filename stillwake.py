@@ -55,9 +55,28 @@ def train(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Train the latent model, choose the sensors, distil the slim encoder, judge all on the test episodes.
+    """Train the model of the wake offline, from a recording.
 
-    The sensors are the SHAP ranking's best; --set train.selection=qr (greedy, random, hand) takes another method.
+    Joint fit (paper, section 2.2): an LSTM encoder over the last 32 rows of
+    90 pressures and the action, residual latent dynamics and a force decoder,
+    together, on L_pred + force_weight L_force + variance_weight L_var +
+    covariance_weight L_cov, unrolled over train.unroll steps; then
+    train.finish.epochs more passes, unrolled over train.finish.unroll.
+
+    Sensor selection (2.3.1): the best train.sensors by mean |SHAP| of the
+    latents, train.shap_repeats times over; or train.selection = qr, greedy,
+    random or hand.
+
+    Distillation (2.3.2): a slim encoder on those sensors learns the latents
+    of the fitted one; with model.slim_dynamics_width and
+    model.slim_decoder_width, narrower dynamics and decoder learn its
+    roll-outs.
+
+    All are judged on the test episodes: R2 and L1/sigma of Cd and Cl, and
+    open-loop roll-outs of 5, 10 and 25 steps. Settings default to the
+    release's; --config takes a TOML file, --set one value, such as
+    --set train.epochs=300. Seed, recording, settings and machine decide the
+    model, also if the run is stopped and resumed.
     """
     from train.pipeline import train_all
 

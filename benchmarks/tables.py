@@ -5,6 +5,7 @@ from typing import Final
 
 from benchmarks import openfoam_tables, wake_tables
 from benchmarks.markdown import fill, read, table
+from benchmarks.model_study import page
 from contract.atomic import replacing
 
 ROOT: Final = Path(__file__).resolve().parent.parent
@@ -12,7 +13,7 @@ PAGE: Final = ROOT / "docs" / "results.md"
 README: Final = ROOT / "README.md"
 WAKE: Final = ROOT / "docs" / "wake.md"
 OPENFOAM: Final = ROOT / "docs" / "openfoam.md"
-FILLED: Final = (README, WAKE, OPENFOAM)
+FILLED: Final = (README, WAKE, OPENFOAM, page.PAGE)
 
 _HEADER: Final = """# Results
 
@@ -26,14 +27,15 @@ def render(results: Path) -> str:
     return "\n".join([_HEADER, *(part(results) for part in parts)])
 
 
-def render_filled(page: Path, results: Path) -> str:
+def render_filled(target: Path, results: Path) -> str:
     """A page of our own words with its tables replaced."""
     tables = {
         README: lambda: {"summary": _summary(results)},
         WAKE: lambda: wake_tables.tables(results),
+        page.PAGE: lambda: page.tables(results),
         OPENFOAM: lambda: {"plants": openfoam_tables.plants(results)},
-    }[page]()
-    return fill(page.read_text(encoding="utf-8"), tables)
+    }[target]()
+    return fill(target.read_text(encoding="utf-8"), tables)
 
 
 def _summary(results: Path) -> str:
@@ -135,29 +137,13 @@ many control steps after the shipped start: with the same sine, the wake locks o
 
 def _model(results: Path) -> str:
     found = read(results / "model.json")
-    rows = []
-    for name, label in (("teacher", "90 sensors"), ("slim", "4 sensors")):
-        part = found["figures"]["metrics"][name]
-        last = part["rollout"][-1]
-        rows.append(
-            (
-                label,
-                *(part[force][kind] for kind in ("r2", "l1_over_sigma") for force in ("drag", "lift")),
-                last["drag"],
-                last["lift"],
-            )
-        )
-    rows.append(("paper, 90 sensors", 0.94, 0.96, 0.19, 0.15, 0.76, 0.81))
-    heads = ("", "R2 Cd", "R2 Cl", "L1/sigma Cd", "L1/sigma Cl", "h = 25 Cd", "h = 25 Cl")
-    stable = ", ".join(f"{k}: {'yes' if same else 'no'}" for k, same in found["figures"]["stable"].items())
     return f"""## The model on the chirp ({found["date"]})
 
-    stillwake train runs/model --json results/model.json
+    python -m benchmarks.model_study --json results/model.json
 
-{table(heads, rows)}
+{page.summary(found["figures"]["seeds"])}
 
-Sensors by SHAP: {", ".join(found["figures"]["sensors"])}. Top sets identical over ten repeats: {stable}. Training took
-{found["facts"]["minutes"]:.0f} minutes on 2 cores.
+[model.md](model.md) has everything else: roll-outs, sensors, disturbances, narrower networks, rounds of data.
 """
 
 
@@ -240,7 +226,7 @@ to the mean flow.
 def main() -> None:
     """Write the pages."""
     results = ROOT / "results"
-    pages = {PAGE: render(results), **{page: render_filled(page, results) for page in FILLED}}
+    pages = {PAGE: render(results), **{target: render_filled(target, results) for target in FILLED}}
     for target, text in pages.items():
         with replacing(target) as temporary:
             temporary.write_text(text, encoding="utf-8")

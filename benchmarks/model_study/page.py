@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.commands import ROOT
 from benchmarks.markdown import fill, read, table
-from benchmarks.model_study.lab import ROOT
 from contract.atomic import replacing
 
 PAGE: Final = ROOT / "docs" / "model.md"
