@@ -155,6 +155,10 @@ class TrainConfig:
     distil_epochs: float = 300.0
     predictor_epochs: float = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on (ours)."""
+    sensor_noise: float = 0.0
+    """Of the slim encoder's inputs while it is distilled, and of the sensors compared by greedy and random selection:
+    standard deviation in global deviations of pressure (paper, appendix B). Noise-free, a sensor far upstream that
+    barely moves counts as much as one on the base (ours)."""
     sensors: int = 4
     selection: SelectionMethod = "shap"
     """How they are chosen; the others are what the paper's method is measured against (ours)."""
@@ -180,7 +184,15 @@ class TrainConfig:
         _require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
         for name in ("learning_rate", "epochs", "distil_epochs", "predictor_epochs"):
             _require(getattr(self, name) > 0, self, name, "positive")
-        for name in ("force_weight", "decode_weight", "variance_weight", "covariance_weight", "stream_epochs", "seed"):
+        for name in (
+            "force_weight",
+            "decode_weight",
+            "variance_weight",
+            "covariance_weight",
+            "stream_epochs",
+            "sensor_noise",
+            "seed",
+        ):
             _require(getattr(self, name) >= 0, self, name, "non-negative")
 
 

@@ -16,7 +16,7 @@ from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
 from train.loss import prediction_loss
 from train.model import Encoder
 from train.streaming import fit_stream
-from train.windows import Rows, SegmentSampler
+from train.windows import Rows, SegmentSampler, noisy
 
 _CHUNK = 1024
 """Windows encoded at a time: their gates stay in the processor's cache."""
@@ -60,6 +60,7 @@ def distil(
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
+    noise = slim_rows.noise(settings.sensor_noise)
     # No unroll here, and few inputs: sharing between neighbours would save nothing, so windows are drawn one by one.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
@@ -73,7 +74,7 @@ def distil(
             fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
 
         def loss(step: int) -> dict[str, Tensor]:
-            batch = sampler.batch(step)
+            batch = noisy(sampler.batch(step), noise)
             return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
 
         optimise(slim, loss, schedule, phase="distil", progress=progress, checkpoints=checkpoints)

@@ -1,8 +1,8 @@
 """What the model says when its sensors do not tell the truth, and where along a recording it errs (paper, appendices
 A and B; bias, drift and dead sensors are what the paper leaves open).
 
-Every fault is a function from rows to rows. Sensors are disturbed in units of the global deviation: the standard
-deviation of all 90 pressures together over the training data, so that one level means the same pressure everywhere.
+Every fault is a function from rows to rows. Sensors are disturbed in units of the global deviation
+(`train.windows.global_deviation`), so that one level means the same pressure everywhere.
 """
 
 from collections.abc import Callable
@@ -13,29 +13,17 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from contract.bundle import Scaling
 from contract.errors import ConfigError
 from train.windows import Rows
 
 Fault = Callable[[Rows], Rows]
 
 
-def global_deviation(scaling: Scaling) -> float:
-    """Standard deviation of all 90 pressures taken together, in Cp, each about its own mean."""
-    return float(np.sqrt(np.square(scaling.pressure_std).mean()))
-
-
-def unit_steps(scaling: Scaling, chosen: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
-    """(N,) one global deviation in each chosen sensor's standardised pressure."""
-    steps: npt.NDArray[np.float64] = global_deviation(scaling) / np.array(scaling.pressure_std)[chosen]
-    return steps
-
-
 def noise(level: float, unit: npt.NDArray[np.float64], seed: int) -> Fault:
     """White Gaussian noise of `level` global deviations on every sensor, independent.
 
     Args:
-        unit: (N,) from `unit_steps`, for the N sensors of the rows it is applied to.
+        unit: (N,) from `train.windows.unit_steps`, for the N sensors of the rows it is applied to.
     """
     if level < 0:
         raise ConfigError(f"noise level {level}: must be non-negative")

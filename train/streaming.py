@@ -14,7 +14,7 @@ from contract.config import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, silent
 from train.loss import prediction_loss
 from train.model import Encoder
-from train.windows import Rows, SegmentSampler
+from train.windows import Rows, SegmentSampler, noisy
 
 STRETCH = 64
 """Latents learned from in one pass over a stretch."""
@@ -58,12 +58,13 @@ def fit_stream(
     sampler = SegmentSampler(
         rows, window=window, ahead=0, segment=STRETCH, batch_size=settings.batch_size * _MORE, seed=settings.seed
     )
+    noise = rows.noise(settings.sensor_noise)
     schedule = Schedule(
         steps=sampler.steps(settings.stream_epochs), learning_rate=settings.learning_rate, shape=settings.schedule
     )
 
     def loss(step: int) -> dict[str, Tensor]:
-        batch = sampler.batch(step)
+        batch = noisy(sampler.batch(step), noise)
         hidden, _ = student.lstm(batch.inputs)
         return {"total": prediction_loss(student.read_out(hidden[:, window - 1 :]), target[batch.ends])}
 

@@ -6,7 +6,7 @@ the dynamics see, and the forces (Cd_k, Cl_k).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from torch import Tensor
 from contract import sensors
 from contract.bundle import Scaling
 from contract.dataset import Episode
-from contract.errors import DatasetError
+from contract.errors import ConfigError, DatasetError
 
 Array = npt.NDArray[np.float64]
 
@@ -53,6 +53,17 @@ def fit_scaling(episodes: Sequence[Episode]) -> Scaling:
     )
 
 
+def global_deviation(scaling: Scaling) -> float:
+    """Standard deviation of all 90 pressures taken together, in Cp, each about its own mean (paper, appendix B)."""
+    return float(np.sqrt(np.square(scaling.pressure_std).mean()))
+
+
+def unit_steps(scaling: Scaling, chosen: npt.NDArray[np.intp]) -> Array:
+    """(N,) one global deviation in each chosen sensor's standardised pressure."""
+    steps: Array = global_deviation(scaling) / np.array(scaling.pressure_std)[chosen]
+    return steps
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
     """Standardised episodes, one after the other, single precision.
@@ -62,20 +73,23 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; sums to n.
+        unit: (90,) one global deviation of pressure in each sensor's column; None where the scaling is not known.
     """
 
     inputs: Tensor
     actions: Tensor
     forces: Tensor
     lengths: tuple[int, ...]
+    unit: Tensor | None = None
 
     def to(self, device: torch.device) -> "Rows":
         """The same rows in the memory of `device`."""
-        return Rows(
+        return replace(
+            self,
             inputs=self.inputs.to(device),
             actions=self.actions.to(device),
             forces=self.forces.to(device),
-            lengths=self.lengths,
+            unit=None if self.unit is None else self.unit.to(device),
         )
 
     def spans(self) -> Iterator[slice]:
@@ -88,7 +102,21 @@ class Rows:
     def with_sensors(self, chosen: npt.NDArray[np.intp]) -> "Rows":
         """Only the columns of the chosen sensors, in that order, and the action."""
         columns = torch.as_tensor(np.append(chosen, sensors.COUNT), device=self.inputs.device)
-        return Rows(inputs=self.inputs[:, columns], actions=self.actions, forces=self.forces, lengths=self.lengths)
+        return replace(
+            self, inputs=self.inputs[:, columns], unit=None if self.unit is None else self.unit[columns[:-1]]
+        )
+
+    def noise(self, level: float) -> Tensor:
+        """(N,) standard deviation of noise of `level` global deviations, in each sensor's column; zero at level 0.
+
+        Raises:
+            ConfigError: if the rows do not know what a global deviation is.
+        """
+        if self.unit is None:
+            if level:
+                raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
+            return self.inputs.new_zeros(self.inputs.shape[1] - 1)
+        return level * self.unit
 
 
 def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool) -> Rows:
@@ -113,6 +141,7 @@ def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool) ->
         actions=_joined(actions),
         forces=_joined(forces),
         lengths=tuple(len(rows) for rows in actions),
+        unit=torch.from_numpy(unit_steps(scaling, np.arange(sensors.COUNT)).astype(np.float32)),
     )
 
 
@@ -131,6 +160,14 @@ class Batch:
     actions: Tensor
     forces: Tensor
     ends: Tensor
+
+
+def noisy(batch: Batch, deviation: Tensor) -> Batch:
+    """The batch with white noise of these deviations (N,) on its sensors, from torch's generator; as it is at zero."""
+    if not bool(deviation.any()):
+        return batch
+    noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation
+    return replace(batch, inputs=torch.cat([batch.inputs[..., :-1] + noise, batch.inputs[..., -1:]], dim=-1))
 
 
 class SegmentSampler:

@@ -12,8 +12,8 @@ from contract.bundle import Scaling
 from train.distil import encode_all
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel
-from train.robustness import Fault, bias, dead, drift, noise, sliding_error, unit_steps
-from train.windows import Rows, prepare
+from train.robustness import Fault, bias, dead, drift, noise, sliding_error
+from train.windows import Rows, prepare, unit_steps
 from wake.episode_plan import EpisodePlan
 from wake.recorder import record
 

@@ -25,6 +25,10 @@ from train.windows import Rows, fit_scaling, prepare
 ROOT: Final = Path(__file__).resolve().parents[2]
 PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 
+STREAM_EPOCHS: Final = 75.0
+DISTIL_EPOCHS: Final = 1.0
+"""Half of the release's, for students that are only compared with each other."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Lab:
@@ -106,7 +110,9 @@ def test_rows(role: str = "test") -> Rows:
 def student(lab: Lab, teacher: WakeModel, names: tuple[str, ...], seed: int) -> tuple[Encoder, dict[str, Any]]:
     """A slim encoder on these sensors, and its figures on the chirp with the teacher's dynamics and decoder."""
     chosen = sensors.indices(names)
-    slim = distil(teacher.encoder, training_rows(), chosen, lab.seeded(seed))
+    config = lab.seeded(seed)
+    shorter = replace(config.train, stream_epochs=STREAM_EPOCHS, distil_epochs=DISTIL_EPOCHS)
+    slim = distil(teacher.encoder, training_rows(), chosen, replace(config, train=shorter))
     found = evaluate(slim, teacher, test_rows().with_sensors(chosen)).as_tree()
     return slim, {"sensors": list(names), "seed": seed, **found}
 

@@ -38,7 +38,9 @@ def test_covariance_loss_against_the_formula() -> None:
 def test_joint_loss_against_a_sample_by_sample_unroll(segment: int) -> None:
     torch.manual_seed(0)
     steps, window, segments = 2, 4, 5
-    settings = TrainConfig(unroll=steps, force_weight=0.3, variance_weight=0.7, covariance_weight=0.4)
+    settings = TrainConfig(
+        unroll=steps, force_weight=0.3, decode_weight=0.6, variance_weight=0.7, covariance_weight=0.4
+    )
     config = ModelConfig(window=window, latent=3, lstm_width=5, dynamics_width=6, decoder_width=7, dropout=0.0)
     model = WakeModel(6, config)
     ends = segment + steps
@@ -53,26 +55,31 @@ def test_joint_loss_against_a_sample_by_sample_unroll(segment: int) -> None:
     def encode(row: torch.Tensor, end: int) -> torch.Tensor:
         return model.encoder(row[None, end : end + window])[0]
 
-    squares, forces, latents = [], [], [[] for _ in range(steps)]
+    def smooth_l1(z: torch.Tensor, forces: torch.Tensor) -> torch.Tensor:
+        error = (model.decoder(z) - forces).abs()
+        return torch.where(error < 1, 0.5 * error**2, error - 0.5).mean()
+
+    squares, forces, decoded, latents = [], [], [], [[] for _ in range(steps)]
     for s in range(segments):
+        decoded += [smooth_l1(encode(batch.inputs[s], end), batch.forces[s, end]) for end in range(ends)]
         for j in range(segment):
             z = encode(batch.inputs[s], j)
             for i in range(1, steps + 1):
                 z = model.dynamics(z, batch.actions[s, j + i - 1])
                 squares.append((z - encode(batch.inputs[s], j + i)).square().mean())
-                error = (model.decoder(z) - batch.forces[s, j + i]).abs()
-                forces.append(torch.where(error < 1, 0.5 * error**2, error - 0.5).mean())
+                forces.append(smooth_l1(z, batch.forces[s, j + i]))
                 latents[i - 1].append(z)
     stacked = [torch.stack(step) for step in latents]
-    prediction, force = torch.stack(squares).mean(), torch.stack(forces).mean()
+    prediction, force, decode = (torch.stack(values).mean() for values in (squares, forces, decoded))
     variance = torch.stack([variance_loss(z) for z in stacked]).mean()
     covariance = torch.stack([covariance_loss(z) for z in stacked]).mean()
     expected = {
         "prediction": prediction,
         "force": force,
+        "decode": decode,
         "variance": variance,
         "covariance": covariance,
-        "total": prediction + 0.3 * force + 0.7 * variance + 0.4 * covariance,
+        "total": prediction + 0.3 * force + 0.6 * decode + 0.7 * variance + 0.4 * covariance,
     }
     for name, value in terms.as_dict().items():
         torch.testing.assert_close(value, expected[name], rtol=1e-5, atol=1e-6)

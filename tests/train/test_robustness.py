@@ -6,8 +6,8 @@ import torch
 
 from contract.bundle import Scaling
 from contract.errors import ConfigError
-from train.robustness import bias, dead, drift, global_deviation, noise, sliding_error, unit_steps
-from train.windows import Rows
+from train.robustness import bias, dead, drift, noise, sliding_error
+from train.windows import Rows, global_deviation, unit_steps
 
 
 @pytest.fixture

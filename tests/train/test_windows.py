@@ -8,8 +8,8 @@ import torch
 
 from contract import sensors
 from contract.dataset import Dataset, Episode
-from contract.errors import DatasetError
-from train.windows import Rows, SegmentSampler, fit_scaling, prepare
+from contract.errors import ConfigError, DatasetError
+from train.windows import Rows, SegmentSampler, fit_scaling, noisy, prepare
 
 WINDOW, AHEAD = 8, 5
 
@@ -140,3 +140,24 @@ def test_a_signal_that_never_changes_is_refused(small_recording: Dataset, series
 def test_chosen_sensors_keep_their_order_and_the_action(rows: Rows) -> None:
     slim = rows.with_sensors(sensors.indices(["base_9", "upper_02"]))
     assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])
+
+
+def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording: Dataset) -> None:
+    episodes = small_recording.with_role("train")
+    scaling = fit_scaling(episodes)
+    rows = prepare(episodes, scaling, mirrored=False)
+    chosen = sensors.indices(["upper_00", "base_0"])
+    few = rows.with_sensors(chosen)
+    physical = few.noise(0.3).numpy() * np.array(scaling.pressure_std)[chosen]
+    assert physical == pytest.approx(0.3 * np.sqrt(np.square(scaling.pressure_std).mean()), rel=1e-5)
+    batch = SegmentSampler(few, window=12, ahead=0, segment=8, batch_size=256, seed=0).batch(0)
+    torch.manual_seed(0)
+    change = noisy(batch, few.noise(0.3)).inputs - batch.inputs
+    assert bool((change[..., -1] == 0).all())
+    # some 600 draws a column: 3 % on a deviation
+    assert change[..., :-1].flatten(0, 1).std(dim=0).numpy() == pytest.approx(few.noise(0.3).numpy(), rel=0.1)
+    assert noisy(batch, few.noise(0.0)) is batch
+    bare = Rows(inputs=rows.inputs, actions=rows.actions, forces=rows.forces, lengths=rows.lengths)
+    assert noisy(batch, bare.with_sensors(chosen).noise(0.0)) is batch
+    with pytest.raises(ConfigError, match=r"sensor noise 0\.1: these rows"):
+        bare.noise(0.1)

@@ -63,7 +63,7 @@ def select(
     else:
         # Neighbouring run seeds, and the two uses of one, must not share draws.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
-        student = ridge_student(encoder, rows, windows)
+        student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":
             chosen = forward(student, count, progress=progress)
         else:

@@ -77,6 +77,7 @@ class RidgeStudent:
         judged_cross: (F, N_z) of their lags and latents.
         judged_power: mean square of their latents, summed over N_z.
         lags: of each column.
+        noise_power: (91,) mean square of the noise on each column.
     """
 
     gram: Array
@@ -85,21 +86,25 @@ class RidgeStudent:
     judged_cross: Array
     judged_power: float
     lags: int
+    noise_power: Array
 
     def error(self, chosen: Sequence[int]) -> float:
         """Share of the judged latents' mean square that the student on those sensors and the action leaves."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), sensors.COUNT)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)
-        regular = self.gram[block] + RIDGE * np.eye(len(places))
+        noise = np.diag(self.noise_power[columns].repeat(self.lags))
+        regular = self.gram[block] + noise + RIDGE * np.eye(len(places))
         weights = scipy.linalg.cho_solve(scipy.linalg.cho_factor(regular), self.cross[places])
         explained = 2.0 * np.sum(weights * self.judged_cross[places])
-        explained -= np.sum(weights * (self.judged_gram[block] @ weights))
+        explained -= np.sum(weights * ((self.judged_gram[block] + noise) @ weights))
         return float(1.0 - explained / self.judged_power)
 
 
-def ridge_student(encoder: Encoder, rows: Rows, seed: int) -> RidgeStudent:
-    """The student of that encoder, with windows drawn by `seed`.
+def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> RidgeStudent:
+    """The student of that encoder, with windows drawn by `seed` and sensors that noise of that level disturbs.
+
+    White noise only adds its power to the diagonal of the lags' products, so none has to be drawn.
 
     Raises:
         DatasetError: if there are too few windows, or the encoder says the same of all of them.
@@ -117,4 +122,5 @@ def ridge_student(encoder: Encoder, rows: Rows, seed: int) -> RidgeStudent:
         judged_cross=judged_x.T @ judged_z / len(judged_x),
         judged_power=power,
         lags=-(-encoder.window // STRIDE),
+        noise_power=np.append(np.square(rows.noise(sensor_noise).cpu().numpy().astype(np.float64)), 0.0),
     )

@@ -1,6 +1,7 @@
 """The ridge student's error against numpy's least squares and against errors known in closed form."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,3 +76,17 @@ def test_too_few_windows_and_a_teacher_without_opinion_are_refused(listener: Mak
     still = Rows(inputs=torch.zeros_like(still.inputs), actions=still.actions, forces=still.forces, lengths=(60,))
     with pytest.raises(DatasetError, match="the same in all windows"):
         ridge_student(teacher, still, seed=0)
+
+
+def test_noise_on_the_sensors_is_priced_as_if_it_had_been_drawn(listener: MakeTeacher, noise_rows: MakeRows) -> None:
+    teacher = listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
+    clean = noise_rows((6000,))
+    unit = torch.full((90,), 1.0)
+    unit[7] = 4.0
+    rows = replace(clean, unit=unit)
+    student = ridge_student(teacher, rows, seed=0, sensor_noise=0.5)
+    chosen = (7, 82)
+    # One sensor, one lag, unit variance: the best weight leaves noise / (1 + noise) of its power.
+    left = (1.0 * 4.0 / (1 + 4.0) + 0.25 * 0.25 / (1 + 0.25)) / 1.25
+    assert student.error(chosen) == pytest.approx(left, rel=0.05)
+    assert ridge_student(teacher, rows, seed=0).error(chosen) < 0.01
