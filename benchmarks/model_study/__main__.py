@@ -70,6 +70,7 @@ def collected(lab: Lab) -> dict[str, Any]:
         "unrolls": [found("unroll", steps) for steps in UNROLLS],
         "widths": [found("width", *widths) for widths in WIDTHS],
         "stream": found("stream"),
+        "hardened": found("hardened"),
         "loops": [found("loop", name) for name in LOOPS],
         "disturbed": found("disturbed"),
         "correlation": correlation(lab.model().sensors),

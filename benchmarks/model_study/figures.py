@@ -32,7 +32,7 @@ def draw_all(results: Path, lab: Lab) -> None:
         "model_sensors": error_by_count(found["counts"]),
         "model_growth": growth(found["seeds"], found["unrolls"]),
         "model_extended": extended(found["disturbed"]["extended"]),
-        "model_noise": noise(found["disturbed"]["noise"]),
+        "model_noise": noise(found["disturbed"]),
         "model_selection": selection(found),
     }
     for name, figure in drawn.items():
@@ -175,7 +175,11 @@ def extended(found: Mapping[str, Any]) -> Figure:
     for column, (_, label, _) in enumerate(FORCES):
         axes: Axes = grid[column]
         axes.axvspan(*BAND, color="#e5f5e0")
-        for who, colour, title in (("teacher", "0.4", "90 sensors"), ("slim", DRAG, "4 sensors")):
+        for who, colour, title in (
+            ("teacher", "0.4", "90 sensors"),
+            ("shap", LIFT, "4 by SHAP"),
+            ("hardened", DRAG, "4 by greedy selection under noise"),
+        ):
             axes.plot(found["frequency"], np.array(found[who])[:, column], color=colour, linewidth=1.2, label=title)
         axes.set_ylabel(rf"{label}: $L_1/\sigma$")
         axes.set_ylim(bottom=0)
@@ -185,16 +189,19 @@ def extended(found: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def noise(rows: list[Mapping[str, Any]]) -> Figure:
+def noise(found: Mapping[str, Any]) -> Figure:
     """Four sensors under white noise (paper, figure 15)."""
-    figure = Figure(figsize=(9.0, 3.2), dpi=100, layout="constrained")
+    figure = Figure(figsize=(9.0, 3.4), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
-    x = [100 * row["level"] for row in rows]
-    for name, label, colour in FORCES:
-        left.plot(x, [row[name]["l1_over_sigma"] for row in rows], "o-", color=colour, label=label, markersize=4)
-        right.plot(x, [row[name]["r2"] for row in rows], "o-", color=colour, label=label, markersize=4)
+    for who, style, title in (("shap", "o:", "by SHAP"), ("hardened", "o-", "greedy under noise")):
+        rows = found[who]["noise"]
+        x = [100 * row["level"] for row in rows]
+        for name, label, colour in FORCES:
+            said = {"color": colour, "label": f"{label}, {title}", "markersize": 4}
+            left.plot(x, [row[name]["l1_over_sigma"] for row in rows], style, **said)
+            right.plot(x, [row[name]["r2"] for row in rows], style, **said)
     left.set(ylabel=r"$L_1/\sigma$", ylim=(0, None))
-    right.set(ylabel="$R^2$")
+    right.set(ylabel="$R^2$", ylim=(-0.5, 1.02))
     for axes in (left, right):
         axes.set_xlabel("noise, % of the global deviation")
         axes.grid(color="0.92")

@@ -114,26 +114,32 @@ def methods(found: Mapping[str, Any]) -> str:
         rows = [row for row in found["methods"] if row["method"] == choice["method"]]
         columns = [[row[force][kind] for row in rows] for force, kind in _ERRORS]
         cells = (f"{np.mean(column):.3f} ± {np.std(column, ddof=1):.3f}" for column in columns)
-        loop = next(item for item in found["loops"] if item["variant"] == choice["method"])
+        loop = _loop(found, choice["method"])
         seconds = "" if choice["cpu_seconds"] is None else f"{choice['cpu_seconds']:.1f}"
         lines.append((choice["method"], ", ".join(choice["sensors"]), *cells, seconds, *_closed(loop)))
+    ours = found["hardened"]
+    name, said = "greedy, chosen and distilled under noise, in full", ", ".join(ours["sensors"])
+    lines.append((name, said, *_errors(ours), "", *_closed(_loop(found, "hardened"))))
     return table(("method", "sensors", *_HEADS, "CPU seconds", *_LOOP_HEADS), lines)
 
 
 def noise(found: Mapping[str, Any]) -> str:
-    lines = [(f"{row['level']:.0%}", *_errors(row)) for row in found["noise"]]
-    return table(("noise", *_HEADS), lines)
+    pairs = zip(found["shap"]["noise"], found["hardened"]["noise"], strict=True)
+    lines = [(f"{one['level']:.0%}", *_errors(one), *_errors(two)) for one, two in pairs]
+    heads = (f"{who}: {head}" for who in ("SHAP", "release") for head in _HEADS)
+    return table(("noise", *heads), lines)
 
 
 def single(found: Mapping[str, Any]) -> str:
-    """The worst sensor for each fault, and all of them for a dead one."""
+    """The release's sensors: the worst for each fault, and all of them for a dead one."""
     lines: list[tuple[object, ...]] = []
-    for row in found["single"]:
+    rows = found["hardened"]["single"]
+    for row in rows:
         if row["fault"] == "dead":
             lines.append((f"{row['sensor']} dead", *_errors(row)))
     for fault in ("bias", "drift"):
-        for level in sorted({row["level"] for row in found["single"] if row["fault"] == fault}):
-            alike = [row for row in found["single"] if (row["fault"], row["level"]) == (fault, level)]
+        for level in sorted({row["level"] for row in rows if row["fault"] == fault}):
+            alike = [row for row in rows if (row["fault"], row["level"]) == (fault, level)]
             worst = max(alike, key=lambda row: float(row["drag"]["l1_over_sigma"]))
             lines.append((f"{fault} {level:.0%}, worst of four: {worst['sensor']}", *_errors(worst)))
     larger = found["amplitude"]
@@ -144,7 +150,7 @@ def single(found: Mapping[str, Any]) -> str:
 
 def widths(found: Mapping[str, Any]) -> str:
     seed = found["seeds"][0]["metrics"]["slim"]
-    released = _closed(next(item for item in found["loops"] if item["variant"] == "shap"))
+    released = _closed(_loop(found, "shap"))
     lines: list[tuple[object, ...]] = [("256/128, as trained", *_errors(seed), *_steps(seed), "", *released)]
     for row in found["widths"]:
         name = f"{row['dynamics']}/{row['decoder']}"
@@ -189,6 +195,11 @@ def training(results: Path) -> str:
 def _side(loop: Mapping[str, float]) -> Iterator[str]:
     for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action"):
         yield f"{loop[name]:.3f}"
+
+
+def _loop(found: Mapping[str, Any], variant: str) -> Mapping[str, float]:
+    loop: Mapping[str, float] = next(item for item in found["loops"] if item["variant"] == variant)
+    return loop
 
 
 def _closed(loop: Mapping[str, float]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from benchmarks.model_study import disturbed
 from benchmarks.model_study.lab import PAPER, Lab, scaling, student, test_rows, training_rows
 from contract import sensors
 from train import model_store
-from train.distil import encode_all
+from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import evaluate, judge, latent_error
 from train.fit import fit_joint, seeded
@@ -30,7 +30,9 @@ UNROLL_EPOCHS: Final = 10.0
 """Of the models that are trained with different unrolls, all alike; a quarter of the release's."""
 GROWTH: Final = tuple(range(1, 51))
 WIDTHS: Final = ((192, 96), (128, 64), (96, 64), (64, 32))
-LOOPS: Final = (*METHODS, "128_64", "96_64", "64_32")
+HARDENED: Final = 0.05
+"""The release's `train.sensor_noise`."""
+LOOPS: Final = (*METHODS, "hardened", "128_64", "96_64", "64_32")
 """Variants that close the loop: a method's sensors, or narrower networks."""
 
 
@@ -50,14 +52,17 @@ def stages() -> Iterator[Sequence[Part]]:
     """Parts that may run side by side, stage after stage."""
     yield [Part(kind="model", arguments=(seed,)) for seed in SEEDS]
     yield [
-        Part(kind="disturbed"),
+        Part(kind="hardened"),
         *(Part(kind="choice", arguments=(method,)) for method in METHODS),
         *(Part(kind="count", arguments=(count,)) for count in COUNTS),
         *(Part(kind="without", arguments=(place,)) for place in range(4)),
         *(Part(kind="width", arguments=widths) for widths in WIDTHS),
         Part(kind="stream"),
     ]
-    yield [Part(kind="method", arguments=(method, seed)) for method in METHODS for seed in SEEDS]
+    yield [
+        Part(kind="disturbed"),
+        *(Part(kind="method", arguments=(method, seed)) for method in METHODS for seed in SEEDS),
+    ]
     yield [Part(kind="loop", arguments=(name,)) for name in LOOPS]
     yield [Part(kind="unroll", arguments=(unroll,)) for unroll in UNROLLS]
 
@@ -117,6 +122,17 @@ def method(lab: Lab, name: Method, seed: int) -> dict[str, Any]:
     if seed == SEEDS[0]:
         model_store.save(lab.variant(name), replace(lab.model(), slim=slim, sensors=names))
     return {"method": name, **found}
+
+
+def hardened(lab: Lab) -> dict[str, Any]:
+    """The release's way: sensors chosen, and the encoder distilled, under noise of `HARDENED` global deviations."""
+    trained = lab.model()
+    settings = replace(lab.config.train, selection="greedy", sensor_noise=HARDENED)
+    names = select("greedy", trained.teacher.encoder, training_rows(), settings.sensors, settings=settings)
+    chosen = sensors.indices(names)
+    slim = distil(trained.teacher.encoder, training_rows(), chosen, replace(lab.config, train=settings))
+    model_store.save(lab.variant("hardened"), replace(trained, slim=slim, sensors=names))
+    return {"sensors": list(names), **evaluate(slim, trained.teacher, test_rows().with_sensors(chosen)).as_tree()}
 
 
 def unroll(lab: Lab, steps: int) -> dict[str, Any]:
@@ -209,6 +225,7 @@ KINDS: Final[Mapping[str, Callable[..., Any]]] = {
     "method": method,
     "unroll": unroll,
     "width": width,
+    "hardened": hardened,
     "loop": loop,
     "stream": stream,
     "disturbed": lambda lab: disturbed.measure(lab, scaling()),
