@@ -13,6 +13,7 @@ from benchmarks.markdown import read
 from benchmarks.model_study import disturbed
 from benchmarks.model_study.lab import PAPER, Lab, scaling, student, test_rows, training_rows
 from contract import sensors
+from contract.config import FinishConfig
 from train import model_store
 from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
@@ -69,7 +70,6 @@ def stages() -> Iterator[Sequence[Part]]:
 
 def model(lab: Lab, seed: int) -> dict[str, Any]:
     """The whole training with this seed, as `stillwake train` does it."""
-    began = time.process_time()
     path = lab.model_path(seed)
     if not path.exists():
         train_all(PAPER, lab.seeded(seed), path, resume=True)
@@ -79,7 +79,6 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
     slim_rows = rows.with_sensors(sensors.indices(trained.sensors))
     return {
         "seed": seed,
-        "cpu_minutes": (time.process_time() - began) / 60.0,
         "sensors": list(trained.sensors),
         "metrics": dict(trained.metrics),
         "ranking": dict(trained.ranking),
@@ -138,7 +137,7 @@ def hardened(lab: Lab) -> dict[str, Any]:
 def unroll(lab: Lab, steps: int) -> dict[str, Any]:
     """A teacher trained with another unroll k: how its roll-outs err, and what it cost."""
     began = time.process_time()
-    settings = replace(lab.config.train, unroll=steps, epochs=UNROLL_EPOCHS)
+    settings = replace(lab.config.train, unroll=steps, epochs=UNROLL_EPOCHS, finish=FinishConfig())
     trained = fit_joint(training_rows(), replace(lab.config, train=settings))
     cpu = (time.process_time() - began) / 60.0
     return {"unroll": steps, "cpu_minutes": cpu, **_grown(trained.encoder, trained)}
