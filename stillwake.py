@@ -300,16 +300,14 @@ app.command()(stillwake_pictures.animate)
 
 
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:
-    table = Table("test episodes", "R2 Cd", "R2 Cl", "L1/sigma Cd", "L1/sigma Cl", "roll-out L1/sigma Cd / Cl")
-    for name in ("teacher", "slim"):
-        part = metrics[name]
-        rollout = "  ".join(f"h={r['horizon']}: {r['drag']:.2f} / {r['lift']:.2f}" for r in part["rollout"])
-        table.add_row(
-            name,
-            *(f"{part[force]['r2']:.3f}" for force in ("drag", "lift")),
-            *(f"{part[force]['l1_over_sigma']:.3f}" for force in ("drag", "lift")),
-            rollout,
-        )
+    ahead = [f"h={item['horizon']}" for item in metrics["teacher"]["rollout"]]
+    table = Table("test episodes: Cd / Cl", "R2", "L1/sigma", *ahead)
+    # "deployed" is there if dynamics and decoder were slimmed, too.
+    for name in ("teacher", "slim", "deployed"):
+        if (part := metrics.get(name)) is not None:
+            errors_now = (f"{part['drag'][kind]:.3f} / {part['lift'][kind]:.3f}" for kind in ("r2", "l1_over_sigma"))
+            errors_ahead = (f"{item['drag']:.2f} / {item['lift']:.2f}" for item in part["rollout"])
+            table.add_row(name, *errors_now, *errors_ahead)
     return table
 
 
