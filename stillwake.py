@@ -301,12 +301,12 @@ app.command()(stillwake_pictures.animate)
 
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:
     ahead = [f"h={item['horizon']}" for item in metrics["teacher"]["rollout"]]
-    table = Table("test episodes: Cd / Cl", "R2", "L1/sigma", *ahead)
+    table = Table("Cd, Cl", "R2", "L1/sigma", *ahead, title="test episodes; h = n: L1/sigma n steps ahead")
     # "deployed" is there if dynamics and decoder were slimmed, too.
     for name in ("teacher", "slim", "deployed"):
         if (part := metrics.get(name)) is not None:
-            errors_now = (f"{part['drag'][kind]:.3f} / {part['lift'][kind]:.3f}" for kind in ("r2", "l1_over_sigma"))
-            errors_ahead = (f"{item['drag']:.2f} / {item['lift']:.2f}" for item in part["rollout"])
+            errors_now = (f"{part['drag'][kind]:.3f} {part['lift'][kind]:.3f}" for kind in ("r2", "l1_over_sigma"))
+            errors_ahead = (f"{item['drag']:.2f} {item['lift']:.2f}" for item in part["rollout"])
             table.add_row(name, *errors_now, *errors_ahead)
     return table
 
