@@ -71,6 +71,7 @@ def collected(lab: Lab) -> dict[str, Any]:
         "widths": [found("width", *widths) for widths in WIDTHS],
         "stream": found("stream"),
         "hardened": found("hardened"),
+        "bands": found("bands"),
         "loops": [found("loop", name) for name in LOOPS],
         "disturbed": found("disturbed"),
         "correlation": correlation(lab.model().sensors),

@@ -34,6 +34,7 @@ def tables(results: Path) -> dict[str, str]:
     found = read(results / "model.json")["figures"]
     return {
         "summary": summary(found["seeds"]),
+        "bands": bands(found["bands"]),
         "unrolls": unrolls(found["unrolls"]),
         "latents": latents(found["seeds"]),
         "stability": stability(found["seeds"]),
@@ -70,6 +71,14 @@ def unrolls(rows: Sequence[Mapping[str, Any]]) -> str:
         lines.append((row["unroll"], *_errors(row), *grown, pair, f"{row['cpu_minutes']:.1f}"))
     ahead = tuple(f"h = {h}" for h in (1, 5, 10, 25, 50))
     return table(("k", *_HEADS, *ahead, "paper, h = 25", "CPU minutes"), lines)
+
+
+def bands(found: Mapping[str, Any]) -> str:
+    lines: list[tuple[object, ...]] = [
+        (f"{row['from']:.2f} to {row['to']:.2f}", *(f"{error:.2f}" for error in row["error"])) for row in found["bands"]
+    ]
+    lines.append(("training waveform", *(f"{error:.2f}" for error in found["training"])))
+    return table(("frequency of the forcing, 1/t_c", "L1/sigma Cd at h = 25", "L1/sigma Cl at h = 25"), lines)
 
 
 def latents(seeds: Sequence[Mapping[str, Any]]) -> str:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -11,18 +12,19 @@ import torch
 from benchmarks.commands import LOOP, stillwake
 from benchmarks.markdown import read
 from benchmarks.model_study import disturbed
-from benchmarks.model_study.lab import PAPER, Lab, scaling, student, test_rows, training_rows
+from benchmarks.model_study.lab import PAPER, Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
 from contract.config import FinishConfig
 from train import model_store
 from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
-from train.evaluate import evaluate, judge, latent_error
+from train.evaluate import evaluate, judge, latent_error, rollout_starts
 from train.fit import fit_joint, seeded
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
 from train.selection.methods import METHODS, Method, select
 from train.streaming import encode_stream, fit_stream
+from train.windows import Array, Rows, prepare
 
 SEEDS: Final = (0, 1, 2)
 COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)
@@ -30,6 +32,8 @@ UNROLLS: Final = (3, 5, 10, 25)
 UNROLL_EPOCHS: Final = 6.0
 """Of the models that are trained with different unrolls, all alike."""
 GROWTH: Final = tuple(range(1, 51))
+BANDS: Final = 6
+"""Of the chirp's frequencies."""
 WIDTHS: Final = ((192, 96), (128, 64), (96, 64), (64, 32))
 HARDENED: Final = 0.05
 """The release's `train.sensor_noise`."""
@@ -59,6 +63,7 @@ def stages() -> Iterator[Sequence[Part]]:
         *(Part(kind="without", arguments=(place,)) for place in range(4)),
         *(Part(kind="width", arguments=widths) for widths in WIDTHS),
         Part(kind="stream"),
+        Part(kind="bands"),
     ]
     yield [
         Part(kind="disturbed"),
@@ -132,6 +137,34 @@ def hardened(lab: Lab) -> dict[str, Any]:
     slim = distil(trained.teacher.encoder, training_rows(), chosen, replace(lab.config, train=settings))
     model_store.save(lab.variant("hardened"), replace(trained, slim=slim, sensors=names))
     return {"sensors": list(names), **evaluate(slim, trained.teacher, test_rows().with_sensors(chosen)).as_tree()}
+
+
+def bands(lab: Lab) -> dict[str, Any]:
+    """Roll-outs of 25 steps by the forcing's frequency, and on the training waveform itself, with all 90 sensors."""
+    teacher = lab.model().teacher
+    forcing, rows = lab.config.forcing, test_rows()
+    error, ends = _rolled(teacher, rows)
+    frequency = forcing.chirp_start + (forcing.chirp_end - forcing.chirp_start) * ends / len(rows.inputs)
+    edges = np.linspace(forcing.chirp_start, forcing.chirp_end, BANDS + 1)
+    waveform = prepare(episodes("train")[:2], scaling(), mirrored=False)
+    return {
+        "bands": [
+            {"from": low, "to": high, "error": error[(frequency >= low) & (frequency < high)].mean(axis=0).tolist()}
+            for low, high in pairwise(edges.tolist())
+        ],
+        "training": _rolled(teacher, waveform)[0].mean(axis=0).tolist(),
+    }
+
+
+def _rolled(teacher: WakeModel, rows: Rows) -> tuple[Array, Array]:
+    """Errors of forces 25 steps ahead over their deviation, (m, 2), and the row they are judged at, (m,)."""
+    ahead = 25
+    latents = encode_all(teacher.encoder, rows)
+    starts = rollout_starts(rows, teacher.encoder.window, ahead)
+    with torch.no_grad():
+        rolled = teacher.dynamics.rollout(latents[starts], rows.actions[starts[:, None] + torch.arange(ahead)])
+        error = (teacher.decoder(rolled[-1]) - rows.forces[starts + ahead]).abs() / rows.forces.std(dim=0)
+    return error.numpy().astype(np.float64), (starts + ahead).numpy().astype(np.float64)
 
 
 def unroll(lab: Lab, steps: int) -> dict[str, Any]:
@@ -225,6 +258,7 @@ KINDS: Final[Mapping[str, Callable[..., Any]]] = {
     "unroll": unroll,
     "width": width,
     "hardened": hardened,
+    "bands": bands,
     "loop": loop,
     "stream": stream,
     "disturbed": lambda lab: disturbed.measure(lab, scaling()),
