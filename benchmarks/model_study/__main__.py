@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.model_study import figures, page
 from benchmarks.model_study.lab import Lab, digest, open_lab, quiet
-from benchmarks.model_study.parts import COUNTS, KINDS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, correlation, stages
+from benchmarks.model_study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, correlation, run, stages
 from contract.config_loading import load_config, to_tree
 from contract.results import versions, write_result
 from stillwake_terminal import ConfigFile, Overrides
@@ -48,11 +48,6 @@ def main(
     write_result(json_file, figures=collected(lab), facts=facts(lab), on=date.today())
     figures.draw_all(json_file, lab)
     page.write(json_file)
-
-
-def run(lab: Lab, part: Part) -> Any:
-    """One part, in a worker."""
-    return lab.part(part.name, lambda: KINDS[part.kind](lab, *part.arguments))
 
 
 def collected(lab: Lab) -> dict[str, Any]:

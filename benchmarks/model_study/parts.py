@@ -263,3 +263,8 @@ KINDS: Final[Mapping[str, Callable[..., Any]]] = {
     "stream": stream,
     "disturbed": lambda lab: disturbed.measure(lab, scaling()),
 }
+
+
+def run(lab: Lab, part: Part) -> Any:
+    """One part, made now if it is not there."""
+    return lab.part(part.name, lambda: KINDS[part.kind](lab, *part.arguments))
