@@ -141,7 +141,7 @@ def _model(results: Path) -> str:
 
     python -m benchmarks.model_study --json results/model.json
 
-{page.summary(found["figures"]["seeds"])}
+{page.summary(found["figures"])}
 
 [model.md](model.md) has everything else: roll-outs, sensors, disturbances, narrower networks, rounds of data.
 """

@@ -65,7 +65,7 @@ def collected(lab: Lab) -> dict[str, Any]:
         "unrolls": [found("unroll", steps) for steps in UNROLLS],
         "widths": [found("width", *widths) for widths in WIDTHS],
         "stream": found("stream"),
-        "hardened": found("hardened"),
+        "hardened": [found("hardened", seed) for seed in SEEDS],
         "bands": found("bands"),
         "loops": [found("loop", name) for name in LOOPS],
         "disturbed": found("disturbed"),

@@ -57,7 +57,7 @@ def stages() -> Iterator[Sequence[Part]]:
     """Parts that may run side by side, stage after stage."""
     yield [Part(kind="model", arguments=(seed,)) for seed in SEEDS]
     yield [
-        Part(kind="hardened"),
+        *(Part(kind="hardened", arguments=(seed,)) for seed in SEEDS),
         *(Part(kind="choice", arguments=(method,)) for method in METHODS),
         *(Part(kind="count", arguments=(count,)) for count in COUNTS),
         *(Part(kind="without", arguments=(place,)) for place in range(4)),
@@ -128,14 +128,15 @@ def method(lab: Lab, name: Method, seed: int) -> dict[str, Any]:
     return {"method": name, **found}
 
 
-def hardened(lab: Lab) -> dict[str, Any]:
+def hardened(lab: Lab, seed: int) -> dict[str, Any]:
     """The release's way: sensors chosen, and the encoder distilled, under noise of `HARDENED` global deviations."""
-    trained = lab.model()
-    settings = replace(lab.config.train, selection="greedy", sensor_noise=HARDENED)
+    trained = lab.model(seed)
+    settings = replace(lab.config.train, selection="greedy", sensor_noise=HARDENED, seed=seed)
     names = select("greedy", trained.teacher.encoder, training_rows(), settings.sensors, settings=settings)
     chosen = sensors.indices(names)
     slim = distil(trained.teacher.encoder, training_rows(), chosen, replace(lab.config, train=settings))
-    model_store.save(lab.variant("hardened"), replace(trained, slim=slim, sensors=names))
+    if seed == SEEDS[0]:
+        model_store.save(lab.variant("hardened"), replace(trained, slim=slim, sensors=names))
     return {"sensors": list(names), **evaluate(slim, trained.teacher, test_rows().with_sensors(chosen)).as_tree()}
 
 
