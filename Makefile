@@ -28,12 +28,15 @@ retrain: $(VENV)/dev.stamp
 full: test
 	$(BIN)/stillwake run runs/demo --json results/demo.json
 	$(BIN)/stillwake run runs/limits --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
-	$(BIN)/stillwake train runs/model --json results/model.json
+	$(BIN)/stillwake train runs/model
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
 	$(BIN)/python benchmarks/mcu.py --json results/mcu.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
+	$(BIN)/python -m benchmarks.model_study --json results/model.json
+	$(BIN)/python -m benchmarks.rounds --json results/rounds.json
+	$(BIN)/python -m benchmarks.training --json results/training.json
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json
 	$(BIN)/python benchmarks/wake_speed.py --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
