@@ -14,6 +14,7 @@ from benchmarks.model_study.lab import ROOT, Lab, scaling, test_rows, training_r
 from contract import sensors
 from contract.atomic import replacing
 from train.distil import encode_all
+from train.model_store import load
 
 PICTURES: Final = ROOT / "docs" / "pictures"
 DRAG, LIFT, REFERENCE = "#d62728", "#1f77b4", "black"
@@ -41,8 +42,8 @@ def draw_all(results: Path, lab: Lab) -> None:
 
 
 def forces(lab: Lab) -> Figure:
-    """Two stretches of the chirp: recorded forces, and what the slim encoder and the decoder make of four pressures."""
-    trained = lab.model()
+    """Two stretches of the chirp: recorded forces, and what the release's encoder and decoder make of four pressures."""
+    trained = load(lab.variant("hardened"))
     rows = test_rows()
     latents = encode_all(trained.slim, rows.with_sensors(sensors.indices(trained.sensors)))
     with torch.no_grad():
@@ -58,12 +59,13 @@ def forces(lab: Lab) -> Figure:
             axes.plot(t[start:stop], true[start:stop, row], color=REFERENCE, linewidth=1.2, label="recorded")
             axes.plot(t[start:stop], said[start:stop, row], "--", color=colour, linewidth=1.2, label="4 sensors")
             axes.grid(color="0.9")
+            axes.margins(y=0.2)
             axes.set_ylabel(label if column == 0 else "")
         frequency = [_chirp_frequency(lab, k, len(true)) for k in (start, stop)]
         grid[0, column].set_title(f"forcing at {frequency[0]:.2f} to {frequency[1]:.2f} / $t_c$", fontsize=10)
         grid[1, column].set_xlabel("t / $t_c$")
-    grid[0, 0].legend(fontsize=8, loc="upper right")
-    grid[1, 0].legend(fontsize=8, loc="upper right")
+    for axes in grid[:, 0]:
+        axes.legend(fontsize=8, loc="upper left", ncols=2)
     return figure
 
 
@@ -72,10 +74,10 @@ def latent_pairs(lab: Lab) -> Figure:
     trained, rows = lab.model(), training_rows()
     latents = encode_all(trained.teacher.encoder, rows)
     seen = torch.nonzero(~latents[:, 0].isnan()).flatten()
-    thin = seen[torch.randperm(len(seen), generator=torch.Generator().manual_seed(0))[:4000]]
+    thin = seen[torch.randperm(len(seen), generator=torch.Generator().manual_seed(0))[:2500]]
     z, c = latents[thin].numpy(), rows.forces[thin].numpy()
     size = z.shape[1]
-    figure = Figure(figsize=(11.0, 11.0), dpi=90, layout="constrained")
+    figure = Figure(figsize=(11.0, 11.0), dpi=75, layout="constrained")
     grid = figure.subplots(size, size, sharex="col", squeeze=False)
     for i in range(size):
         for j in range(size):
