@@ -42,7 +42,7 @@ def draw_all(results: Path, lab: Lab) -> None:
 
 
 def forces(lab: Lab) -> Figure:
-    """Two stretches of the chirp: recorded forces, and what the release's encoder and decoder make of four pressures."""
+    """Two stretches of the chirp: recorded forces, and what the release's networks make of 4 pressures."""
     trained = load(lab.variant("hardened"))
     rows = test_rows()
     latents = encode_all(trained.slim, rows.with_sensors(sensors.indices(trained.sensors)))
