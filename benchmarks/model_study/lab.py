@@ -25,9 +25,9 @@ from train.windows import Rows, fit_scaling, prepare
 ROOT: Final = Path(__file__).resolve().parents[2]
 PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 
-STREAM_EPOCHS: Final = 75.0
+STREAM_EPOCHS: Final = 50.0
 DISTIL_EPOCHS: Final = 1.0
-"""Half of the release's, for students that are only compared with each other."""
+"""A part of the release's, for students that are only compared with each other."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,12 +29,12 @@ from train.windows import Array, Rows, prepare
 SEEDS: Final = (0, 1, 2)
 COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)
 UNROLLS: Final = (3, 5, 10, 25)
-UNROLL_EPOCHS: Final = 6.0
+UNROLL_EPOCHS: Final = 4.0
 """Of the models that are trained with different unrolls, all alike."""
 GROWTH: Final = tuple(range(1, 51))
 BANDS: Final = 6
 """Of the chirp's frequencies."""
-WIDTHS: Final = ((192, 96), (128, 64), (96, 64), (64, 32))
+WIDTHS: Final = ((128, 64), (96, 64), (64, 32))
 HARDENED: Final = 0.05
 """The release's `train.sensor_noise`."""
 LOOPS: Final = (*METHODS, "hardened", "128_64", "96_64", "64_32")
