@@ -17,16 +17,15 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.commands import LOOP, ROOT, stillwake
+from benchmarks.commands import LOOP, stillwake
 from benchmarks.markdown import read
+from benchmarks.paper_data import paper_file
 from contract import dataset, sensors
 from contract.dataset import Role
 from contract.results import versions, write_result
 from train import model_store
 from train.evaluate import evaluate
 from train.windows import prepare
-
-PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 
 _COLUMNS: Final = ("steps", "chirp R2", "chirp h=25", "controlled R2", "controlled h=25", "Cd", "reduction_percent")
 
@@ -42,7 +41,7 @@ def main(
     parts.mkdir(parents=True, exist_ok=True)
     data = parts / "data_0.h5"
     if not data.exists():
-        shutil.copyfile(PAPER, data)
+        shutil.copyfile(paper_file(parts), data)
     for number in range(rounds + 1):
         bundle = _release(parts, number, data)
         if number < rounds:

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
 
-from benchmarks.commands import ROOT
+from benchmarks.paper_data import RECORDING
 from contract import dataset
 from contract.config import Config
 from contract.config_loading import load_config
@@ -32,7 +32,6 @@ from train.model import Encoder, WakeModel
 from train.streaming import STRETCH
 from train.windows import Rows, SegmentSampler, fit_scaling, prepare
 
-PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 GEMM: Final = 1024
 """Size of the square product that sets the floor's speed."""
 
@@ -45,7 +44,7 @@ def main(
     """Time the steps in turn, print medians."""
     torch.set_num_threads(threads)
     config = load_config()
-    episodes = dataset.read(PAPER).with_role("train")[:2]
+    episodes = dataset.read(RECORDING).with_role("train")[:2]
     rows = prepare(episodes, fit_scaling(episodes), mirrored=False)
     alone = replace(config, train=replace(config.train, segment=1))
     model = WakeModel(90, config.model)

@@ -9,8 +9,9 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.commands import ROOT
 from benchmarks.markdown import read
-from benchmarks.model_study.lab import ROOT, Lab, scaling, test_rows, training_rows
+from benchmarks.model_study.lab import Lab, scaling, test_rows, training_rows
 from contract import sensors
 from contract.atomic import replacing
 from train.distil import encode_all

@@ -10,20 +10,18 @@ from typing import Any, Final
 
 import torch
 
+from benchmarks.paper_data import RECORDING, of_the_paper, paper_file
 from contract import dataset, sensors
 from contract.atomic import replacing
 from contract.bundle import Scaling
 from contract.config import Config
 from contract.config_loading import to_tree
-from contract.dataset import Episode
+from contract.dataset import Dataset, Episode
 from train.distil import distil
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel
 from train.model_store import TrainedModel, load
 from train.windows import Rows, fit_scaling, prepare
-
-ROOT: Final = Path(__file__).resolve().parents[2]
-PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 
 STREAM_EPOCHS: Final = 50.0
 DISTIL_EPOCHS: Final = 1.0
@@ -57,6 +55,11 @@ class Lab:
     def seeded(self, seed: int) -> Config:
         return replace(self.config, train=replace(self.config.train, seed=seed))
 
+    @property
+    def recording(self) -> Path:
+        """The paper's data set as a file."""
+        return paper_file(self.folder.parent)
+
     def model_path(self, seed: int) -> Path:
         return self.folder / f"model_{seed}"
 
@@ -83,7 +86,7 @@ def open_lab(release: Config, parts: Path) -> Lab:
 
 @cache
 def digest() -> str:
-    return hashlib.sha256(PAPER.read_bytes()).hexdigest()
+    return hashlib.sha256(RECORDING.read_bytes()).hexdigest()
 
 
 @cache
@@ -92,8 +95,8 @@ def episodes(role: str) -> tuple[Episode, ...]:
 
 
 @cache
-def _recording() -> dataset.Dataset:
-    return dataset.read(PAPER)
+def _recording() -> Dataset:
+    return Dataset(episodes=tuple(filter(of_the_paper, dataset.read(RECORDING).episodes)))
 
 
 @cache

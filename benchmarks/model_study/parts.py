@@ -12,7 +12,7 @@ import torch
 from benchmarks.commands import LOOP, stillwake
 from benchmarks.markdown import read
 from benchmarks.model_study import disturbed
-from benchmarks.model_study.lab import PAPER, Lab, episodes, scaling, student, test_rows, training_rows
+from benchmarks.model_study.lab import Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
 from contract.config import FinishConfig
 from train import model_store
@@ -77,7 +77,7 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
     """The whole training with this seed, as `stillwake train` does it."""
     path = lab.model_path(seed)
     if not path.exists():
-        train_all(PAPER, lab.seeded(seed), path, resume=True)
+        train_all(lab.recording, lab.seeded(seed), path, resume=True)
     trained, rows = lab.model(seed), test_rows()
     latents = encode_all(trained.teacher.encoder, training_rows())
     latents = latents[~latents[:, 0].isnan()]
@@ -232,7 +232,7 @@ def loop(lab: Lab, name: str) -> dict[str, Any]:
     """The closed loop with a variant of the first seed's model, as `stillwake export` and `stillwake run` make it."""
     bundle, run = (lab.folder / f"{kind}_{name}" for kind in ("bundle", "run"))
     if not bundle.exists():
-        stillwake("export", lab.variant(name), bundle, "--dataset", PAPER)
+        stillwake("export", lab.variant(name), bundle, "--dataset", lab.recording)
     stillwake("run", run, "--bundle", bundle, "--json", run.with_suffix(".json"))
     figures = read(run.with_suffix(".json"))["figures"]
     return {"variant": name, **{key: figures[key] for key in LOOP}}
