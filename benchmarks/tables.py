@@ -100,6 +100,8 @@ Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:
 def _limits(results: Path) -> str:
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     rows = []
+    facts = read(results / "demo.json")["facts"]
+    late, period = facts["config"]["ecu"]["compute_time_ms"], facts["budget_ms"]
     for label, name in (
         ("the release", "demo"),
         ("no compute time", "limit_latency"),
@@ -115,8 +117,9 @@ def _limits(results: Path) -> str:
 
 {table(("", "mean Cd (wall)", "less drag, %", "mean abs Cl", "mean Cl", "rms action"), rows)}
 
-Neither an answer at once nor three times the iterations gains a percentage point, and both deflect the wake more: what
-is left is the model, which has seen no data from the controlled regime.
+The first two differ only in when the jets answer: at the instant of the sample, or {late:g} ms of a period of
+{period:g} ms later, which the controller does not know of. A percentage point is within what two trainings of the same
+recipe differ by.
 """
 
 
