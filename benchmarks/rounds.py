@@ -3,8 +3,8 @@
     python -m benchmarks.rounds [--json FILE] [--rounds 3]
 
 Round 0 is trained on the paper's data set alone. Each further round adds episodes recorded under the bundle before it,
-with exploration, and trains again from scratch on everything. At the end episodes are held out under the last bundle,
-and every round's model is asked to predict them, beside the chirp. All of it are `stillwake` commands; finished parts
+with exploration, and trains again from scratch on everything. Other episodes under the first bundle are held out, and
+every round's model is asked to predict them, beside the chirp. All of it are `stillwake` commands; finished parts
 stay in `runs/rounds`, so that the hours this takes may be interrupted.
 """
 
@@ -46,7 +46,8 @@ def main(
         bundle = _release(parts, number, data)
         if number < rounds:
             data = _recorded(parts / f"data_{number + 1}.h5", data, bundle, episodes, steps, role="train")
-    held_out = _recorded(parts / "held_out.h5", data, bundle, 2, steps, role="controlled")
+    first = parts / "data_0.h5", parts / "bundle_0"
+    held_out = _recorded(parts / "held_out.h5", *first, 2, steps, role="controlled")
     rows = [_row(parts, number, held_out) for number in range(rounds + 1)]
     table = Table("round", *_COLUMNS)
     for row in rows:
