@@ -34,10 +34,10 @@ UNROLL_EPOCHS: Final = 4.0
 GROWTH: Final = tuple(range(1, 51))
 BANDS: Final = 6
 """Of the chirp's frequencies."""
-WIDTHS: Final = ((128, 64), (96, 64), (64, 32))
+WIDTHS: Final = ((128, 64), (96, 64))
 HARDENED: Final = 0.05
 """The release's `train.sensor_noise`."""
-LOOPS: Final = (*METHODS, "hardened", "128_64", "96_64", "64_32")
+LOOPS: Final = (*METHODS, "hardened", "128_64", "96_64")
 """Variants that close the loop: a method's sensors, or narrower networks."""
 
 
