@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from contract.errors import McuError
+from contract.host_library import EXAMPLE
 
-EXAMPLE: Final = "main.c"
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-std=c99", "-O3", "-ffp-contract=on", "-g0")
