@@ -29,7 +29,7 @@ from export.c_release import write_c_release
 from export.onnx_weights import Precision
 from export.quantisation_gate import QuantisationLimits
 from export.random_program import random_program, random_window
-from firmware_sim.controller import Controller, ControllerError, OnnxController
+from firmware_sim.controller import Controller, ControllerError, ControlStep, OnnxController
 from firmware_sim.ecu import Ecu
 from firmware_sim.library_controller import LibraryController
 from firmware_sim.vehicle import PressureNode
@@ -140,12 +140,29 @@ def test_in_float32_the_loop_gets_the_commands_of_onnx(whole, bus_config):
     assert np.abs(with_onnx).max() > REACH
 
 
-def test_in_int8_the_loop_stays_within_the_int8_gate(small, bus_config):
-    """The gate's 1e-3 is for trained nets; rounding a random one's activations is allowed as much as its weights."""
-    onnx, library = OnnxController(small.bundle), LibraryController(small.folder, small.bundle, flags=FAST_BUILD)
-    with_onnx, with_c = (commands(small, controller, bus_config) for controller in (onnx, library))
-    assert 0 < np.sqrt(np.mean(np.square(with_c - with_onnx))) < QuantisationLimits().rms_action_error
-    assert np.abs(with_onnx).max() > REACH
+class Beside:
+    """Acts as one controller and asks another the same; `apart` keeps how far the actions were from each other."""
+
+    def __init__(self, acting: Controller, asked: Controller) -> None:
+        self.acting, self.asked = acting, asked
+        self.apart: list[float] = []
+
+    def control_step(self, window, plan, free) -> ControlStep:
+        found, other = (one.control_step(window, plan, free) for one in (self.acting, self.asked))
+        self.apart.append(abs(found.plan[0] - other.plan[0]))
+        return found
+
+
+def test_in_int8_the_loop_passes_the_gate_its_release_passed(small, bus_config):
+    """Asked the same all along: two loops of a random net part for good at the first gradient near zero, whose sign is
+    the rounding's. Such steps are why the gate prices answers; elsewhere actions agree as in the int8 parity test."""
+    library = LibraryController(small.folder, small.bundle, flags=FAST_BUILD)
+    both = Beside(library, OnnxController(small.bundle))
+    sent = commands(small, both, bus_config)
+    apart = np.array(both.apart)
+    assert np.sqrt(np.mean(np.square(apart))) < LENIENT.rms_action_error
+    assert 0 < np.quantile(apart, 0.7) < 0.05 * REACH
+    assert np.abs(sent).max() > REACH
 
 
 def test_the_command_runs_it_and_says_so(whole, monkeypatch, capsys, tmp_path):
