@@ -192,6 +192,9 @@ def run(
     output: Annotated[Path, typer.Argument(help="Run folder to write.")],
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
     trust: stillwake_bundle.Trust = None,
+    library: Annotated[
+        Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
+    ] = None,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
@@ -203,6 +206,7 @@ def run(
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
     from can_bridge.messages import Mode
     from firmware_sim.closed_loop import SUMMARY, run_closed_loop, summary
+    from firmware_sim.library_controller import LibraryController
     from firmware_sim.plants import open_plant
     from firmware_sim.report import drag_rows, headline, service_rows, write_report
     from firmware_sim.run_log import Row
@@ -212,6 +216,10 @@ def run(
     if plant not in ("stillwake", "openfoam"):
         raise StillwakeError(f"--plant {plant}: must be stillwake or openfoam")
     console.print(*stillwake_bundle.headline(release), sep="\n", soft_wrap=True)
+    controller = None
+    if library is not None:
+        controller = LibraryController(library, release)
+        console.print(f"library {library}: {controller.description}", soft_wrap=True, markup=False)
     with progress_bar("periods") as bar:
         task = bar.add_task("closed loop", total=None, note="")
 
@@ -229,7 +237,15 @@ def run(
             "openfoam" if plant == "openfoam" else "stillwake", output, config, lead_in + controlled, show_start
         )
         log = run_closed_loop(
-            output, release, config, lead_in=lead_in, controlled=controlled, settle=settle, progress=show, plant=flow
+            output,
+            release,
+            config,
+            lead_in=lead_in,
+            controlled=controlled,
+            settle=settle,
+            progress=show,
+            plant=flow,
+            controller=controller,
         )
     page = write_report(output)
     if json_file is not None:

@@ -8,7 +8,6 @@ are random at the paper's sizes (time does not depend on them); other sizes are 
 
 import json
 import platform
-import subprocess
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -24,7 +23,8 @@ from rich.table import Table
 
 from contract.atomic import replacing
 from contract.config import ModelConfig, MpcConfig
-from export.c_host import OPTIMISED, CController, host_compiler
+from contract.host_library import OPTIMISED, compiler_version, host_compiler
+from export.c_host import CController
 from export.c_library import c_library
 from export.c_release import int8_library
 from export.eager import EagerController
@@ -94,16 +94,12 @@ def main(
         "c_flags": " ".join(OPTIMISED),
     }
     figures["versions"] = {name: version(name) for name in ("torch", "onnxruntime", "numpy")}
-    figures["versions"]["c_compiler"] = _first_line([*compiler, "--version"])
+    figures["versions"]["c_compiler"] = compiler_version(compiler)
     figures["machine"] = platform.processor() or platform.machine()
     _print(figures)
     if json_file is not None:
         with replacing(json_file) as temporary:
             temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-
-
-def _first_line(command: list[str]) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[0]
 
 
 def _timed(step: Callable[[], object]) -> float:

@@ -53,5 +53,9 @@ class ExportError(StillwakeError):
     """A model that cannot be lowered to a controller program."""
 
 
+class LibraryError(StillwakeError):
+    """A controller library that cannot be compiled or run on this machine, or is not of the bundle's program."""
+
+
 class McuError(StillwakeError):
     """A controller library that does not compile for, or does not run on, the emulated microcontroller."""

@@ -24,8 +24,6 @@ from export.program_hash import program_sha256
 
 SETTINGS: Final = "sw_settings.h"
 WEIGHTS: Final = "sw_weights.c"
-EXAMPLE: Final = "main.c"
-"""Runs a control step from recorded numbers on a host; not part of the library."""
 
 _LINE: Final = 16
 

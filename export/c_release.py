@@ -53,8 +53,9 @@ def write_c_release(
         calibration: more of them, for int8 biases and ranges; the same as an int8 ONNX graph is calibrated on.
 
     Raises:
-        ExportError: there is no C compiler, the library is further from the reference than its gate allows, or
-            the folder holds something else.
+        LibraryError: there is no C compiler, or it does not take the library.
+        ExportError: the library is further from the reference than its gate allows, or the folder holds something
+            else.
         StillwakeError: the folder cannot be written.
     """
     if precision == "int8":

@@ -18,7 +18,7 @@ from contract.config import Config
 from contract.config_loading import to_tree
 from contract.errors import BusError, StillwakeError
 from firmware_sim import run_log
-from firmware_sim.controller import OnnxController
+from firmware_sim.controller import OnnxController, RunnableController
 from firmware_sim.ecu import Ecu
 from firmware_sim.plants import LivePlant, open_plant
 from firmware_sim.run_log import Row, RunLog
@@ -47,6 +47,7 @@ def run_closed_loop(
     settle: float,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
     plant: AbstractContextManager[LivePlant] | None = None,
+    controller: RunnableController | None = None,
 ) -> RunLog:
     """Run a wake under the bundle's controller and keep the results in `output`.
 
@@ -59,6 +60,7 @@ def run_closed_loop(
         settle: t_c after that which the controlled averages leave out.
         progress: called with (row, periods done, periods in all) after every period.
         plant: the wake, opened here; the own solver from its shipped start without one.
+        controller: what computes the bundle's control step; ONNX Runtime without one.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
@@ -67,7 +69,7 @@ def run_closed_loop(
     if config.bus.interface != "virtual":
         raise BusError(f"bus.interface = {config.bus.interface!r}: virtual time needs 'virtual'")
     before_periods, total = _periods(config, lead_in=lead_in, controlled=controlled)
-    controller = OnnxController(bundle)
+    controller = OnnxController(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config)
     rows: list[Row] = []
@@ -89,7 +91,8 @@ def run_closed_loop(
             progress(rows[-1], k + 1, total)
         picture = vorticity_figure(wake, highlight, title=f"under control, t = {wake.t:.1f} $t_c$")
         picture.savefig(part[AFTER], format="png")
-        log = RunLog.of(rows, before_periods, loop.totals(), _facts(bundle, config, settle, ecu, wake.description))
+        facts = _facts(bundle, config, settle, ecu, wake.description, controller.description)
+        log = RunLog.of(rows, before_periods, loop.totals(), facts)
         run_log.save(part[SERIES], log)
         part[SUMMARY].write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
     return log
@@ -133,15 +136,17 @@ def summary(log: RunLog) -> dict[str, Any]:
         "frames_rejected": log.bus.rejected,
         "sensors": log.facts["sensors"],
         "controller": log.facts["controller"],
+        "computed_by": log.facts.get("computed_by"),
         "signer": log.facts.get("signer"),
         "controlled_averages_from_t_c_after_enable": log.facts["settle"],
     }
 
 
-def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu, plant: str) -> dict[str, Any]:
+def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu, plant: str, computed_by: str) -> dict[str, Any]:
     manifest = bundle.manifest
     return {
         "controller": f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
+        "computed_by": computed_by,
         "signer": bundle.signer and bundle.signer.fingerprint,
         "plant": plant,
         "sensors": list(manifest.sensors),

@@ -43,6 +43,19 @@ class Controller(Protocol):
         """
 
 
+class RunnableController(Controller, Protocol):
+    """A controller on this machine: one that can say what computes it and be made ready before a run.
+
+    Attributes:
+        description: what computes the step, for people.
+    """
+
+    description: str
+
+    def warm_up(self, steps: int) -> None:
+        """Run on zeros, so that the first real step does not pay for what happens once."""
+
+
 class OnnxController:
     """Runs `controller.onnx`.
 
@@ -62,6 +75,7 @@ class OnnxController:
         except Exception as error:
             raise BundleError(f"{CONTROLLER} does not load: {error}") from error
         manifest = bundle.manifest
+        self.description = f"ONNX Runtime {onnxruntime.__version__}, {manifest.precision}"
         horizon = manifest.mpc.horizon
         expected = {
             "window": [manifest.window, len(manifest.sensors) + 1],

@@ -102,6 +102,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
     measured = f"{timing.p50:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms" if timing.steps else "no control step ran"
     return [
         ("plant", log.facts.get("plant", "stillwake")),
+        ("control step computed by", log.facts.get("computed_by", "ONNX Runtime")),
         ("control step, wall clock p50 / p99 / max", measured),
         ("budget", f"{log.facts['budget_ms']:.0f} ms"),
         ("sample to jets in virtual time, max", f"{max(ages):.2f} ms" if ages else "no command arrived"),

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from contract.errors import McuError
+from contract.host_library import EXAMPLE
 
-EXAMPLE: Final = "main.c"
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-std=c99", "-O3", "-ffp-contract=on", "-g0")
@@ -22,8 +22,11 @@ CORTEX_M7: Final = (
 )  # fmt: skip
 
 
-def compile_for_cortex_m7(sources: Mapping[str, bytes]) -> bytes:
+def compile_for_cortex_m7(sources: Mapping[str, bytes], board: Mapping[str, bytes] | None = None) -> bytes:
     """The library with start-up and linker script as an ELF file.
+
+    Args:
+        board: files beside the firmware's, or in place of those of the same name.
 
     Raises:
         McuError: the sources do not compile, or `ziglang` is not installed.
@@ -31,7 +34,7 @@ def compile_for_cortex_m7(sources: Mapping[str, bytes]) -> bytes:
     folder = files("firmware_sim").joinpath("mcu/c")
     firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
     library = {name: content for name, content in sources.items() if name != EXAMPLE}
-    return _compile(library | firmware, (*COMMON, *CORTEX_M7))
+    return _compile(library | firmware | dict(board or {}), (*COMMON, *CORTEX_M7))
 
 
 def compile_example(sources: Mapping[str, bytes]) -> bytes:

@@ -12,9 +12,9 @@ import pytest
 
 from contract.bundle import dbc_sha256
 from contract.config import ModelConfig, MpcConfig
-from contract.errors import ExportError
-from export.c_host import STANDARD, compile_c, host_compiler
-from export.c_library import EXAMPLE, SETTINGS, WEIGHTS, c_library, hand_written, write_c_library
+from contract.errors import ExportError, LibraryError
+from contract.host_library import EXAMPLE, STANDARD, compile_c, host_compiler
+from export.c_library import SETTINGS, WEIGHTS, c_library, hand_written, write_c_library
 from export.c_release import RECORDED, int8_library, recorded_rows, write_c_release
 from export.calibrate import rounded_program
 from export.program_hash import program_sha256
@@ -181,10 +181,10 @@ def test_without_a_compiler_the_line_says_so(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(ExportError, match="no C compiler: install gcc or clang"):
+    with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
         host_compiler()
 
 
 def test_a_compiler_that_complains_is_quoted(tmp_path):
-    with pytest.raises(ExportError, match="error"):
+    with pytest.raises(LibraryError, match="error"):
         compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=host_compiler(), flags=())

@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from export.c_host import compile_c, host_compiler
+from contract.host_library import compile_c, host_compiler
 from export.c_library import hand_written
 
 SHIM = b"""

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from contract.config import ModelConfig, MpcConfig
-from contract.errors import ExportError
-from export.c_host import CController, host_compiler
+from contract.errors import LibraryError
+from contract.host_library import host_compiler
+from export.c_host import CController
 from export.c_library import c_library
 from export.parity import control_cases
 from export.program import ControllerProgram
@@ -117,7 +118,7 @@ def test_reference(seed):
 def test_c_library():
     try:
         host_compiler()
-    except ExportError as error:
+    except LibraryError as error:
         pytest.skip(str(error))
     program = symmetric_program(0)
     assert_mirrored(program, CController(program, c_library(program), flags=("-O1",)).control_step, 2.5e-5, 1e-4)

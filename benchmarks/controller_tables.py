@@ -1,0 +1,29 @@
+"""The table of `docs/controller.md` that `results/controller_loop.json` holds: the loop with each lowering."""
+
+from pathlib import Path
+from typing import Final
+
+from benchmarks.markdown import read, table
+
+_NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
+
+
+def tables(results: Path) -> dict[str, str]:
+    """By its name on the page."""
+    return {"controller_loop": loop(results)}
+
+
+def loop(results: Path) -> str:
+    """Drag, lift and action of the four loops, and what each changes of the first one's reduction."""
+    rows = [
+        (
+            f"{_NAMES[row['lowering']]}, {row['precision']}",
+            f"{row['reduction_percent']:.2f} %",
+            f"{row['points']:+.2f}",
+            *(row[name] for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action")),
+            f"{row['mpc_ms_p50']:.2f} / {row['mpc_ms_p99']:.2f}",
+        )
+        for row in read(results / "controller_loop.json")["figures"]
+    ]
+    heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
+    return table(heads, rows)

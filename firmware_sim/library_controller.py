@@ -1,0 +1,104 @@
+"""The controller of a release as its C99 library, compiled for this machine: what a vehicle's ECU would run."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.bundle import Bundle, dbc_sha256
+from contract.errors import LibraryError, McuError
+from contract.host_library import OPTIMISED, HostLibrary, compiler_version, host_compiler
+from firmware_sim.controller import Array, ControllerError, ControlStep
+from firmware_sim.mcu.settings import SETTINGS, Settings
+
+_OK: Final = 0
+
+
+class LibraryController:
+    """Runs a folder that `stillwake export --c` wrote, in place of the bundle's `controller.onnx`.
+
+    The header's hash says which program the folder was generated from. It guards against mix-ups: nobody signs the
+    sources, and they are compiled and run as they stand.
+
+    Args:
+        folder: the library's.
+        bundle: verified release; the library must be of its program.
+        compiler: command that compiles C; the one found here if None.
+        flags: of the compiler.
+
+    Raises:
+        LibraryError: if the folder holds no library or another program's, there is no compiler, or it does not take
+            the sources.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        bundle: Bundle,
+        *,
+        compiler: Sequence[str] | None = None,
+        flags: Sequence[str] = OPTIMISED,
+    ) -> None:
+        sources = _read(folder)
+        precision = _check_program(folder, sources, bundle)
+        manifest = bundle.manifest
+        command = host_compiler() if compiler is None else list(compiler)
+        try:
+            self._library = HostLibrary(
+                sources,
+                window=manifest.window,
+                sensors=len(manifest.sensors),
+                horizon=manifest.mpc.horizon,
+                compiler=command,
+                flags=flags,
+            )
+        except LibraryError as error:
+            raise LibraryError(f"library {folder}: {error}") from error
+        self.description = f"C99 {precision}, {compiler_version(command)}, {' '.join(flags)}"
+
+    def warm_up(self, steps: int) -> None:
+        """Run on zeros, so that the first real step finds its code and weights in memory."""
+        library = self._library
+        for _ in range(steps):
+            self.control_step(*(np.zeros(array.shape) for array in (library.window, library.plan, library.free)))
+
+    def control_step(self, window: Array, plan: Array, free: Array) -> ControlStep:
+        library = self._library
+        library.window[:], library.plan[:], library.free[:] = window, plan, free
+        if (status := library.run()) != _OK:
+            raise ControllerError(f"the C library answered with status {status}: a number is not finite")
+        return ControlStep(
+            plan=library.answer("plan"), forces=library.answer("forces"), cost=float(library.answer("cost"))
+        )
+
+
+def _read(folder: Path) -> dict[str, bytes]:
+    try:
+        return {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
+    except OSError as error:
+        raise LibraryError(f"library {folder}: {error.strerror or error}") from error
+
+
+def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
+    """The library's precision, once its header has said that it is the bundle's; raises LibraryError if it has not."""
+    manifest = bundle.manifest
+    try:
+        header = Settings.of(sources)
+        program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
+        # The hash covers the sizes, but the caller's structures are laid out by them: an edited header must not pass.
+        sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
+        dbc = header.text("SW_DBC_SHA256")
+    except (McuError, UnicodeDecodeError) as error:
+        raise LibraryError(f"library {folder}: {error}") from error
+    if program != manifest.program_sha256:
+        raise LibraryError(
+            f"library {folder}: it computes program {program[:12]}, bundle {manifest.name!r} is of program "
+            f"{manifest.program_sha256[:12]}: one `stillwake export --c` writes both"
+        )
+    expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
+    if sizes != [str(size) for size in expected]:
+        raise LibraryError(f"library {folder}: {SETTINGS} was altered: its sizes are not the program's")
+    if dbc != dbc_sha256():
+        raise LibraryError(f"library {folder}: built for another stillwake.dbc")
+    return precision

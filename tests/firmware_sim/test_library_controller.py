@@ -1,0 +1,244 @@
+"""The loop with the C library: the commands of ONNX Runtime, and no library but the bundle's.
+
+Tolerances are those of the export gates (`export.parity`, `export.quantisation_gate`). On the bus the wire's resolution
+comes on top: two actions on either side of a rounding boundary part by one step of it.
+"""
+
+import html
+import importlib.util
+import json
+import shutil
+from contextlib import ExitStack
+from dataclasses import dataclass, fields, replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stillwake
+from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.messages import Mode
+from can_bridge.python_can_bus import PythonCanBus
+from contract import bundle, sensors
+from contract.config import BusConfig, Config, ModelConfig, MpcConfig
+from contract.errors import LibraryError
+from contract.host_library import OPTIMISED, compiler_version, host_compiler
+from export.bundle_writer import write_release
+from export.c_release import write_c_release
+from export.onnx_weights import Precision
+from export.quantisation_gate import QuantisationLimits
+from export.random_program import random_program
+from firmware_sim.controller import Controller, ControllerError, OnnxController
+from firmware_sim.ecu import Ecu
+from firmware_sim.library_controller import LibraryController
+from firmware_sim.vehicle import PressureNode
+from firmware_sim.virtual_loop import VirtualLoop, Wires
+from wake.truck_wake import Sample
+
+try:
+    host_compiler()
+except LibraryError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+CONFIG = Config()
+LENIENT = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
+MPC = MpcConfig(horizon=8)
+PROGRAM = random_program(1, model=ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8), mpc=MPC)
+REACH = MPC.iterations * MPC.learning_rate
+"""The way that Adam can take an action in one step."""
+RESOLUTION = FLOW_RESOLUTION_M2_PER_S / CONFIG.operating_point.flow_rate_scale
+FAST_BUILD = ("-O1",)
+
+
+@dataclass(frozen=True)
+class Exported:
+    bundle: bundle.Bundle
+    bundle_path: Path
+    folder: Path
+
+
+class Swing:
+    """Pressures that swing at the shedding's frequency, and by what the jets do; forces are of no interest."""
+
+    def __init__(self) -> None:
+        self.substeps = CONFIG.flow.substeps
+        self.done, self.action = 0, 0.0
+
+    def sample(self) -> Sample:
+        t = CONFIG.flow.control_period * self.done / self.substeps
+        phase = np.linspace(0.0, 3.0, sensors.COUNT)
+        Cp = -0.4 + 0.2 * np.sin(2 * np.pi * 0.2 * t + phase) + 2.0 * self.action * np.cos(phase)
+        forces = dict.fromkeys((item.name for item in fields(Sample)), 0.0)
+        return Sample(**{**forces, "t": t, "Cp": Cp, "action": self.action})
+
+    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+        self.done += substep - self.done % self.substeps
+        self.action = self.action if action is None else action
+        return self.sample()
+
+
+def recorded(count: int) -> list[np.ndarray]:
+    """Consecutive windows (L, S+1) of a swing under random actions: int8 is calibrated where it is used."""
+    rng, swing, rows, action = np.random.default_rng(0), Swing(), [], 0.0
+    for _ in range(PROGRAM.window + count - 1):
+        rows.append(np.append(swing.sample().Cp[sensors.indices(PROGRAM.sensors)], action))
+        action = float(rng.uniform(-PROGRAM.action_limit, PROGRAM.action_limit))
+        swing.advance_to(swing.substeps, action)
+    return [np.array(rows[i : i + PROGRAM.window]) for i in range(count)]
+
+
+def exported(root: Path, precision: Precision) -> Exported:
+    """The bundle of `random_release` in either precision, and the C library of the same export."""
+    windows = recorded(30)
+    write_c_release(root / "c", PROGRAM, precision=precision, windows=windows[:4], calibration=windows, limits=LENIENT)
+    write_release(
+        root / "bundle",
+        PROGRAM,
+        precision=precision,
+        name="random",
+        operating_point=CONFIG.operating_point,
+        budget_ms=CONFIG.period_ns / 1e6,
+        compute_time_ms=CONFIG.ecu.compute_time_ms,
+        control_period=CONFIG.flow.control_period,
+        created=date(2026, 1, 2),
+        dataset_sha256="0" * 64,
+        weights_sha256="0" * 64,
+        provenance={},
+        windows=windows[:4],
+        calibration=windows,
+        limits=LENIENT,
+    )
+    return Exported(bundle.load(root / "bundle"), root / "bundle", root / "c")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Exported:
+    return exported(tmp_path_factory.mktemp("float32"), "float32")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Exported:
+    return exported(tmp_path_factory.mktemp("int8"), "int8")
+
+
+def commands(release: Exported, controller: Controller, bus: BusConfig, periods: int = 25) -> np.ndarray:
+    """What the ECU sends once its window is full, over the bus and with all its delays, U_inf W."""
+    config = replace(CONFIG, bus=bus)
+    with ExitStack() as stack:
+        vehicle, ecu, monitor = (stack.enter_context(PythonCanBus.open(bus)) for _ in range(3))
+        loop = VirtualLoop(
+            Swing(),
+            PressureNode(release.bundle.manifest.sensors, config),
+            Ecu(release.bundle, controller, config),
+            Wires(vehicle=vehicle, ecu=ecu, monitor=monitor),
+            config,
+            lambda frame: None,
+        )
+        rows = [loop.period(enable_request=True) for _ in range(PROGRAM.window + periods)]
+    controlled = [row.command for row in rows if row.mode == Mode.CONTROL]
+    assert len(controlled) >= periods - 2
+    return np.array(controlled)
+
+
+def test_in_float32_the_loop_gets_the_commands_of_onnx(whole, bus_config):
+    onnx, library = OnnxController(whole.bundle), LibraryController(whole.folder, whole.bundle, flags=FAST_BUILD)
+    with_onnx, with_c = (commands(whole, controller, bus_config) for controller in (onnx, library))
+    np.testing.assert_allclose(with_c, with_onnx, rtol=0, atol=5e-3 * REACH + RESOLUTION)
+    assert np.abs(with_onnx).max() > REACH
+
+
+def test_in_int8_the_loop_stays_within_the_int8_gate(small, bus_config):
+    """Both have the same int8 weights; the library also rounds activations. The limit is the gate's for weights."""
+    onnx, library = OnnxController(small.bundle), LibraryController(small.folder, small.bundle, flags=FAST_BUILD)
+    with_onnx, with_c = (commands(small, controller, bus_config) for controller in (onnx, library))
+    assert 0 < np.sqrt(np.mean(np.square(with_c - with_onnx))) < QuantisationLimits().rms_action_error
+    assert np.abs(with_onnx).max() > REACH
+
+
+def test_the_command_runs_it_and_says_so(whole, monkeypatch, capsys, tmp_path):
+    arguments = ["run", tmp_path / "run", "--bundle", whole.bundle_path, "--library", whole.folder]
+    monkeypatch.setattr("sys.argv", ["stillwake", *map(str, arguments), "--lead-in", "0.2", "--controlled", "0.2"])
+    with pytest.raises(SystemExit) as stop:
+        stillwake.main()
+    assert stop.value.code in (None, 0)
+    version = compiler_version(host_compiler())
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["computed_by"] == f"C99 float32, {version}, {' '.join(OPTIMISED)}"
+    assert summary["computed_by"] in html.unescape((tmp_path / "run" / "report.html").read_text())
+    assert version in capsys.readouterr().out
+
+
+def test_the_library_of_another_program_is_refused(whole, small):
+    """The int8 library is another program than the float one: its weights are rounded."""
+    with pytest.raises(LibraryError) as refusal:
+        LibraryController(small.folder, whole.bundle)
+    rounded = small.bundle.manifest.program_sha256
+    assert rounded[:12] in str(refusal.value)
+    assert whole.bundle.manifest.program_sha256[:12] in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert rounded != whole.bundle.manifest.program_sha256
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("#define SW_HORIZON 8", "#define SW_HORIZON 9", "its sizes are not the program's"),
+        ("#define SW_DBC_SHA256", '#define SW_DBC_SHA256 "0" //', "another stillwake.dbc"),
+        ("#define SW_PRECISION", "#define SW_PRECISE", "SW_PRECISION is missing"),
+    ],
+)
+def test_an_altered_header_is_refused(whole, tmp_path, old, new, said):
+    folder = tmp_path / "c"
+    shutil.copytree(whole.folder, folder)
+    header = (folder / "sw_settings.h").read_text()
+    assert old in header
+    (folder / "sw_settings.h").write_text(header.replace(old, new))
+    with pytest.raises(LibraryError, match=said):
+        LibraryController(folder, whole.bundle)
+
+
+def test_without_a_compiler_the_line_says_so(whole, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
+        LibraryController(whole.folder, whole.bundle)
+
+
+def test_a_compiler_that_does_not_run_is_named(whole, monkeypatch):
+    monkeypatch.setenv("CC", "/nowhere/gcc")
+    with pytest.raises(LibraryError, match="/nowhere/gcc: No such file"):
+        LibraryController(whole.folder, whole.bundle)
+
+
+def test_sources_that_do_not_compile_are_one_line(whole, tmp_path):
+    folder = tmp_path / "c"
+    shutil.copytree(whole.folder, folder)
+    (folder / "sw_cost.c").write_text("#error broken\n#error again\n")
+    with pytest.raises(LibraryError, match="broken") as refusal:
+        LibraryController(folder, whole.bundle, flags=("-O0",))
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_number_that_is_not_finite_is_the_controllers_failure(whole):
+    library = LibraryController(whole.folder, whole.bundle, flags=FAST_BUILD)
+    manifest = whole.bundle.manifest
+    window = np.full((manifest.window, len(manifest.sensors) + 1), np.nan)
+    with pytest.raises(ControllerError, match="not finite"):
+        library.control_step(window, np.zeros(MPC.horizon), np.ones(MPC.horizon))
+
+
+@pytest.mark.parametrize(("library", "said"), [("nothing", "No such file"), ("empty", r"sw_settings.h is missing")])
+def test_the_command_refuses_a_folder_that_is_no_library(monkeypatch, capsys, tmp_path, whole, library, said):
+    (tmp_path / "empty").mkdir()
+    arguments = ["run", tmp_path / "run", "--bundle", whole.bundle_path, "--library", tmp_path / library]
+    monkeypatch.setattr("sys.argv", ["stillwake", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        stillwake.main()
+    line = capsys.readouterr().err
+    assert stop.value.code == 1
+    assert line.startswith(f"error: library {tmp_path / library}: ")
+    assert said in line
+    assert line.count("\n") == 1
+    assert not (tmp_path / "run").exists()
