@@ -1,9 +1,9 @@
 """Write every table in the documents from `results/*.json`: `make tables`, after any command that writes those."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from benchmarks import openfoam_tables, wake_tables
+from benchmarks import openfoam_tables, truncation_tables, wake_tables
 from benchmarks.markdown import fill, read, table
 from contract.atomic import replacing
 
@@ -12,7 +12,8 @@ PAGE: Final = ROOT / "docs" / "results.md"
 README: Final = ROOT / "README.md"
 WAKE: Final = ROOT / "docs" / "wake.md"
 OPENFOAM: Final = ROOT / "docs" / "openfoam.md"
-FILLED: Final = (README, WAKE, OPENFOAM)
+CONTROLLER: Final = ROOT / "docs" / "controller.md"
+FILLED: Final = (README, WAKE, OPENFOAM, CONTROLLER)
 
 _HEADER: Final = """# Results
 
@@ -32,6 +33,7 @@ def render_filled(page: Path, results: Path) -> str:
         README: lambda: {"summary": _summary(results)},
         WAKE: lambda: wake_tables.tables(results),
         OPENFOAM: lambda: {"plants": openfoam_tables.plants(results)},
+        CONTROLLER: lambda: truncation_tables.tables(results),
     }[page]()
     return fill(page.read_text(encoding="utf-8"), tables)
 
@@ -184,6 +186,22 @@ def _controller(results: Path) -> str:
 The C library, compiled with `{found["settings"]["c_flags"]}` by
 {found["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
 {by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum.
+{_casadi(found)}"""
+
+
+def _casadi(found: dict[str, Any]) -> str:
+    """The same control step by CasADi's solvers, if the benchmark was run with it."""
+    if "casadi" not in found:
+        return ""
+    start, ours = found["cost"]["start"], found["cost"]["adam"]
+    rows = [("ours, C float32", found["c_ms"], ours, 1.0)]
+    rows += [
+        (row["variant"], row["ms"], row["cost"], (start - row["cost"]) / (start - ours)) for row in found["casadi"]
+    ]
+    return f"""
+The same step in CasADi {found["versions"]["casadi"]}, from the same plan ([controller.md](controller.md)):
+
+{table(("", "median ms", "cost", "gain / ours"), rows)}
 """
 
 
