@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.many_plans import adam, costs, gradients
+from benchmarks.many_plans import adam, costs, costs_and_gradients
 from export.program import ControllerProgram
 from export.weights import Array
 
@@ -90,8 +90,8 @@ def _quasi_newton(program: ControllerProgram, z: Array, previous: float, start: 
     before = np.array([previous])
 
     def cost(plan: Array) -> tuple[float, Array]:
-        one = plan[None]
-        return float(costs(program, z[None], one, before)[0]), gradients(program, z[None], one, before)[0]
+        values, slopes = costs_and_gradients(program, z[None], plan[None], before)
+        return float(values[0]), slopes[0]
 
     limit = program.action_limit
     found = minimize(
@@ -102,4 +102,6 @@ def _quasi_newton(program: ControllerProgram, z: Array, previous: float, start: 
         bounds=[(-limit, limit)] * len(start),
         options={"maxfun": EVALUATIONS, "ftol": 1e-12, "gtol": 1e-9},
     )
-    return np.clip(found.x, -limit, limit), float(found.fun)
+    # A run that ends at the limit of evaluations may report the cost of another point than x.
+    plan = np.clip(found.x, -limit, limit)
+    return plan, float(costs(program, z[None], plan[None], before)[0])

@@ -17,17 +17,11 @@ from export.weights import Array
 
 def costs(program: ControllerProgram, z: Array, plans: Array, previous: Array) -> Array:
     """J of every plan, shape (n,)."""
-    forces = decode(program, _rollout(program, z, plans)[1:])
-    weights = np.array(program.mpc.weights.as_tuple())
-    terms = [
-        cost_terms(forces[:, i], plan, float(before), program.mpc.drag_reference)
-        for i, (plan, before) in enumerate(zip(plans, previous, strict=True))
-    ]
-    return np.array(terms) @ weights
+    return _priced(program, decode(program, _rollout(program, z, plans)[1:]), plans, previous)
 
 
-def gradients(program: ControllerProgram, z: Array, plans: Array, previous: Array) -> Array:
-    """dJ/da of every plan, shape (n, H), by the discrete adjoint."""
+def costs_and_gradients(program: ControllerProgram, z: Array, plans: Array, previous: Array) -> tuple[Array, Array]:
+    """J (n,) and dJ/da (n, H) of every plan, by the discrete adjoint."""
     weights = np.array(program.mpc.weights.as_tuple())
     latents = _rollout(program, z, plans)
     forces = decode(program, latents[1:])
@@ -41,7 +35,7 @@ def gradients(program: ControllerProgram, z: Array, plans: Array, previous: Arra
     for k in reversed(range(plans.shape[1])):
         adjoint, d_action = step_vjp(program, latents[k], plans[:, k], adjoint + through_forces[k])
         total[:, k] += d_action
-    return total
+    return _priced(program, forces, plans, previous), total
 
 
 def adam(
@@ -65,7 +59,7 @@ def adam(
     m, v = np.zeros_like(plans), np.zeros_like(plans)
     kept = {}
     for i, rate in enumerate(rates, start=1):
-        g = gradients(program, z, plans, previous)
+        _, g = costs_and_gradients(program, z, plans, previous)
         m = beta1 * m + (1.0 - beta1) * g
         v = beta2 * v + (1.0 - beta2) * g**2
         direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + ADAM_EPSILON)
@@ -81,3 +75,12 @@ def _rollout(program: ControllerProgram, z: Array, plans: Array) -> Array:
     for a in plans.T:
         latents.append(step(program, latents[-1], a))
     return np.array(latents)
+
+
+def _priced(program: ControllerProgram, forces: Array, plans: Array, previous: Array) -> Array:
+    """J (n,) of forces (H, n, 2)."""
+    terms = [
+        cost_terms(forces[:, i], plan, float(before), program.mpc.drag_reference)
+        for i, (plan, before) in enumerate(zip(plans, previous, strict=True))
+    ]
+    return np.array(terms) @ np.array(program.mpc.weights.as_tuple())

@@ -24,7 +24,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.commands import ROOT
-from benchmarks.converged import RATES, Optimum, converged, valleys
+from benchmarks.converged import EVALUATIONS, RATES, Optimum, converged, valleys
 from benchmarks.many_plans import adam, costs
 from contract import bundle as bundles
 from contract import dataset
@@ -79,6 +79,7 @@ def main(
             "steps": steps,
             "lead": LEAD,
             "noise": NOISE,
+            "optimum": {"adam_iterations": len(RATES), "quasi_newton_evaluations": EVALUATIONS},
             "seed": seed,
             "horizon": program.mpc.horizon,
             "learning_rate": program.mpc.learning_rate,

@@ -47,7 +47,10 @@ def draw(figures: dict[str, Any]) -> Figure:
 
 def main() -> None:
     """Draw the figure anew."""
-    figure = draw(read(ROOT / "results" / "truncation.json")["figures"])
+    source = ROOT / "results" / "truncation.json"
+    if not source.is_file():
+        return
+    figure = draw(read(source)["figures"])
     with replacing(TARGET) as temporary:
         figure.savefig(temporary, format="png")
 

@@ -6,7 +6,9 @@ from benchmarks.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by name."""
+    """Every table by name; none before the first measurement."""
+    if not (results / "truncation.json").is_file():
+        return {}
     figures = read(results / "truncation.json")["figures"]
     names = ("gap", "gap_worst", "action_error", "action_error_worst")
     iterations = [(row["start"], row["iterations"], *(row[name] for name in names)) for row in figures["iterations"]]
@@ -29,7 +31,8 @@ def tables(results: Path) -> dict[str, str]:
     ]
     count = f"mean {starts['valleys']:.3g}, at most {starts['valleys_most']:g}"
     return {
-        "truncation": table(
+        "truncation": "![gap and action error](pictures/truncation.png)\n\n"
+        + table(
             ("start", "iterations", "gap, %", "largest", "first action off, % of limit", "largest"),
             sorted(iterations, key=lambda row: row[0]),
         ),
