@@ -32,6 +32,7 @@ full: test
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python benchmarks/controller.py --json results/controller.json
+	$(BIN)/python -m benchmarks.truncation --json results/truncation.json
 	$(BIN)/python benchmarks/mcu.py --json results/mcu.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
 	$(BIN)/python -m benchmarks.model_study --json results/model.json
@@ -51,6 +52,7 @@ openfoam: $(VENV)/dev.stamp
 tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.tables
 	$(BIN)/python -m benchmarks.wake_figure
+	$(BIN)/python -m benchmarks.truncation_figure
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

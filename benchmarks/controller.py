@@ -3,13 +3,18 @@
     python benchmarks/controller.py [--json FILE] [--repeats N]
 
 One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time. Weights
-are random at the paper's sizes (time does not depend on them); other sizes are options.
+are random at the paper's sizes (our time does not depend on them); other sizes are options. Where CasADi is installed
+(`pip install "stillwake[bench]"`), its solvers get the same problem, from the same shifted plan, and the costs that all
+reach are compared.
 """
 
+import importlib.util
 import json
 import platform
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,11 +36,18 @@ from export.eager import EagerController
 from export.onnx_graph import build_controller
 from export.onnx_session import OnnxController
 from export.parity import control_cases
+from export.program import ControllerProgram
 from export.random_program import random_program, random_window
+from export.reference_model import encode
+from export.reference_mpc import evaluate, optimise, shift
+from export.weights import Array
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
+# CasADi's solvers take as long as hundreds of our control steps.
+_CASADI_EVERY = 50
+_WARM = 3
 
 
 def main(
@@ -70,20 +82,35 @@ def main(
         "c_ms": lambda: c.control_step(case.window, case.plan, case.free),
         "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
     }
+    problem = _Problem.warm(program, case.window)
+    solvers = _casadi(problem)
+    plans = {name: solve() for name, solve in solvers.items()}
     for step in steps.values():
         step()  # warm caches and allocators
-    times: dict[str, list[float]] = {name: [] for name in steps}
+    times: dict[str, list[float]] = {name: [] for name in (*steps, *solvers)}
     console = Console(stderr=True)
     for i in track(range(repeats), "control steps", console=console):
         for name, step in steps.items():
             if name != "eager_ms" or i % _EAGER_EVERY == 0:
                 times[name].append(_timed(step))
+        if i % _CASADI_EVERY == 0:
+            for name, solve in solvers.items():
+                times[name].append(_timed(solve))
 
+    casadi = [
+        {"variant": name, "ms": float(np.median(times.pop(name))), "cost": problem.cost(plan)}
+        for name, plan in plans.items()
+    ]
     figures: dict[str, Any] = {name: float(np.median(values)) for name, values in times.items()}
     figures["onnx_load_ms"] = float(np.median(load_ms))
     figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
+    if casadi:
+        figures["cost"] = {"start": problem.cost(problem.start), "adam": problem.cost(problem.adam())}
+        figures["casadi"] = casadi
+        enough = [row for row in casadi if row["cost"] <= figures["cost"]["adam"]]
+        figures["casadi_ms"] = min(row["ms"] for row in enough or casadi)
     figures["settings"] = {
         "dynamics_width": dynamics_width,
         "decoder_width": decoder_width,
@@ -93,13 +120,54 @@ def main(
         "threads": 1,
         "c_flags": " ".join(OPTIMISED),
     }
-    figures["versions"] = {name: version(name) for name in ("torch", "onnxruntime", "numpy")}
+    names = ("torch", "onnxruntime", "numpy", *(("casadi",) if casadi else ()))
+    figures["versions"] = {name: version(name) for name in names}
     figures["versions"]["c_compiler"] = compiler_version(compiler)
     figures["machine"] = platform.processor() or platform.machine()
     _print(figures)
     if json_file is not None:
         with replacing(json_file) as temporary:
             temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Problem:
+    """A control step for every solver: state, action in force, and the shifted last plan."""
+
+    program: ControllerProgram
+    z: Array
+    previous: float
+    start: Array
+
+    @classmethod
+    def warm(cls, program: ControllerProgram, window: Array) -> "_Problem":
+        """After a few control steps from a zero plan at the same window."""
+        z, horizon, previous = encode(program, window), program.mpc.horizon, float(window[-1, -1])
+        problem = cls(program=program, z=z, previous=previous, start=np.zeros(horizon))
+        for _ in range(_WARM):
+            problem = replace(problem, start=shift(problem.adam()))
+        return problem
+
+    def adam(self) -> Array:
+        """Our plan: the reference's, whatever the lowering."""
+        weights = np.array(self.program.mpc.weights.as_tuple())
+        return optimise(self.program, self.z, self.start, self.previous, np.ones_like(self.start), weights)
+
+    def cost(self, plan: Array) -> float:
+        weights = np.array(self.program.mpc.weights.as_tuple())
+        return evaluate(self.program, self.z, plan, self.previous, weights).cost
+
+
+def _casadi(problem: _Problem) -> dict[str, Callable[[], Array]]:
+    """CasADi's solvers by name; none where it is not installed."""
+    if importlib.util.find_spec("casadi") is None:
+        return {}
+    from benchmarks.casadi_mpc import variants
+
+    return {
+        variant.name: partial(variant.solve, problem.z, problem.start, problem.previous)
+        for variant in variants(problem.program)
+    }
 
 
 def _timed(step: Callable[[], object]) -> float:
@@ -129,6 +197,16 @@ def _print(figures: dict[str, Any]) -> None:
         "session load, ONNX float32", f"{figures['onnx_load_ms']:.1f}", f"{figures['min']['onnx_load_ms']:.1f}"
     )
     Console().print(table)
+    if "casadi" in figures:
+        costs = figures["cost"]
+        table = Table("the same control step in CasADi", "median ms", "cost", "gain over ours")
+        table.add_row(
+            f"ours, {figures['settings']['iterations']} iterations of Adam", "", f"{costs['adam']:.5f}", "1.00"
+        )
+        for row in figures["casadi"]:
+            share = (costs["start"] - row["cost"]) / (costs["start"] - costs["adam"])
+            table.add_row(row["variant"], f"{row['ms']:.0f}", f"{row['cost']:.5f}", f"{share:.2f}")
+        Console().print(table)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Write every table in the documents from `results/*.json`: `make tables`, after any command that writes those."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from benchmarks import openfoam_tables, wake_tables
+from benchmarks import openfoam_tables, truncation_tables, wake_tables
 from benchmarks.markdown import fill, read, table
 from benchmarks.model_study import page
 from contract.atomic import replacing
@@ -13,7 +13,8 @@ PAGE: Final = ROOT / "docs" / "results.md"
 README: Final = ROOT / "README.md"
 WAKE: Final = ROOT / "docs" / "wake.md"
 OPENFOAM: Final = ROOT / "docs" / "openfoam.md"
-FILLED: Final = (README, WAKE, OPENFOAM, page.PAGE)
+CONTROLLER: Final = ROOT / "docs" / "controller.md"
+FILLED: Final = (README, WAKE, OPENFOAM, CONTROLLER, page.PAGE)
 
 _HEADER: Final = """# Results
 
@@ -34,6 +35,7 @@ def render_filled(target: Path, results: Path) -> str:
         WAKE: lambda: wake_tables.tables(results),
         page.PAGE: lambda: page.tables(results),
         OPENFOAM: lambda: {"plants": openfoam_tables.plants(results)},
+        CONTROLLER: lambda: truncation_tables.tables(results),
     }[target]()
     return fill(target.read_text(encoding="utf-8"), tables)
 
@@ -173,6 +175,22 @@ def _controller(results: Path) -> str:
 The C library, compiled with `{found["settings"]["c_flags"]}` by
 {found["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
 {by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum.
+{_casadi(found)}"""
+
+
+def _casadi(found: dict[str, Any]) -> str:
+    """The same control step by CasADi's solvers, if the benchmark was run with it."""
+    if "casadi" not in found:
+        return ""
+    start, ours = found["cost"]["start"], found["cost"]["adam"]
+    rows = [("ours, C float32", found["c_ms"], ours, 1.0)]
+    rows += [
+        (row["variant"], row["ms"], row["cost"], (start - row["cost"]) / (start - ours)) for row in found["casadi"]
+    ]
+    return f"""
+The same step in CasADi {found["versions"]["casadi"]}, from the same plan ([controller.md](controller.md)):
+
+{table(("", "median ms", "cost", "gain / ours"), rows)}
 """
 
 
