@@ -222,7 +222,7 @@ def selection(found: Mapping[str, Any]) -> Figure:
     matrix.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=8)
     matrix.set_yticks(range(len(names)), names, fontsize=8)
     for i, j in np.ndindex(values.shape):
-        matrix.text(j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=8)
+        matrix.text(j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=8, color=_ink(values[i, j]))
     matrix.set_title("Pearson correlation", fontsize=10)
     whole = next(item for item in found["counts"] if len(item["sensors"]) == len(names))
     for offset, (name, label, colour) in zip((-0.2, 0.2), FORCES, strict=True):
@@ -232,7 +232,8 @@ def selection(found: Mapping[str, Any]) -> Figure:
     left_out.set_xticks(range(len(names)), [item["removed"] for item in found["without"]], rotation=40, ha="right")
     left_out.tick_params(labelsize=8)
     left_out.set_title(r"$L_1/\sigma$ without it (dotted: with all)", fontsize=10)
-    left_out.legend(fontsize=8)
+    left_out.margins(y=0.2)
+    left_out.legend(fontsize=8, loc="upper left", ncols=2)
     order = [item["method"] for item in found["choices"]]
     for offset, (name, _, colour) in zip((-0.12, 0.12), FORCES, strict=True):
         for place, method in enumerate(order):
@@ -243,6 +244,11 @@ def selection(found: Mapping[str, Any]) -> Figure:
     methods.grid(axis="y", color="0.92")
     methods.set_title(r"$L_1/\sigma$ of four sensors, by method, three seeds", fontsize=10)
     return figure
+
+
+def _ink(value: float) -> str:
+    """A colour that can be read on that of a correlation."""
+    return "white" if abs(value) > 0.6 else "black"
 
 
 def _curve(rollout: list[Mapping[str, Any]], name: str) -> tuple[list[int], list[float]]:
