@@ -187,7 +187,7 @@ def extended(found: Mapping[str, Any]) -> Figure:
         axes.set_ylabel(rf"{label}: $L_1/\sigma$")
         axes.set_ylim(bottom=0)
         axes.grid(color="0.92")
-    grid[0].legend(fontsize=8, loc="upper left")
+    grid[0].legend(fontsize=8, loc="upper center")
     grid[1].set_xlabel("frequency of the forcing, 1 / $t_c$ (green: the training waveform's band)")
     return figure
 
