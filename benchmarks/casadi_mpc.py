@@ -81,7 +81,7 @@ def _single(program: ControllerProgram, name: str, solver: str, options: dict[st
 
     def solve(state: Array, start: Array, in_force: float) -> Array:
         found = nlp(x0=start, p=np.append(state, in_force), lbx=-limit, ubx=limit)
-        return np.clip(np.asarray(found["x"]).ravel(), -limit, limit)
+        return np.asarray(np.clip(np.array(found["x"]).ravel(), -limit, limit))
 
     return CasadiVariant(name=name, solve=solve)
 
@@ -113,7 +113,7 @@ def _multiple(program: ControllerProgram, name: str, options: dict[str, Any]) ->
         drag, lift = decode(program, latents).T
         begin = np.concatenate([start, latents.ravel(), np.abs(lift), [drag.max(), drag.min()]])
         found = nlp(x0=begin, p=np.append(state, in_force), lbx=lower, ubx=upper, lbg=0.0, ubg=most)
-        return np.clip(np.asarray(found["x"]).ravel()[:horizon], -limit, limit)
+        return np.asarray(np.clip(np.array(found["x"]).ravel()[:horizon], -limit, limit))
 
     return CasadiVariant(name=name, solve=solve)
 

@@ -97,7 +97,7 @@ def main(
             for name, solve in solvers.items():
                 times[name].append(_timed(solve))
 
-    casadi = [
+    casadi: list[dict[str, Any]] = [
         {"variant": name, "ms": float(np.median(times.pop(name))), "cost": problem.cost(plan)}
         for name, plan in plans.items()
     ]

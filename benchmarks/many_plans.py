@@ -83,4 +83,4 @@ def _priced(program: ControllerProgram, forces: Array, plans: Array, previous: A
         cost_terms(forces[:, i], plan, float(before), program.mpc.drag_reference)
         for i, (plan, before) in enumerate(zip(plans, previous, strict=True))
     ]
-    return np.array(terms) @ np.array(program.mpc.weights.as_tuple())
+    return np.asarray(np.array(terms) @ np.array(program.mpc.weights.as_tuple()))

@@ -163,7 +163,7 @@ def by_learning_rate(
     best = candidates[np.arange(steps), found.argmin(axis=1)]
     gain = costs(program, z, np.zeros_like(best), previous) - found.min(axis=1)
     applied = plans[:, :, 0] / limit
-    rows = []
+    rows: list[dict[str, Any]] = []
     for j, rate in enumerate(LEARNING_RATES):
         gaps = (found[:, len(starts) + j] - found.min(axis=1)) / gain
         errors = np.abs(applied[:, j] - best[:, 0] / limit)

@@ -37,11 +37,12 @@ def draw(figures: dict[str, Any]) -> Figure:
         grid[1, 1].plot([row["learning_rate"] for row in rates], [row[name] for row in rates], "s--", ms=4, label=label)
     grid[0, 0].set_xscale("symlog", linthresh=1.0)
     grid[0, 0].set_xticks((0, 1, 2, 5, 10, 20, 50), labels=("0", "1", "2", "5", "10", "20", "50"))
+    grid[0, 0].set_xlim(-0.3, 60.0)
     grid[0, 0].legend(title="dotted: largest", fontsize=8)
     grid[1, 1].legend(fontsize=8)
     grid[0, 1].set_xscale("log")
-    grid[1, 0].set_xlabel("iterations of Adam at 0.001")
-    grid[1, 1].set_xlabel("learning rate at 5 iterations")
+    grid[1, 0].set_xlabel("iterations of Adam")
+    grid[1, 1].set_xlabel("learning rate, receding")
     return figure
 
 

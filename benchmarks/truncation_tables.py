@@ -34,7 +34,7 @@ def tables(results: Path) -> dict[str, str]:
         "truncation": "![gap and action error](pictures/truncation.png)\n\n"
         + table(
             ("start", "iterations", "gap, %", "largest", "first action off, % of limit", "largest"),
-            sorted(iterations, key=lambda row: row[0]),
+            [row for start in ("cold", "warm") for row in iterations if row[0] == start],
         ),
         "starts": table(
             ("random starts, mean over snapshots", ""),
