@@ -222,7 +222,7 @@ def selection(found: Mapping[str, Any]) -> Figure:
     matrix.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=8)
     matrix.set_yticks(range(len(names)), names, fontsize=8)
     for i, j in np.ndindex(values.shape):
-        matrix.text(j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=8, color=_ink(values[i, j]))
+        matrix.text(j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=8, color=_ink(float(values[i, j])))
     matrix.set_title("Pearson correlation", fontsize=10)
     whole = next(item for item in found["counts"] if len(item["sensors"]) == len(names))
     for offset, (name, label, colour) in zip((-0.2, 0.2), FORCES, strict=True):
