@@ -24,6 +24,7 @@ from export.reference_mpc import rollout
 from export.weights import LAYER_NORM_EPSILON, Array, Linear, Norm
 
 IPOPT: Final = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.warm_start_init_point": "yes"}
+_MANY: Final = 100
 _FEW: Final = 5
 """Iterations of the variants that stop early, as many as our controller makes."""
 
@@ -59,10 +60,10 @@ def variants(program: ControllerProgram) -> tuple[CasadiVariant, ...]:
     few = {"ipopt.max_iter": _FEW}
     approximate = {"ipopt.hessian_approximation": "limited-memory"}
     return (
-        _single(program, "single shooting, IPOPT", "ipopt", IPOPT | approximate | {"ipopt.max_iter": 200}),
+        _single(program, "single shooting, IPOPT", "ipopt", IPOPT | approximate | {"ipopt.max_iter": _MANY}),
         _single(program, "single shooting, IPOPT, 5 iterations", "ipopt", IPOPT | approximate | few),
         _single(program, "single shooting, SQP, 5 iterations", "sqpmethod", SQP),
-        _multiple(program, "multiple shooting, IPOPT", IPOPT | {"ipopt.max_iter": 200}),
+        _multiple(program, "multiple shooting, IPOPT", IPOPT | {"ipopt.max_iter": _MANY}),
         _multiple(program, "multiple shooting, IPOPT, 5 iterations", IPOPT | few),
     )
 
