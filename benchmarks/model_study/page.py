@@ -163,7 +163,7 @@ def single(found: Mapping[str, Any]) -> str:
 
 def widths(found: Mapping[str, Any]) -> str:
     seed = found["seeds"][0]["metrics"]["slim"]
-    released = _closed(_loop(found, "shap"))
+    released = _closed(_loop(found, "full"))
     lines: list[tuple[object, ...]] = [("256/128, as trained", *_errors(seed), *_steps(seed), "", *released)]
     for row in found["widths"]:
         name = f"{row['dynamics']}/{row['decoder']}"
