@@ -210,12 +210,15 @@ def _side(loop: Mapping[str, float]) -> Iterator[str]:
         yield f"{loop[name]:.3f}"
 
 
-def _loop(found: Mapping[str, Any], variant: str) -> Mapping[str, float]:
-    loop: Mapping[str, float] = next(item for item in found["loops"] if item["variant"] == variant)
+def _loop(found: Mapping[str, Any], variant: str) -> Mapping[str, Any]:
+    loop: Mapping[str, Any] = next(item for item in found["loops"] if item["variant"] == variant)
     return loop
 
 
-def _closed(loop: Mapping[str, float]) -> Iterator[str]:
+def _closed(loop: Mapping[str, Any]) -> Iterator[str]:
+    if loop.get("refused"):
+        yield from ("export refused", "")
+        return
     yield f"{loop['reduction_percent']:.1f} %"
     yield f"{loop['abs_Cl_controlled']:.2f}"
 
