@@ -137,7 +137,11 @@ def recording(tmp_path) -> Path:
 def test_a_recording_with_nan(refused, tmp_path, recording):
     with h5py.File(recording, "r+") as file:
         episode = next(iter(file["episodes"]))
-        file["episodes"][episode]["Cp"][7, 3] = np.nan
+        node = file["episodes"][episode]
+        values = node["Cp"][:] * node["Cp"].attrs["quantum"]
+        values[7, 3] = np.nan
+        del node["Cp"]
+        node.create_dataset("Cp", data=values).attrs["units"] = "1"
     line = refused("train", tmp_path / "model", "--dataset", recording)
     assert f"episode {episode}: field 'Cp' holds a value that is not finite, first at step 7" in line
 
@@ -145,10 +149,10 @@ def test_a_recording_with_nan(refused, tmp_path, recording):
 def test_a_recording_with_a_sensor_too_few(refused, tmp_path, recording):
     with h5py.File(recording, "r+") as file:
         node = next(iter(file["episodes"].values()))
-        units, values = node["Cp"].attrs["units"], node["Cp"][:, :89]
+        attributes, values = dict(node["Cp"].attrs), node["Cp"][:, :89]
         del node["Cp"]
         node["Cp"] = values
-        node["Cp"].attrs["units"] = units
+        node["Cp"].attrs.update(attributes)
     line = refused("train", tmp_path / "model", "--dataset", recording)
     assert f"'Cp' has shape ({len(values)}, 89), must be ({len(values)}, 90)" in line
 
@@ -206,6 +210,8 @@ def test_a_recording_under_a_controller_that_is_not_there_or_altered(refused, tm
 
 
 def test_the_first_schema_takes_no_rounds(refused, recording, random_release):
+    with h5py.File(recording, "r+") as file:
+        file.attrs["schema"] = "stillwake-dataset/1"
     line = refused("record", recording, "--under", random_release)
     assert "episodes can only be added to 'stillwake-dataset/2'" in line
 

@@ -99,7 +99,7 @@ def test_a_sine_has_its_amplitude_and_frequency():
         ({"forcing": "chirp", "amplitude": 0.01}, "only --forcing sine has one"),
         ({"forcing": "chirp", "dataset": PATH}, "exclude each other"),
         ({"episode": "chirp_0"}, "--episode chirp_0: needs --dataset FILE"),
-        ({"dataset": PATH, "episode": "nix"}, "--episode nix: .* holds training_1, chirp_0"),
+        ({"dataset": PATH, "episode": "nix"}, "--episode nix: .* holds training_1, training_2"),
         ({"run": Path("nowhere")}, "nowhere/series.npz"),
     ],
 )
