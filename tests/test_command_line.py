@@ -212,6 +212,9 @@ def test_a_recording_under_a_controller_that_is_not_there_or_altered(refused, tm
 def test_the_first_schema_takes_no_rounds(refused, recording, random_release):
     with h5py.File(recording, "r+") as file:
         file.attrs["schema"] = "stillwake-dataset/1"
+        for node in file["episodes"].values():
+            del node["Cd_slot_viscous"]
+            node.move("Cd_slot_pressure", "Cd_slot")
     line = refused("record", recording, "--under", random_release)
     assert "episodes can only be added to 'stillwake-dataset/2'" in line
 
