@@ -163,7 +163,7 @@ def growth(seeds: list[Mapping[str, Any]], unrolls: list[Mapping[str, Any]]) -> 
             axes.set_ylim(bottom=0)
         grid[row, 0].set_ylabel(rf"{label}: $L_1/\sigma$")
     grid[0, 0].set_title("the release's settings, three seeds", fontsize=10)
-    grid[0, 1].set_title("90 sensors, 4 passes, by unroll", fontsize=10)
+    grid[0, 1].set_title("90 sensors, 4 + 4 passes, by unroll k of the last", fontsize=10)
     for axes in (grid[0, 0], grid[0, 1]):
         axes.legend(fontsize=8)
     for axes in grid[1]:
