@@ -233,7 +233,7 @@ def loop(lab: Lab, name: str) -> dict[str, Any]:
     """The closed loop with a variant of the first seed's model, as `stillwake export` and `stillwake run` make it."""
     bundle, run = (lab.folder / f"{kind}_{name}" for kind in ("bundle", "run"))
     if not bundle.exists():
-        # The gate on int8 refuses the narrow networks for their cost gap (0.0012, at most 0.001 is allowed).
+        # The export's gate on the cost gap refuses the narrow networks with int8 weights.
         precision = "int8" if name in (*METHODS, "full", "hardened") else "float32"
         model = lab.model_path(SEEDS[0]) if name == "full" else lab.variant(name)
         try:
