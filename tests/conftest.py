@@ -1,11 +1,42 @@
 """What more than one room's tests need."""
 
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config import Config, ModelConfig, MpcConfig
+
+SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
+"""Of the bundles that tests sign; the tests that need it make it of the same bytes."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
+    """Run `stillwake` with these arguments, in this process."""
+
+    import stillwake
+
+    def run(*arguments: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["stillwake", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            stillwake.main()
+        code = stop.value.code
+        return Outcome(0 if code is None else code, *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="session")
@@ -34,3 +65,29 @@ def random_release(tmp_path_factory) -> Path:
         limits=QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0),
     )
     return path
+
+
+@pytest.fixture(scope="session")
+def sound(random_release, tmp_path_factory) -> Path:
+    """A signed bundle directory; never written to."""
+    from contract import bundle
+
+    path = tmp_path_factory.mktemp("sound") / "bundle"
+    shutil.copytree(random_release, path)
+    bundle.sign(path, SIGNING_KEY)
+    return path
+
+
+@pytest.fixture
+def signed(sound, tmp_path) -> Path:
+    """A copy of it."""
+    return shutil.copytree(sound, tmp_path / "bundle")
+
+
+@pytest.fixture
+def public_key_file(tmp_path_factory) -> Path:
+    from contract import signing
+
+    folder = tmp_path_factory.mktemp("keys")
+    signing.write_key_pair(folder, SIGNING_KEY)
+    return folder / signing.PUBLIC_KEY

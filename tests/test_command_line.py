@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -18,27 +17,6 @@ import stillwake
 from contract import dataset
 
 VERBS = [command.name or command.callback.__name__ for command in stillwake.app.registered_commands]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
-    """Run `stillwake` with these arguments, in this process."""
-
-    def run(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["stillwake", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            stillwake.main()
-        code = stop.value.code
-        return Outcome(0 if code is None else code, *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture
@@ -290,7 +268,7 @@ def start(*arguments: object) -> subprocess.Popen:
     )
 
 
-def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> Outcome:
+def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> subprocess.CompletedProcess[str]:
     """Press Ctrl-C as soon as something is seen."""
     deadline = time.monotonic() + 120.0
     try:
@@ -302,7 +280,7 @@ def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> Outcome:
         out, err = process.communicate(timeout=120.0)
     finally:
         process.kill()
-    return Outcome(process.returncode, out, err)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
 def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
@@ -310,8 +288,8 @@ def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
     command = ["record", output, "--training", 20, "--chirp", 0, "--uncontrolled", 0]
     first = parts / "training_1" / "000000.npz"
     outcome = stop_after(start(*command), first.is_file)
-    assert (outcome.code, outcome.err) == (130, "stopped\n")
-    assert "wrote" not in outcome.out
+    assert (outcome.returncode, outcome.stderr) == (130, "stopped\n")
+    assert "wrote" not in outcome.stdout
     assert not output.exists()
     assert {path.suffix for path in parts.rglob("*") if path.is_file()} == {".npz", ".json"}
     made = first.stat().st_mtime_ns
@@ -332,6 +310,6 @@ def test_a_run_stopped_by_ctrl_c_leaves_nothing(tmp_path, random_release):
     process = start("run", tmp_path / "run", "--bundle", random_release, "--lead-in", 0.4, "--controlled", 1000)
     # Drawn when control is requested.
     outcome = stop_after(process, lambda: any(tmp_path.glob("run/*vorticity_uncontrolled*")))
-    assert (outcome.code, outcome.err) == (130, "stopped\n")
-    assert "wrote" not in outcome.out
+    assert (outcome.returncode, outcome.stderr) == (130, "stopped\n")
+    assert "wrote" not in outcome.stdout
     assert list(tmp_path.iterdir()) == []

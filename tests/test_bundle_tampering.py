@@ -1,0 +1,329 @@
+"""Every kind of tampering with a release bundle, refused by its name.
+
+Done with the file system, `zipfile` and `json` alone, as someone would who has the bundle but not the key.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import stat
+import zipfile
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import stillwake_bundle
+from contract import bundle, errors, signing
+from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
+
+KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
+OTHER = Ed25519PrivateKey.from_private_bytes(bytes([1]) * 32)
+TRUSTED = signing.public_key(KEY)
+
+
+def flip(path: Path, place: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+
+
+def zipped(folder: Path, *added: tuple[str | zipfile.ZipInfo, bytes]) -> Path:
+    path = folder.with_suffix(".zip")
+    with zipfile.ZipFile(path, "w") as archive:
+        for item in sorted(folder.iterdir()):
+            archive.writestr(item.name, item.read_bytes())
+        for name, data in added:
+            archive.writestr(name, data)
+    shutil.rmtree(folder)
+    return path
+
+
+def resealed(folder: Path, key: Ed25519PrivateKey | None = None, **changes: object) -> Path:
+    """Change the manifest and make its own hash right again, which needs no key; sign it only if there is one."""
+    body = {**json.loads((folder / MANIFEST).read_bytes()), **changes}
+    del body["manifest_sha256"]
+    plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
+    raw = json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()
+    (folder / MANIFEST).write_bytes(raw)
+    if key is not None:
+        (folder / SIGNATURE).write_bytes(signing.sign(key, raw))
+    return folder
+
+
+def flipped_controller(folder: Path) -> Path:
+    flip(folder / CONTROLLER, 1000)
+    return folder
+
+
+def flipped_manifest(folder: Path) -> Path:
+    flip(folder / MANIFEST, 100)
+    return folder
+
+
+def flipped_signature(folder: Path) -> Path:
+    # The last digit; a bit flipped in a hex digit below 8 may leave hex, and then it is damage instead.
+    text = (folder / SIGNATURE).read_bytes()
+    (folder / SIGNATURE).write_bytes(text[:-2] + (b"0\n" if text[-2:] == b"1\n" else b"1\n"))
+    return folder
+
+
+def garbled_signature(folder: Path) -> Path:
+    (folder / SIGNATURE).write_bytes((folder / SIGNATURE).read_bytes() + b"\n")
+    return folder
+
+
+def signature_of_another_bundle(folder: Path) -> Path:
+    (folder / SIGNATURE).write_bytes(signing.sign(KEY, b"{}"))
+    return folder
+
+
+def signed_by_another(folder: Path) -> Path:
+    bundle.sign(folder, OTHER)
+    return folder
+
+
+def claimed_for_the_trusted_key(folder: Path) -> Path:
+    """Another's signature under the trusted key's name."""
+    text = signing.sign(OTHER, (folder / MANIFEST).read_bytes()).decode()
+    text = text.replace(signing.public_key(OTHER).raw.hex(), TRUSTED.raw.hex())
+    (folder / SIGNATURE).write_text(text)
+    return folder
+
+
+def without_signature(folder: Path) -> Path:
+    (folder / SIGNATURE).unlink()
+    return folder
+
+
+def without_controller(folder: Path) -> Path:
+    (folder / CONTROLLER).unlink()
+    return folder
+
+
+def without_manifest(folder: Path) -> Path:
+    (folder / MANIFEST).unlink()
+    return folder
+
+
+def with_an_extra_file(folder: Path) -> Path:
+    (folder / "extra.bin").write_bytes(b"")
+    return folder
+
+
+def with_anothers_controller(folder: Path) -> Path:
+    shutil.copy(stillwake_bundle.SHIPPED_BUNDLE / CONTROLLER, folder / CONTROLLER)
+    return folder
+
+
+def with_anothers_manifest_and_controller(folder: Path) -> Path:
+    for name in (CONTROLLER, MANIFEST):
+        shutil.copy(stillwake_bundle.SHIPPED_BUNDLE / name, folder / name)
+    return folder
+
+
+def with_other_sensors(folder: Path) -> Path:
+    return resealed(folder, sensors=["base_1", "base_2", "base_3", "base_4"])
+
+
+def with_another_controller_and_its_hash(folder: Path) -> Path:
+    (folder / CONTROLLER).write_bytes(b"mine")
+    return resealed(folder, files={CONTROLLER: hashlib.sha256(b"mine").hexdigest()})
+
+
+def with_other_sensors_signed_by_another(folder: Path) -> Path:
+    return resealed(folder, OTHER, sensors=["base_1", "base_2", "base_3", "base_4"])
+
+
+def of_another_schema(folder: Path) -> Path:
+    return resealed(folder, KEY, schema="stillwake-bundle/9")
+
+
+def for_another_dbc(folder: Path) -> Path:
+    return resealed(folder, KEY, dbc_sha256="0" * 64)
+
+
+def without_a_data_set(folder: Path) -> Path:
+    return resealed(folder, KEY, dataset_sha256="")
+
+
+def with_a_large_manifest(folder: Path) -> Path:
+    (folder / MANIFEST).write_bytes((folder / MANIFEST).read_bytes() + b" " * 2**20)
+    return folder
+
+
+def with_a_large_manifest_in_a_zip(folder: Path) -> Path:
+    return zipped(with_a_large_manifest(folder))
+
+
+def with_too_many_bytes(folder: Path) -> Path:
+    """Less than a hundred kilobytes that would unpack to eighty megabytes."""
+    path = zipped(folder)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("more", "zeros"):
+            archive.writestr(name, bytes(40 * 2**20))
+    return path
+
+
+def with_too_many_files(folder: Path) -> Path:
+    return zipped(folder, *((f"{i}", b"") for i in range(100)))
+
+
+def truncated(folder: Path) -> Path:
+    path = zipped(folder)
+    path.write_bytes(path.read_bytes()[:-100])
+    return path
+
+
+def truncated_to_nothing(folder: Path) -> Path:
+    path = zipped(folder)
+    path.write_bytes(b"")
+    return path
+
+
+def with_a_way_up(folder: Path) -> Path:
+    return zipped(folder, ("../evil", b""))
+
+
+def with_an_absolute_path(folder: Path) -> Path:
+    return zipped(folder, ("/tmp/evil", b""))
+
+
+def with_a_folder(folder: Path) -> Path:
+    return zipped(folder, ("sub/", b""))
+
+
+def with_a_hidden_name(folder: Path) -> Path:
+    """A name that the zip library cuts at its zero byte."""
+    path = zipped(folder, ("controller.onnxZevil", b""))
+    path.write_bytes(path.read_bytes().replace(b"onnxZevil", b"onnx\0evil"))
+    return path
+
+
+def with_a_name_twice(folder: Path) -> Path:
+    with pytest.warns(UserWarning, match="Duplicate"):
+        return zipped(folder, (CONTROLLER, b"another"))
+
+
+def with_a_link(folder: Path) -> Path:
+    elsewhere = folder.parent / "elsewhere"
+    shutil.move(folder / CONTROLLER, elsewhere)
+    (folder / CONTROLLER).symlink_to(elsewhere)
+    return folder
+
+
+def with_a_link_in_a_zip(folder: Path) -> Path:
+    info = zipfile.ZipInfo("link")
+    info.external_attr = (stat.S_IFLNK | 0o777) << 16
+    return zipped(folder, (info, b"/etc/passwd"))
+
+
+def with_a_pipe(folder: Path) -> Path:
+    os.mkfifo(folder / "pipe")
+    return folder
+
+
+TAMPERINGS = [
+    (flipped_controller, errors.BundleFileError, "controller.onnx was altered"),
+    (flipped_manifest, errors.BundleSignatureError, "bad signature: manifest.json or manifest.sig was altered"),
+    (flipped_signature, errors.BundleSignatureError, "bad signature: manifest.json or manifest.sig was altered"),
+    (garbled_signature, errors.BundleSignatureError, "manifest.sig is damaged"),
+    (signature_of_another_bundle, errors.BundleSignatureError, "bad signature"),
+    (claimed_for_the_trusted_key, errors.BundleSignatureError, "bad signature"),
+    (signed_by_another, errors.BundleSignerError, f"must be signed by key {TRUSTED.fingerprint}"),
+    (without_signature, errors.BundleSignerError, f"unsigned, must be signed by key {TRUSTED.fingerprint}"),
+    (without_controller, errors.BundleFileError, "controller.onnx is missing"),
+    (without_manifest, errors.BundleManifestError, "manifest.json is missing"),
+    (with_an_extra_file, errors.BundleFileError, "extra.bin is not in the manifest"),
+    (with_anothers_controller, errors.BundleFileError, "controller.onnx was altered"),
+    (with_anothers_manifest_and_controller, errors.BundleSignatureError, "bad signature"),
+    (with_other_sensors, errors.BundleSignatureError, "bad signature"),
+    (with_another_controller_and_its_hash, errors.BundleSignatureError, "bad signature"),
+    (with_other_sensors_signed_by_another, errors.BundleSignerError, "signed by key"),
+    (of_another_schema, errors.BundleManifestError, "schema 'stillwake-bundle/9'"),
+    (for_another_dbc, errors.BundleFileError, "built for another stillwake.dbc"),
+    (without_a_data_set, errors.BundleManifestError, "dataset_sha256 = '': must be a SHA-256"),
+    (with_a_large_manifest, errors.BundleContainerError, "at most 1048576"),
+    (with_a_large_manifest_in_a_zip, errors.BundleContainerError, "at most 1048576"),
+    (with_too_many_bytes, errors.BundleContainerError, "more than 64 files or 67108864 bytes"),
+    (with_too_many_files, errors.BundleContainerError, "more than 64 files"),
+    (truncated, errors.BundleContainerError, "truncated, damaged or no zip"),
+    (truncated_to_nothing, errors.BundleContainerError, "truncated, damaged or no zip"),
+    (with_a_way_up, errors.BundleContainerError, "'../evil' is a path"),
+    (with_an_absolute_path, errors.BundleContainerError, "'/tmp/evil' is a path"),
+    (with_a_folder, errors.BundleContainerError, "'sub/' is a path"),
+    (with_a_hidden_name, errors.BundleContainerError, "is a path"),
+    (with_a_name_twice, errors.BundleContainerError, "controller.onnx is there twice"),
+    (with_a_link, errors.BundleContainerError, "'controller.onnx' is a symbolic link"),
+    (with_a_link_in_a_zip, errors.BundleContainerError, "'link' is a symbolic link"),
+    (with_a_pipe, errors.BundleContainerError, "'pipe' is not a plain file"),
+]
+
+
+@pytest.mark.parametrize(("tamper", "kind", "named"), TAMPERINGS, ids=[case[0].__name__ for case in TAMPERINGS])
+def test_tampering_is_refused_by_its_name(cli, signed, public_key_file, tamper, kind, named):
+    path = tamper(signed)
+    with pytest.raises(errors.BundleError) as refused:
+        bundle.load(path, TRUSTED)
+    assert type(refused.value) is kind
+    assert named in str(refused.value)
+    assert str(path) in str(refused.value)
+
+    run = cli("run", path.parent / "run", "--bundle", path, "--trust", public_key_file)
+    assert (run.code, run.err.count("\n")) == (1, 1)
+    assert run.err.startswith("error: ")
+    assert named in run.err
+    assert not (path.parent / "run").exists()
+
+    verified = cli("bundle", "verify", path, "--trust", public_key_file)
+    assert (verified.code, verified.err.count("\n")) == (1, 1)
+    assert "checks failed" in verified.err
+    assert any(line.startswith("FAILED") and named in line for line in verified.out.splitlines())
+
+
+@settings(max_examples=200, deadline=None)
+@given(name=st.sampled_from([MANIFEST, SIGNATURE]), data=st.data())
+def test_no_bit_of_manifest_or_signature_can_change(sound, tmp_path_factory, name, data):
+    folder = tmp_path_factory.getbasetemp() / "flipped"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(sound, folder)
+    content = bytearray((folder / name).read_bytes())
+    content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    (folder / name).write_bytes(content)
+    # Whoever is trusted: a changed signature fails under any key.
+    for trusted in (TRUSTED, None):
+        with pytest.raises(errors.BundleSignatureError):
+            bundle.load(folder, trusted)
+
+
+def test_verify_lists_everything_that_is_wrong(cli, signed):
+    with_an_extra_file(flipped_controller(signed))
+    outcome = cli("bundle", "verify", signed)
+    assert outcome.err.endswith("2 of 7 checks failed: controller.onnx, extra.bin\n")
+    marks = [line.split()[:2] for line in outcome.out.splitlines()]
+    assert marks == [
+        ["ok", "container"],
+        ["ok", "manifest.sig"],
+        ["ok", "manifest.json"],
+        ["FAILED", "controller.onnx"],
+        ["FAILED", "extra.bin"],
+        ["ok", "DBC"],
+        ["ok", "content"],
+    ]
+
+
+def test_nothing_is_parsed_whose_signature_is_bad(signed, monkeypatch):
+    flipped_manifest(signed)
+    monkeypatch.setattr(bundle, "open_manifest", lambda path, raw: pytest.fail("was parsed"))
+    with pytest.raises(errors.BundleSignatureError):
+        bundle.load(signed, TRUSTED)
+
+
+@pytest.mark.parametrize("pack", [lambda folder: folder, zipped])
+def test_a_signed_bundle_verifies_as_directory_and_zip(cli, signed, public_key_file, pack):
+    outcome = cli("bundle", "verify", pack(signed), "--trust", public_key_file)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"good, by the trusted key {TRUSTED.fingerprint}" in outcome.out
