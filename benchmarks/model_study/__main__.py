@@ -16,11 +16,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks.model_study import figures, page
-from benchmarks.model_study.lab import Lab, digest, open_lab, quiet
-from benchmarks.model_study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, correlation, run, stages
+from benchmarks.model_study.lab import Lab, digest, episodes, open_lab, quiet
+from benchmarks.model_study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
 from contract.config_loading import load_config, to_tree
 from contract.results import versions, write_result
 from stillwake_terminal import ConfigFile, Overrides
+from train.selection.correlation import correlation
 from train.selection.methods import METHODS
 
 
@@ -69,7 +70,7 @@ def collected(lab: Lab) -> dict[str, Any]:
         "bands": found("bands"),
         "loops": [found("loop", name) for name in LOOPS],
         "disturbed": found("disturbed"),
-        "correlation": correlation(lab.model().sensors),
+        "correlation": correlation(episodes("train"), lab.model().sensors).tolist(),
     }
 
 

@@ -14,6 +14,7 @@ from benchmarks.markdown import read
 from benchmarks.model_study import disturbed
 from benchmarks.model_study.lab import Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
+from contract.config import SelectionMethod
 from contract.errors import StillwakeError
 from train import model_store
 from train.distil import distil, encode_all
@@ -22,7 +23,7 @@ from train.evaluate import evaluate, judge, latent_error, rollout_starts
 from train.fit import fit_joint, seeded
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
-from train.selection.methods import METHODS, Method, select
+from train.selection.methods import METHODS, select
 from train.streaming import encode_stream, fit_stream
 from train.windows import Array, Rows, prepare
 
@@ -108,7 +109,7 @@ def without(lab: Lab, place: int) -> dict[str, Any]:
     return {"removed": names[place], **student(lab, lab.model().teacher, left, seed=0)[1]}
 
 
-def choice(lab: Lab, method: Method) -> dict[str, Any]:
+def choice(lab: Lab, method: SelectionMethod) -> dict[str, Any]:
     """What a method of selection picks, and how long it takes."""
     began = time.process_time()
     trained = lab.model()
@@ -119,7 +120,7 @@ def choice(lab: Lab, method: Method) -> dict[str, Any]:
     return {"method": method, "sensors": list(names), "cpu_seconds": time.process_time() - began}
 
 
-def method(lab: Lab, name: Method, seed: int) -> dict[str, Any]:
+def method(lab: Lab, name: SelectionMethod, seed: int) -> dict[str, Any]:
     """A student on that method's choice; the first seed's is kept for the loop."""
     names = tuple(lab.part(f"choice_{name}", lambda: choice(lab, name))["sensors"])
     slim, found = student(lab, lab.model().teacher, names, seed)
@@ -247,14 +248,6 @@ def loop(lab: Lab, name: str) -> dict[str, Any]:
 
 def _grown(encoder: Encoder, trained: WakeModel) -> dict[str, Any]:
     return evaluate(encoder, trained, test_rows(), horizons=GROWTH).as_tree()
-
-
-def correlation(names: Sequence[str]) -> list[list[float]]:
-    """Pearson correlation of these sensors' pressures over the training episodes."""
-    columns = sensors.indices(names)
-    half = len(training_rows().inputs) // 2  # without the mirror images
-    found: list[list[float]] = np.corrcoef(training_rows().inputs[:half, columns].numpy().T).tolist()
-    return found
 
 
 KINDS: Final[Mapping[str, Callable[..., Any]]] = {

@@ -18,16 +18,14 @@ from train.selection.ridge_student import ridge_student
 from train.selection.shap_ranking import ShapRanker, rank
 from train.windows import Rows
 
-Method = SelectionMethod
-
-METHODS: Final[tuple[Method, ...]] = get_args(Method)
+METHODS: Final[tuple[SelectionMethod, ...]] = get_args(SelectionMethod)
 
 RANDOM_DRAWS: Final = 64
 """Choices that "random" judges."""
 
 
 def select(
-    method: Method,
+    method: SelectionMethod,
     encoder: Encoder,
     rows: Rows,
     count: int,

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from contract import sensors
-from contract.config import Config
+from contract.config import Config, SelectionMethod
 from contract.config_loading import load_config
 from contract.errors import ConfigError
 from train.model import Encoder, WakeModel
-from train.selection.methods import METHODS, Method, select
+from train.selection.methods import METHODS, select
 from train.windows import Rows
 
 
@@ -20,7 +20,7 @@ def encoder(small_config: Config) -> Encoder:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_chooses_as_many_as_asked_and_the_same_again(
-    method: Method, encoder: Encoder, rows: Rows, small_config: Config
+    method: SelectionMethod, encoder: Encoder, rows: Rows, small_config: Config
 ) -> None:
     settings = replace(small_config.train, shap_background=4, shap_explained=5, shap_samples=2)
     names = select(method, encoder, rows, 3, settings=settings)
@@ -39,7 +39,7 @@ def test_another_seed_draws_anew(encoder: Encoder, rows: Rows, small_config: Con
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("count", [0, 91])
 def test_a_budget_that_cannot_be_met_is_refused(
-    method: Method, count: int, encoder: Encoder, rows: Rows, small_config: Config
+    method: SelectionMethod, count: int, encoder: Encoder, rows: Rows, small_config: Config
 ) -> None:
     with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
         select(method, encoder, rows, count, settings=small_config.train)
