@@ -4,7 +4,7 @@ The matrices are those of `quantise`: the same integers and scales as in the int
 program as they are, so `correct_biases` reaches this lowering, too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -25,25 +25,39 @@ PADDING = 2 * WORD
 MARGIN = 1.5
 """How far an activation may exceed its calibrated range before it saturates."""
 
-AHEAD = 8
+AHEAD = 16
 """Zeros after every matrix, for loads ahead of their use; C's SW_AHEAD."""
 
 ELU_ONE = 4096
 """ELU outputs are integers of 1 / 4096 up to 8, whatever the layer, so that one table serves all; C's SW_ELU_ONE."""
 
+XHAT_MOST = 32767
+"""The integer of a normed value at its bound, sqrt(n) in a layer of width n; C's SW_XHAT_MOST."""
+
+LOGISTIC_ONE = 16384
+"""An argument of 1 of the table of the logistic function; C's SW_LOGISTIC_ONE."""
+
+LOGISTIC_MOST = 32767
+"""The table's integer for 1; C's SW_LOGISTIC_MOST."""
+
+LOGISTIC_RANGE = 16.0
+
+GATE_MOST = 6e4
+"""Largest argument of a gate that, in 1 / `LOGISTIC_ONE` and doubled, is still an int32."""
+
 ELU_RANGE = 8.0
 ELU_MOST = 6.4
 """Largest calibrated output that still leaves room below the range's end."""
 
-Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.int16]
+Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.uint32]
 
 
 def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[str, Values]:
     """Every array of `sw_weights.h` by its C name; int8 where it is an int8 matrix, else float64.
 
     Raises:
-        ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, or
-            one whose ELU outputs come near the end of their range.
+        ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, one
+            whose ELU outputs come near the end of their range, or an LSTM with absurdly large weights.
     """
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
@@ -52,6 +66,7 @@ def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[st
         raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {ELU_MOST}")
     return {
         **scaling_arrays(program),
+        "sw_logistic_points": logistic_points(),
         "sw_elu_points": elu_points(),
         "sw_action_factor": np.array(1.0 / program.scaling.action_std),
         **_encoder(program, ranges),
@@ -68,11 +83,19 @@ def levels(width: int) -> int:
     return 32767 if width <= 516 else 16909320 // width
 
 
-def elu_points() -> npt.NDArray[np.int16]:
-    """ELU at -8, -8 + 1/32, .. below 8 and its rise to the next point, both in 1 / `ELU_ONE`."""
-    points = np.arange(-ELU_RANGE, ELU_RANGE + 1 / 32, 1 / 32)
-    values = np.rint(ELU_ONE * np.where(points < 0, np.expm1(np.minimum(points, 0)), points)).astype(np.int64)
-    return np.stack([values[:-1], np.diff(values)], axis=-1).astype(np.int16)
+def elu_points() -> npt.NDArray[np.uint32]:
+    """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it."""
+    return _points(lambda x: ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), ELU_RANGE)
+
+
+def logistic_points() -> npt.NDArray[np.uint32]:
+    """The logistic function at -16, -16 + 1/32, .. below 16 in 1 / `LOGISTIC_MOST`, as C's sw_between takes it."""
+    return _points(lambda x: LOGISTIC_MOST / (1.0 + np.exp(-x)), LOGISTIC_RANGE)
+
+
+def _points(function: Callable[[Array], Array], reach: float) -> npt.NDArray[np.uint32]:
+    values = np.rint(function(np.arange(-reach, reach + 1 / 32, 1 / 32))).astype(np.int64)
+    return (values[:-1] % (1 << 16) + (np.diff(values) << 16)).astype(np.uint32)
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
@@ -97,18 +120,21 @@ def _per_unit(largest: float, width: int) -> float:
 
 
 def _channels(*columns: Array) -> Array:
-    """One row an output, zeros in the padding."""
-    return np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % PADDING), (0, 0)])
+    """Constants of every output in eights, (n / 8, constants, 8), zeros in the padding."""
+    rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % PADDING), (0, 0)])
+    return rows.reshape(-1, PADDING, len(columns)).transpose(0, 2, 1)
 
 
 def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, per_unit: float) -> Array:
-    # sw_elu takes integers that begin with its table.
-    offset = ELU_ONE * (norm.bias + ELU_RANGE)
-    return _channels(matrix.scales.astype(np.float64) / per_unit, bias, ELU_ONE * norm.weight, offset)
+    # The gain multiplies the tape's integer of xhat; sw_elu takes integers that begin with its table, cut off after the
+    # point.
+    gain = ELU_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_MOST
+    offset = ELU_ONE * (norm.bias + ELU_RANGE) + 0.5
+    return _channels(matrix.scales.astype(np.float64) / per_unit, bias, gain, offset)
 
 
 def _back(matrix: Int8Matrix, norm: Norm) -> Array:
-    return _channels(norm.weight / ELU_ONE, matrix.scales.astype(np.float64) / matrix.scales.max())
+    return _channels(norm.weight, matrix.scales.astype(np.float64) / matrix.scales.max())
 
 
 def _plain(matrix: Int8Matrix, bias: Array, per_unit: float) -> Array:
@@ -128,13 +154,17 @@ def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
     # The hidden state never leaves [-1, 1].
     cell = float(levels(_padded(lstm.width)))
     middle = _per_unit(ranges.head, lstm.width)
-    channels = zip(
-        *(
-            np.split(values, 4)
-            for values in (by_input.scales / row, by_hidden.scales / cell, lstm.bias_input + lstm.bias_recurrent)
-        ),
-        strict=True,
+    reach = np.abs(lstm.weight_input).sum(axis=1) * MARGIN * ranges.row + np.abs(lstm.weight_recurrent).sum(axis=1)
+    if not np.max(reach + np.abs(lstm.bias_input + lstm.bias_recurrent)) < GATE_MOST:
+        raise ExportError(f"int8 lowering: the LSTM's gates reach {np.max(reach):.3g}, must stay below {GATE_MOST:.3g}")
+    # tanh(x) = 2 logistic(2 x) - 1, for gate g.
+    arguments = LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
+    by_gate = (
+        by_input.scales / row * arguments,
+        by_hidden.scales / cell * arguments,
+        (lstm.bias_input + lstm.bias_recurrent) * arguments + LOGISTIC_RANGE * LOGISTIC_ONE + 0.5,
     )
+    channels = zip(*(np.split(values, 4) for values in by_gate), strict=True)
     return {
         "sw_lstm_input_rows": packed(_gates(by_input.values)),
         "sw_lstm_hidden_rows": packed(_gates(by_hidden.values)),

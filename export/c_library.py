@@ -105,7 +105,7 @@ def _weights(arrays: Mapping[str, Values]) -> str:
     text = ["/* Generated: the numbers of one trained program. */", '#include "sw_weights.h"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype in (np.int8, np.int16):
+        if values.dtype in (np.int8, np.uint32):
             text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
             text.append(f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), _number)};")

@@ -41,20 +41,30 @@ def sources_and_rows(program: ControllerProgram, precision: str) -> tuple[dict[s
     return sources, np.loadtxt(recorded_rows(windows).splitlines(), dtype=np.float32)
 
 
-@pytest.fixture(scope="module")
-def budgeted() -> mcu.Measurement:
-    """The size that fits a microcontroller: 128-wide dynamics, 64-wide decoder, 3 iterations over 25 steps, int8."""
+def of_an_ecu(iterations: int) -> mcu.Measurement:
+    """The size that fits a microcontroller: 128-wide dynamics, 64-wide decoder, 25 steps, int8."""
     model = ModelConfig(dynamics_width=128, decoder_width=64)
-    program = random_program(0, model=model, mpc=MpcConfig(iterations=3))
+    program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
     return mcu.measure(*sources_and_rows(program, "int8"))
 
 
-def test_the_budget_of_an_ecu_is_kept(budgeted):
+@pytest.fixture(scope="module")
+def budgeted() -> mcu.Measurement:
+    return of_an_ecu(5)
+
+
+def test_five_iterations_keep_an_ecus_budget(budgeted):
     """20 ms is the period; instructions are exact for this compiler, so a little room is enough for another one."""
     assert budgeted.flash_bytes <= 160 * 1024
     assert budgeted.ram_bytes <= 96 * 1024
     assert budgeted.stack_bytes <= 2 * 1024
-    assert budgeted.instructions <= 12.2e6
+    assert budgeted.instructions <= 16.2e6
+    assert budgeted.modelled_ms["480"] <= 20.0
+
+
+def test_three_iterations_leave_a_fifth_of_the_period():
+    budgeted = of_an_ecu(3)
+    assert budgeted.instructions <= 11.0e6
     assert budgeted.modelled_ms["480"] <= 16.0
 
 

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import expit
 
 from contract.config import ModelConfig, MpcConfig
 from contract.errors import ExportError, LibraryError
 from contract.host_library import host_compiler
 from export.activation_ranges import activation_ranges
 from export.c_host import CController
-from export.c_int8_arrays import ELU_ONE, elu_points, levels, packed
+from export.c_int8_arrays import AHEAD, ELU_ONE, LOGISTIC_MOST, elu_points, levels, logistic_points, packed
 from export.c_library import c_library
 from export.parity import control_cases
 from export.program import ControllerProgram
@@ -105,6 +106,24 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, w
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
 
 
+@pytest.mark.parametrize("dynamics_width", [3, 13, 70, 128])
+def test_every_core_computes_the_same(dynamics_width):
+    """Plain C, and what this processor has instead: integers, and floats in the same order, so to the bit."""
+    model = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=dynamics_width, decoder_width=9)
+    program = quantise(random_program(7, model=model, mpc=MpcConfig(horizon=HORIZON)))
+    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(1))])
+    uncontracted = ("-O2", "-ffp-contract=off")
+    plain, native = (
+        CController(program, c_library(program, ranges), flags=flags)
+        for flags in (uncontracted, (*uncontracted, "-march=native"))
+    )
+    for case in control_cases(program, count=4):
+        expected = plain.control_step(case.window, case.plan, case.free, case.weights)
+        found = native.control_step(case.window, case.plan, case.free, case.weights)
+        np.testing.assert_array_equal(found.plan, expected.plan)
+        np.testing.assert_array_equal(found.forces, expected.forces)
+
+
 def test_no_scratch_is_read_before_it_is_written(small):
     program, controller = small
     cases = list(control_cases(program, count=4))
@@ -126,20 +145,33 @@ def test_no_sum_of_products_can_overflow_32_bits():
 def test_weights_are_packed_in_tiles():
     """Tiles of four rows and columns, in each row the columns 0, 2, 1, 3; both sides padded to eight, then zeros."""
     found = packed(np.arange(1, 11, dtype=np.int8).reshape(2, 5))
-    assert len(found) == 8 * 8 + 8
-    tiles = found[:-8].reshape(2, 2, 4, 4)
+    assert len(found) == 8 * 8 + AHEAD
+    tiles = found[:-AHEAD].reshape(2, 2, 4, 4)
     np.testing.assert_array_equal(tiles[0, 0], [[1, 3, 2, 4], [6, 8, 7, 9], [0] * 4, [0] * 4])
     np.testing.assert_array_equal(tiles[0, 1], [[5, 0, 0, 0], [10, 0, 0, 0], [0] * 4, [0] * 4])
     np.testing.assert_array_equal(tiles[1], 0)
 
 
+def value_and_rise(points):
+    """The two halves of a table's words."""
+    return (points & 0xFFFF).astype(np.uint16).view(np.int16).astype(np.float64), (points >> 16).astype(np.float64)
+
+
 def test_the_table_is_elu_to_half_an_integer():
     """At every point, and half-way to the next, where a straight line is furthest off the curve."""
-    points = elu_points().astype(np.float64) / ELU_ONE
+    value, rise = (half / ELU_ONE for half in value_and_rise(elu_points()))
     x = np.arange(-8, 8, 1 / 32)
-    np.testing.assert_allclose(points[:, 0], np.where(x < 0, np.expm1(x), x), rtol=0, atol=0.51 / ELU_ONE)
+    np.testing.assert_allclose(value, np.where(x < 0, np.expm1(x), x), rtol=0, atol=0.51 / ELU_ONE)
     half = np.where(x + 1 / 64 < 0, np.expm1(x + 1 / 64), x + 1 / 64)
-    np.testing.assert_allclose(points.sum(axis=1) - points[:, 1] / 2, half, rtol=0, atol=1.01 / ELU_ONE)
+    np.testing.assert_allclose(value + rise / 2, half, rtol=0, atol=1.01 / ELU_ONE)
+
+
+def test_the_table_is_the_logistic_function_within_3e_5():
+    """One half integer of 1 / 32767 for the rounding, and h^2 / 8 max |f''| = 1.2e-5 for the straight line."""
+    value, rise = (half / LOGISTIC_MOST for half in value_and_rise(logistic_points()))
+    for share in (0.0, 0.5):
+        x = np.arange(-16, 16, 1 / 32) + share / 32
+        np.testing.assert_allclose(value + share * rise, expit(x), rtol=0, atol=3e-5)
 
 
 def test_activations_beyond_the_table_are_refused():
@@ -147,6 +179,13 @@ def test_activations_beyond_the_table_are_refused():
     ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
     with pytest.raises(ExportError, match=r"ELU outputs reach 7, must stay below 6\.4"):
         c_library(program, replace(ranges, hidden2=7.0))
+
+
+def test_gates_beyond_an_integer_are_refused():
+    program = quantise(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
+    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    with pytest.raises(ExportError, match=r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"):
+        c_library(program, replace(ranges, row=1e12))
 
 
 def test_ranges_need_windows():

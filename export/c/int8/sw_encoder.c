@@ -4,20 +4,36 @@
 #include "sw_norm.h"
 #include "sw_parts.h"
 
-static inline float gate(const sw_encoder_scratch *e, int number, int k)
+/* A gate's argument as sw_logistic_points takes it. */
+static inline int32_t gate(const sw_encoder_scratch *e, int number, int k)
 {
     const int c = number * SW_LSTM_P + k;
-    return (float)e->by_row[c] * sw_lstm_channel[c][0] + (float)e->by_hidden[c] * sw_lstm_channel[c][1] +
-           sw_lstm_channel[c][2];
+    const float(*of)[8] = sw_lstm_channel[c / 8];
+    return (int32_t)((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
 }
+
+/* 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_MOST, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START: a
+ * straight line between points 1 / 32 apart, off by 5e-5 at most. Beyond -16 and 16 it stays.
+ */
+static inline int32_t logistic(int32_t x)
+{
+    const int32_t last = 2 * SW_LOGISTIC_START - 1;
+    return sw_between(sw_logistic_points, x < 0 ? 0 : x > last ? last : x, SW_LOGISTIC_STEP);
+}
+
+/* tanh(x) in integers of 1 / SW_LOGISTIC_MOST, from 2 x as above: 2 logistic(2 x) - 1. */
+static inline int32_t hyperbolic(int32_t x) { return 2 * logistic(x) - SW_LOGISTIC_MOST; }
 
 /* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
 static void update_cells(sw_encoder_scratch *e)
 {
+    const float one = 1.0f / (float)SW_LOGISTIC_MOST, product = one * one;
     for (int k = 0; k < SW_LSTM; k++) {
-        const float c = sw_logistic(gate(e, 1, k)) * e->cell[k] + sw_logistic(gate(e, 0, k)) * sw_tanh(gate(e, 2, k));
+        const int32_t entering = logistic(gate(e, 0, k)) * hyperbolic(gate(e, 2, k));
+        const float c = (float)logistic(gate(e, 1, k)) * one * e->cell[k] + (float)entering * product;
+        const int32_t argument = (int32_t)(c * (float)(2 * SW_LOGISTIC_ONE) + ((float)SW_LOGISTIC_START + 0.5f));
         e->cell[k] = c;
-        e->output[k] = sw_logistic(gate(e, 3, k)) * sw_tanh(c);
+        e->output[k] = (float)(logistic(gate(e, 3, k)) * hyperbolic(argument)) * product;
         e->hidden[k] = sw_rounded(e->output[k] * sw_cell_levels);
     }
 }
@@ -62,11 +78,13 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     normalise(e);
     sw_dots(e->by_hidden, sw_head_rows, e->vector, SW_HEAD_P, SW_LSTM_P);
     for (int k = 0; k < SW_HEAD_P; k++) {
-        const float y = (float)e->by_hidden[k] * sw_head_channel[k][SW_SCALE] + sw_head_channel[k][SW_BIAS];
-        e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ONE) + SW_ELU_START);
+        const float y = (float)e->by_hidden[k] * sw_head_channel[k / 8][SW_SCALE][k % 8] +
+                        sw_head_channel[k / 8][SW_BIAS][k % 8];
+        e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ONE + ((float)SW_ELU_START + 0.5f)));
     }
     sw_dots(e->by_hidden, sw_latent_rows, e->vector, SW_LATENT_P, SW_HEAD_P);
     for (int l = 0; l < SW_LATENT; l++) {
-        work->z[l] = (float)e->by_hidden[l] * sw_latent_channel[l][SW_SCALE] + sw_latent_channel[l][SW_BIAS];
+        work->z[l] = (float)e->by_hidden[l] * sw_latent_channel[l / 8][SW_SCALE][l % 8] +
+                     sw_latent_channel[l / 8][SW_BIAS][l % 8];
     }
 }

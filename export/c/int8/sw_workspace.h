@@ -61,11 +61,14 @@ typedef struct {
     int16_t vector[SW_LARGER(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
+/* Of two steps of the horizon, which the decoder takes at a time; how far apart they are is known to sw_dots_two. */
+#define SW_APART SW_DECODER_ROW
+
 typedef struct {
-    int32_t sums[SW_DECODER_ROW];
-    float x[SW_DECODER_P]; /* the sum of residuals, or dJ/d of it */
+    int16_t vector[2][SW_APART];
+    int32_t sums[2][SW_APART];
+    float x[2][SW_DECODER_P]; /* the sum of residuals, or dJ/d of it */
     float values[SW_DECODER_P];
-    int16_t vector[SW_DECODER_ROW];
 } sw_decoder_scratch;
 
 typedef struct {

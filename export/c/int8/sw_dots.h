@@ -1,0 +1,35 @@
+/* Products of int8 matrices with int16 vectors in 32-bit sums.
+ *
+ * y = w x; rows a multiple of 4, columns of 8, padded with zeros. A sum cannot overflow: a vector of n numbers keeps
+ * within SW_LEVELS(n).
+ *
+ * Matrices are tiles of four rows by four columns, those of the same rows one behind the other. A row's four weights
+ * are one word, in the order 0, 2, 1, 3: widening every second byte of a word then gives the weights of two neighbours
+ * of the vector.
+ *
+ * sw_dots takes one vector; sw_dots_two takes two that stand SW_APART apart, as their products will, and may widen a
+ * weight once for both. The results are the same to the bit on every core.
+ */
+#ifndef SW_DOTS_H
+#define SW_DOTS_H
+
+#include "sw_integer.h"
+
+#if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
+#include "sw_dots_dsp.h"
+#else
+#if defined(__AVX2__)
+#include "sw_dots_avx2.h"
+#else
+#include "sw_dots_plain.h"
+#endif
+
+static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
+                               int columns)
+{
+    sw_dots(y, w, x, rows, columns);
+    sw_dots(y + SW_APART, w, x + SW_APART, rows, columns);
+}
+#endif
+
+#endif

@@ -1,0 +1,113 @@
+/* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): one instruction multiplies and adds two pairs.
+ *
+ * Loops are written out, because compilers run out of registers there, and ordered for cores that issue two
+ * instructions at a time. Each needs thirteen registers; what is used once in four rows is on the stack.
+ */
+#ifndef SW_DOTS_DSP_H
+#define SW_DOTS_DSP_H
+
+/* Widening alternates with multiplying, and weights are loaded two rows ahead: the last loads read from the SW_AHEAD
+ * bytes that follow every matrix.
+ */
+#define SW_EIGHT_COLUMNS                                                                                   \
+    "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
+    "ldr %[wa], [%[w]], #4\n" "smlad %[s0], %[t], %[xa], %[s0]\n" "sxtb16 %[t], %[wb]\n"                   \
+    "smlad %[s0], %[u], %[xb], %[s0]\n" "sxtb16 %[u], %[wb], ror #8\n" "smlad %[s1], %[t], %[xa], %[s1]\n" \
+    "ldr %[wb], [%[w]], #4\n" "sxtb16 %[t], %[wa]\n" "smlad %[s1], %[u], %[xb], %[s1]\n"                   \
+    "sxtb16 %[u], %[wa], ror #8\n" "smlad %[s2], %[t], %[xa], %[s2]\n" "ldr %[wa], [%[w]], #4\n"           \
+    "sxtb16 %[t], %[wb]\n" "smlad %[s2], %[u], %[xb], %[s2]\n" "sxtb16 %[u], %[wb], ror #8\n"              \
+    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n" "smlad %[s3], %[u], %[xb], %[s3]\n"      \
+    "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
+    "ldr %[wa], [%[w]], #4\n" "smlad %[s0], %[t], %[xa], %[s0]\n" "sxtb16 %[t], %[wb]\n"                   \
+    "smlad %[s0], %[u], %[xb], %[s0]\n" "sxtb16 %[u], %[wb], ror #8\n" "smlad %[s1], %[t], %[xa], %[s1]\n" \
+    "ldr %[wb], [%[w]], #4\n" "sxtb16 %[t], %[wa]\n" "smlad %[s1], %[u], %[xb], %[s1]\n"                   \
+    "sxtb16 %[u], %[wa], ror #8\n" "smlad %[s2], %[t], %[xa], %[s2]\n" "ldr %[wa], [%[w]], #4\n"           \
+    "sxtb16 %[t], %[wb]\n" "smlad %[s2], %[u], %[xb], %[s2]\n" "sxtb16 %[u], %[wb], ror #8\n"              \
+    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n"  \
+    "smlad %[s3], %[u], %[xb], %[s3]\n"
+
+#define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
+
+/* On the stack: y, the rows left, a vector's bytes, and sixteens of its columns. */
+#define SW_FOUR_BY_FOUR(columns)                                                                            \
+    __asm__ volatile("sub sp, #16\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
+                     "ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"                                     \
+                     "1:\n" "ldr %[count], [sp, #12]\n" "mov %[s0], #0\n" "mov %[s1], #0\n"                  \
+                     "mov %[s2], #0\n" "mov %[s3], #0\n" columns                                             \
+                     "ldrd %[t], %[count], [sp]\n" "ldr %[u], [sp, #8]\n"                                    \
+                     "str %[s0], [%[t]], #4\n" "subs %[count], #4\n" "str %[s1], [%[t]], #4\n"              \
+                     "sub %[x], %[x], %[u]\n" "strd %[s2], %[s3], [%[t]], #8\n"                             \
+                     "strd %[t], %[count], [sp]\n" "bne 1b\n" "add sp, #16\n"                               \
+                     : [x] "+r"(x), [w] "+r"(w), [s0] "+r"(y), [s1] "+r"(rows), [s2] "+r"(bytes),            \
+                       [s3] "+r"(sixteens), [wa] "=&r"(wa), [wb] "=&r"(wb), [xa] "=&r"(xa), [xb] "=&r"(xb),  \
+                       [t] "=&r"(t), [u] "=&r"(u), [count] "=&r"(count) : : "cc", "memory")
+
+static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
+                           int columns)
+{
+    int32_t wa, wb, xa, xb, t, u, count, bytes = 2 * columns, sixteens = columns / 16;
+    /* Decided when this is compiled, since sizes are constants. */
+    if (columns % 16 == 0) {
+        SW_FOUR_BY_FOUR(SW_SIXTEEN_COLUMNS);
+    } else if (columns == 8) {
+        SW_FOUR_BY_FOUR(SW_EIGHT_COLUMNS);
+    } else {
+        SW_FOUR_BY_FOUR(SW_EIGHT_COLUMNS SW_SIXTEEN_COLUMNS);
+    }
+}
+
+
+/* Two rows of a tile by both vectors, x the first one and z the second: eight multiplications with all else beside
+ * them. */
+#define SW_TWO_ROWS                                                                                          \
+    "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
+    "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
+    "smlad %[s0], %[wa], %[zb], %[s0]\n" "sxtb16 %[t], %[u]\n"                                              \
+    "smlad %[s1], %[wa], %[xb], %[s1]\n" "ldr %[wa], [%[w]], #4\n"                                          \
+    "smlad %[s2], %[t], %[za], %[s2]\n" "sxtb16 %[u], %[u], ror #8\n"                                       \
+    "smlad %[s3], %[t], %[xa], %[s3]\n" "sxtb16 %[t], %[wa]\n"                                              \
+    "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
+    "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
+
+/* The first loads of two rows, and all of their columns. */
+#define SW_ACROSS(label, tiles)                                                                              \
+    "ldr %[wa], [%[w]], #4\n" "mov %[s0], #0\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n" "mov %[s1], #0\n"   \
+    "ldrd %[xa], %[xb], [%[x]], #8\n" "mov %[s2], #0\n" "sxtb16 %[t], %[wa]\n" "mov %[s3], #0\n"            \
+    label ":\n" tiles "ldr %[u], [sp, #16]\n" "cmp %[w], %[u]\n" "bne " label "b\n"                         \
+    "ldr %[t], [sp]\n" "ldrd %[u], %[wa], [sp, #8]\n" "sub %[x], #8\n"
+
+/* On the stack: y, the rows left, the bytes of four rows, those of a vector, and where w is after the last tile. */
+#define SW_TWO_BY_TWO(tiles)                                                                                 \
+    __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
+                     "1:\n" "ldr %[u], [sp, #8]\n" "add %[u], #4\n" "add %[u], %[w]\n"                       \
+                     "str %[u], [sp, #16]\n" SW_ACROSS("2", tiles)                                           \
+                     "str %[s1], [%[t]]\n" "sub %[x], %[wa]\n" "str %[s3], [%[t], #4]\n"                     \
+                     "sub %[w], %[u]\n" "str %[s0], [%[t], %[along]]\n" "add %[t], #4\n"                     \
+                     "str %[s2], [%[t], %[along]]\n" "ldr %[u], [sp, #16]\n" "add %[w], #4\n"                \
+                     "add %[u], #8\n" "str %[u], [sp, #16]\n" SW_ACROSS("3", tiles)                          \
+                     "add %[t], #8\n" "sub %[x], %[wa]\n" "str %[s1], [%[t]]\n" "sub %[w], #12\n"            \
+                     "str %[s0], [%[t], %[along]]\n" "ldr %[u], [sp, #4]\n" "add %[t], #4\n"                 \
+                     "str %[s3], [%[t]]\n" "subs %[u], #4\n" "str %[s2], [%[t], %[along]]\n"                 \
+                     "add %[t], #4\n" "strd %[t], %[u], [sp]\n" "bne 1b\n" "add sp, #24\n"                   \
+                     : [x] "+r"(x), [w] "+r"(w), [s0] "+r"(y), [s1] "+r"(rows), [s2] "+r"(four_rows),        \
+                       [s3] "+r"(bytes), [wa] "=&r"(wa), [za] "=&r"(za), [zb] "=&r"(zb), [xa] "=&r"(xa),     \
+                       [xb] "=&r"(xb), [t] "=&r"(t), [u] "=&r"(u)                                            \
+                     : [apart] "i"(2 * SW_APART), [along] "i"(4 * SW_APART) : "cc", "memory")
+
+static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
+                               int columns)
+{
+#if SW_APART > 510 /* further than an instruction reaches */
+    sw_dots(y, w, x, rows, columns);
+    sw_dots(y + SW_APART, w, x + SW_APART, rows, columns);
+#else
+    int32_t wa, za, zb, xa, xb, t, u, four_rows = 4 * columns, bytes = 2 * columns;
+    if (columns % 16 == 0) {
+        SW_TWO_BY_TWO(SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS);
+    } else {
+        SW_TWO_BY_TWO(SW_TWO_ROWS SW_TWO_ROWS);
+    }
+#endif
+}
+
+#endif
