@@ -21,7 +21,6 @@ class Decoder:
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: Store) -> None:
         weights, scaling = program.decoder, program.scaling
-        self._rows = (program.mpc.horizon, weights.latent)
         self._input = store(graph, weights.input.weight, "decoder.input.weight")
         self._input_bias = graph.constant(weights.input.bias, "decoder.input.bias")
         self._blocks = [_Block(graph, block, i, store) for i, block in enumerate(weights.blocks)]
@@ -31,9 +30,8 @@ class Decoder:
         self._force_std = graph.constant(scaling.force_std, "force_std")
 
     def forward(self, graph: Graph, latents: str) -> tuple[str, list[BlockTape]]:
-        """Physical (Cd, Cl), (H, 2), from latents (H, 1, n_z), and the tape for `adjoint`."""
-        rows = graph.op("Reshape", latents, graph.index(self._rows))
-        x = graph.op("Gemm", rows, self._input, self._input_bias, transB=1)
+        """Physical (Cd, Cl), (H, 2), from latents (H, n_z), and the tape for `adjoint`."""
+        x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
         tapes = []
         for block in self._blocks:
             x, tape = block.forward(graph, x)
@@ -42,11 +40,11 @@ class Decoder:
         return graph.op("Add", graph.op("Mul", scaled, self._force_std), self._force_mean), tapes
 
     def adjoint(self, graph: Graph, tapes: list[BlockTape], d_forces: str) -> str:
-        """dJ/dz (H, 1, n_z) from dJ/d(Cd, Cl) (H, 2)."""
+        """dJ/dz (H, n_z) from dJ/d(Cd, Cl) (H, 2)."""
         d = graph.op("MatMul", graph.op("Mul", d_forces, self._force_std), self._output)
         for block, tape in zip(reversed(self._blocks), reversed(tapes), strict=True):
             d = block.adjoint(graph, tape, d)
-        return graph.op("Unsqueeze", graph.op("MatMul", d, self._input), graph.index([1]))
+        return graph.op("MatMul", d, self._input)
 
 
 class _Block:

@@ -1,14 +1,20 @@
 """The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
 
-What the recursion does not need leaves the Scans: the action's share of the first layer and every factor of
-the activations' slopes are computed for all H steps at once. Both layer norms get centred inputs
-(`onnx_weights.centred`), so that the adjoint of norm and ELU is, with xhat, r, and gain g of the norm and
-slope = ELU'(g xhat + b), a product with p = slope g r and one projection:
+ONNX Runtime takes half a microsecond for any node, so what the recursion does not need leaves the Scans and is computed
+for all H steps at once: the action's share of the first layer, every factor of the activations' slopes, the decoder's
+share of the adjoint, and biases of the residual, as the recursion runs without them,
+
+    s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
+
+Both layer norms get centred inputs (`onnx_weights.centred`), so that the adjoint of norm and ELU is, with xhat, r, and
+gain g of the norm and slope = ELU'(g xhat + b), a product with p = slope g r and one projection:
 
     t = p d,    v = t - xhat (t . xhat) / n.
 """
 
 from dataclasses import dataclass
+
+import numpy as np
 
 from export.graph_builder import Graph
 from export.onnx_weights import NormNames, Store, centred, centred_bias, transposed
@@ -18,8 +24,8 @@ from export.weights import Linear
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """Values of a forward pass: latents (H, 1, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm
-    and ELU, (H, 1, width)."""
+    """Values of a forward pass: latents (H, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm and ELU,
+    (H, 1, width)."""
 
     latents: str
     before: tuple[str, str]
@@ -43,9 +49,13 @@ class Dynamics:
         self._by_action = graph.op("Mul", by_action, per_action)
         self._by_action_row = transposed(graph, self._by_action)
         self._forward = (transposed(graph, by_state), transposed(graph, second))
-        self._backward = (by_state, second)
+        self._backward = second
         self._output = third
-        self._bias = _biases(graph, weights.input, weights.hidden, weights.output)
+        first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
+        # b_1, and what k times b_3 does to the first layer, (H, 1, width).
+        steps = graph.constant(np.arange(self._horizon).reshape(-1, 1, 1), "steps")
+        per_step = graph.op("MatMul", self._output_bias, self._forward[0])
+        self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
         self._norms = (
             NormNames(graph, weights.norm_in, "dynamics.norm_in"),
             NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden"),
@@ -55,44 +65,47 @@ class Dynamics:
     def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
         """Latent states under a plan (H,) in U_inf W, from z (1, n_z)."""
         actions = graph.op("Reshape", plan, self._column)
-        drive = graph.op("Add", graph.op("Mul", actions, self._by_action_row), self._bias[0])
+        drive = graph.op("Add", graph.op("Mul", actions, self._by_action_row), self._bias_by_step)
 
         body = graph.body()
         widths = [norm.width for norm in self._norms]
-        state = body.input("z", (1, self._latent))
+        state = body.input("s", (1, self._latent))
         driven = body.input("drive", (1, widths[0]))
         u1 = body.op("Gemm", state, self._forward[0], driven)
         h1 = body.op("Elu", self._norms[0].apply(body, u1))
-        u2 = body.op("Gemm", h1, self._forward[1], self._bias[1])
+        u2 = body.op("Gemm", h1, self._forward[1], self._hidden_bias)
         h2 = body.op("Elu", self._norms[1].apply(body, u2))
-        after = body.op("Add", state, body.op("Gemm", h2, self._output, self._bias[2], transB=1))
-        body.output(after, (1, self._latent))
-        body.output(after, (1, self._latent))
+        body.output(body.op("Gemm", h2, self._output, state, transB=1), (1, self._latent))
         for value, width in ((u1, widths[0]), (h1, widths[0]), (u2, widths[1]), (h2, widths[1])):
             body.output(value, (1, width))
 
-        _, latents, u1s, h1s, u2s, h2s = graph.scan(body, states=[z], sequences=[drive])
+        _, u1s, h1s, u2s, h2s = graph.scan(body, states=[z], sequences=[drive])
+        rows = graph.op("Reshape", h2s, graph.index([self._horizon, widths[1]]))
+        changes = graph.op("Gemm", rows, self._output, self._output_bias, transB=1)
+        latents = graph.op("Add", graph.op("CumSum", changes, graph.index([0])), z)
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str) -> str:
-        """dJ/da_k through the latent states, (H,), from dJ/dz_{k+1} through the forces alone, (H, 1, n_z)."""
+        """dJ/da_k through the latent states, (H,), from dJ/dz_{k+1} through the forces alone, (H, n_z)."""
         xhat1, slope1 = self._linearise(graph, 0, rollout)
         xhat2, slope2 = self._linearise(graph, 1, rollout)
+        # The adjoint of z_{k+1} is what forces from k+1 on say directly, summed up here, and what the Scan adds.
+        direct = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
+        directly = graph.op("Unsqueeze", graph.op("MatMul", direct, self._output), graph.index([1]))
 
         body = graph.body()
         widths = [norm.width for norm in self._norms]
-        later = body.input("adjoint", (1, self._latent))
-        own = body.input("own", (1, self._latent))
+        through = body.input("adjoint", (1, self._latent))
+        d2 = body.input("direct", (1, widths[1]))
         x1, p1 = body.input("xhat1", (1, widths[0])), body.input("slope1", (1, widths[0]))
         x2, p2 = body.input("xhat2", (1, widths[1])), body.input("slope2", (1, widths[1]))
-        total = body.op("Add", later, own)
-        v2 = _through_norm(body, body.op("MatMul", total, self._output), x2, p2, widths[1])
-        v1 = _through_norm(body, body.op("MatMul", v2, self._backward[1]), x1, p1, widths[0])
-        body.output(body.op("Gemm", v1, self._backward[0], total), (1, self._latent))
+        v2 = _through_norm(body, body.op("Gemm", through, self._output, d2), x2, p2, widths[1])
+        v1 = _through_norm(body, body.op("MatMul", v2, self._backward), x1, p1, widths[0])
+        body.output(body.op("Gemm", v1, self._forward[0], through, transB=1), (1, self._latent))
         body.output(v1, (1, widths[0]))
 
         zero = graph.constant([[0.0] * self._latent])
-        _, v1s = graph.scan(body, states=[zero], sequences=[through_forces, xhat1, slope1, xhat2, slope2], reverse=True)
+        _, v1s = graph.scan(body, states=[zero], sequences=[directly, xhat1, slope1, xhat2, slope2], reverse=True)
         return graph.op("Reshape", graph.op("MatMul", v1s, self._by_action), graph.index([self._horizon]))
 
     def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
