@@ -1,20 +1,19 @@
 """Latency of one control step: the paper's recipe in eager PyTorch, the ONNX graphs and the C library, in one run.
 
-    python benchmarks/controller.py [--json FILE] [--repeats N]
+    python benchmarks/controller.py [--json FILE] [--repeats N] [--model DIR]
 
 One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time. Weights
 are random at the paper's sizes (our time does not depend on them); other sizes are options. Where CasADi is installed
 (`pip install "stillwake[bench]"`), its solvers get the same problem, from the same shifted plan, and the costs that all
-reach are compared.
+reach are compared: on recorded windows if a trained model is named, else at random.
 """
 
 import importlib.util
 import json
 import platform
+import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,35 +25,34 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from contract import dataset
 from contract.atomic import replacing
 from contract.config import ModelConfig, MpcConfig
+from contract.config_loading import load_config
 from contract.host_library import OPTIMISED, compiler_version, host_compiler
 from export.c_host import CController
 from export.c_library import c_library
 from export.c_release import int8_library
 from export.eager import EagerController
+from export.from_training import load_trained
 from export.onnx_graph import build_controller
 from export.onnx_session import OnnxController
 from export.parity import control_cases
 from export.program import ControllerProgram
 from export.random_program import random_program, random_window
-from export.reference_model import encode
-from export.reference_mpc import evaluate, optimise, shift
 from export.weights import Array
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
-# CasADi's solvers take as long as hundreds of our control steps.
-_CASADI_EVERY = 50
-# A solver that takes longer is timed once.
-_CASADI_PATIENCE_MS = 2000.0
-_WARM = 3
+_SITUATIONS = 5
 
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
+    model_folder: Annotated[Path | None, typer.Option("--model", help="Trained model for CasADi's problems.")] = None,
+    data: Annotated[Path | None, typer.Option("--dataset", help="Recording for them; the shipped one.")] = None,
     dynamics_width: int = 256,
     decoder_width: int = 128,
     horizon: int = 25,
@@ -84,40 +82,25 @@ def main(
         "c_ms": lambda: c.control_step(case.window, case.plan, case.free),
         "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
     }
-    problem = _Problem.warm(program, case.window)
-    solvers = _casadi(problem)
-    plans: dict[str, Array] = {}
     for step in steps.values():
         step()  # warm caches and allocators
-    times: dict[str, list[float]] = {name: [] for name in (*steps, *solvers)}
+    times: dict[str, list[float]] = {name: [] for name in steps}
     console = Console(stderr=True)
-    for name, solve in track(list(solvers.items()), "CasADi", console=console):
-        start = time.perf_counter()
-        plans[name] = solve()
-        times[name].append((time.perf_counter() - start) * 1e3)
     for i in track(range(repeats), "control steps", console=console):
         for name, step in steps.items():
             if name != "eager_ms" or i % _EAGER_EVERY == 0:
                 times[name].append(_timed(step))
-        if i % _CASADI_EVERY == 0:
-            for name, solve in solvers.items():
-                if times[name][0] <= _CASADI_PATIENCE_MS:
-                    times[name].append(_timed(solve))
 
-    casadi: list[dict[str, Any]] = [
-        {"variant": name, "ms": float(np.median(times.pop(name))), "cost": problem.cost(plan)}
-        for name, plan in plans.items()
-    ]
     figures: dict[str, Any] = {name: float(np.median(values)) for name, values in times.items()}
     figures["onnx_load_ms"] = float(np.median(load_ms))
     figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
-    if casadi:
-        figures["cost"] = {"start": problem.cost(problem.start), "adam": problem.cost(problem.adam())}
-        figures["casadi"] = casadi
-        enough = [row for row in casadi if row["cost"] <= figures["cost"]["adam"]]
-        figures["casadi_ms"] = min(row["ms"] for row in enough or casadi)
+    if importlib.util.find_spec("casadi") is not None:
+        figures["casadi"] = _casadi(program, case.window, model_folder, data)
+        solvers = figures["casadi"]["solvers"]
+        enough = [row for row in solvers if row["gap"] <= figures["casadi"]["ours"]["gap"]]
+        figures["casadi_ms"] = min(row["ms"] for row in enough or solvers)
     figures["settings"] = {
         "dynamics_width": dynamics_width,
         "decoder_width": decoder_width,
@@ -127,7 +110,7 @@ def main(
         "threads": 1,
         "c_flags": " ".join(OPTIMISED),
     }
-    names = ("torch", "onnxruntime", "numpy", *(("casadi",) if casadi else ()))
+    names = ("torch", "onnxruntime", "numpy", *(("casadi",) if "casadi" in figures else ()))
     figures["versions"] = {name: version(name) for name in names}
     figures["versions"]["c_compiler"] = compiler_version(compiler)
     figures["machine"] = platform.processor() or platform.machine()
@@ -137,44 +120,21 @@ def main(
             temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Problem:
-    """A control step for every solver: state, action in force, and the shifted last plan."""
+def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None, data: Path | None) -> dict[str, Any]:
+    """What `solvers.compare` finds, on a recording if there is a model."""
+    if not __package__:
+        # Run as a file: its neighbours are a package of the folder above.
+        sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    from benchmarks.situations import RECORDING, choose_episode
+    from benchmarks.solvers import compare, random_problem, recorded_problems
 
-    program: ControllerProgram
-    z: Array
-    previous: float
-    start: Array
-
-    @classmethod
-    def warm(cls, program: ControllerProgram, window: Array) -> "_Problem":
-        """After a few control steps from a zero plan at the same window."""
-        z, horizon, previous = encode(program, window), program.mpc.horizon, float(window[-1, -1])
-        problem = cls(program=program, z=z, previous=previous, start=np.zeros(horizon))
-        for _ in range(_WARM):
-            problem = replace(problem, start=shift(problem.adam()))
-        return problem
-
-    def adam(self) -> Array:
-        """Our plan: the reference's, whatever the lowering."""
-        weights = np.array(self.program.mpc.weights.as_tuple())
-        return optimise(self.program, self.z, self.start, self.previous, np.ones_like(self.start), weights)
-
-    def cost(self, plan: Array) -> float:
-        weights = np.array(self.program.mpc.weights.as_tuple())
-        return evaluate(self.program, self.z, plan, self.previous, weights).cost
-
-
-def _casadi(problem: _Problem) -> dict[str, Callable[[], Array]]:
-    """CasADi's solvers by name; none where it is not installed."""
-    if importlib.util.find_spec("casadi") is None:
-        return {}
-    from benchmarks.casadi_mpc import variants
-
-    return {
-        variant.name: partial(variant.solve, problem.z, problem.start, problem.previous)
-        for variant in variants(problem.program)
-    }
+    if model_folder is None:
+        return compare(program, [random_problem(program, window)])
+    trained = load_trained(model_folder)
+    program = trained.program(load_config().mpc)
+    episode = choose_episode(dataset.read(RECORDING if data is None else data))
+    found = compare(program, recorded_problems(program, episode, _SITUATIONS))
+    return found | {"episode": episode.name, "weights_sha256": trained.provenance["weights_sha256"]}
 
 
 def _timed(step: Callable[[], object]) -> float:
@@ -205,15 +165,17 @@ def _print(figures: dict[str, Any]) -> None:
     )
     Console().print(table)
     if "casadi" in figures:
-        costs = figures["cost"]
-        table = Table("the same control step in CasADi", "median ms", "cost", "gain over ours")
-        table.add_row(
-            f"ours, {figures['settings']['iterations']} iterations of Adam", "", f"{costs['adam']:.5f}", "1.00"
-        )
-        for row in figures["casadi"]:
-            share = (costs["start"] - row["cost"]) / (costs["start"] - costs["adam"])
-            table.add_row(row["variant"], f"{row['ms']:.0f}", f"{row['cost']:.5f}", f"{share:.2f}")
-        Console().print(table)
+        _print_casadi(figures["casadi"], figures["settings"]["iterations"])
+
+
+def _print_casadi(found: dict[str, Any], iterations: int) -> None:
+    title = f"the same control step in CasADi, {found['problems']} situations"
+    table = Table("", "median ms", "gap, %", "largest, %", title=title)
+    rows = [("shifted plan", found["start"]), (f"ours, {iterations} iterations", found["ours"])]
+    for label, row in (*rows, *((row["variant"], row) for row in found["solvers"])):
+        time_of = f"{row['ms']:.0f}" if "ms" in row else ""
+        table.add_row(label, time_of, f"{row['gap']:.2f}", f"{row['gap_worst']:.2f}")
+    Console().print(table)
 
 
 if __name__ == "__main__":

@@ -23,29 +23,22 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.commands import ROOT
 from benchmarks.converged import EVALUATIONS, RATES, Optimum, converged, valleys
 from benchmarks.many_plans import adam, costs
+from benchmarks.situations import LEAD, RECORDING, choose_episode, receding, see, see_before, shifted
 from contract import bundle as bundles
 from contract import dataset
 from contract.config import MpcConfig
 from contract.config_loading import load_config
-from contract.dataset import Dataset, Episode
+from contract.dataset import Episode
 from contract.errors import ExportError
 from contract.results import versions, write_result
 from export.from_training import load_trained
 from export.program import ControllerProgram
-from export.recorded_windows import recorded_windows
-from export.reference_model import encode
-from export.reference_mpc import shift
 from export.weights import Array
 
-PAPER: Final = ROOT / "wake" / "data" / "paper.h5"
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50)
 LEARNING_RATES: Final = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
-LEAD: Final = 30
-"""Control steps before a figure counts: an action is planned 25 times before it is applied, so the first plans have
-not had their iterations yet."""
 NOISE: Final = 0.1
 """Deviation of the noise on a sensor, as a share of the sensor's own."""
 NEAR: Final = 0.01
@@ -56,7 +49,7 @@ def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
     bundle: Annotated[Path | None, typer.Option(help="Settings of this bundle, which must be of the model.")] = None,
     model: Annotated[Path, typer.Option(help="Trained model directory.")] = Path("runs/model"),
-    data: Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")] = PAPER,
+    data: Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")] = RECORDING,
     snapshots: Annotated[int, typer.Option(help="Over the episode.", min=2)] = 20,
     starts: Annotated[int, typer.Option(help="Random starts a snapshot.", min=2)] = 20,
     steps: Annotated[int, typer.Option(help="Consecutive steps for each learning rate.", min=10)] = 50,
@@ -90,30 +83,19 @@ def main(
         write_result(json_file, figures=figures, facts=facts, on=date.today())
 
 
-def choose_episode(data: Dataset) -> Episode:
-    """The last one recorded for training under a controller, else the chirp."""
-    controlled = [
-        item for item in data.episodes if item.role == "train" and item.provenance.get("forcing_signal") == "controlled"
-    ]
-    return controlled[-1] if controlled else data.with_role("test")[0]
-
-
 def at_snapshots(
     program: ControllerProgram, episode: Episode, snapshots: int, starts: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Gaps and action errors by number of iterations, and where random starts end."""
     horizon, limit = program.mpc.horizon, program.action_limit
-    count = len(episode) - program.window + 1
-    ends = np.linspace(LEAD, count - 1, snapshots).astype(int)
-    seen = [_see(program, episode, range(end - LEAD, end + 1)) for end in ends]
-    z, previous = np.stack([item[0] for item in seen], axis=1), np.stack([item[1] for item in seen], axis=1)
-    warm = _receding(program, z[:-1], previous[:-1], np.full(snapshots, program.mpc.learning_rate))[-1]
+    z, previous = see_before(program, episode, snapshots)
+    warm = receding(program, z[:-1], previous[:-1], np.full(snapshots, program.mpc.learning_rate))[-1]
 
     rates = np.full(max(ITERATIONS), program.mpc.learning_rate)
     ladder: dict[tuple[str, int], list[tuple[float, float]]] = {}
     spreads, optimisers = [], []
     for i in track(range(snapshots), "snapshots", console=Console(stderr=True)):
-        begin = {"cold": np.zeros(horizon), "warm": _shifted(warm[[i]])[0]}
+        begin = {"cold": np.zeros(horizon), "warm": shifted(warm[[i]])[0]}
         plans, scattered = np.array(list(begin.values())), rng.uniform(-limit, limit, (starts, horizon))
         best = converged(program, z[-1, i], previous[-1, i], plans, scattered)
         two = np.tile(z[-1, i], (2, 1)), np.full(2, previous[-1, i])
@@ -145,11 +127,11 @@ def by_learning_rate(
     """Receding plans over consecutive steps at the end of the episode, each rate with and without noise."""
     count, limit = len(episode) - program.window + 1, program.action_limit
     last = range(count - LEAD - steps, count)
-    z, previous = _see(program, episode, last)
-    noisy_z, _ = _see(program, _with_noise(episode, rng), last)
+    z, previous = see(program, episode, last)
+    noisy_z, _ = see(program, _with_noise(episode, rng), last)
     n = len(LEARNING_RATES)
     both = np.concatenate([np.repeat(z[:, None], n, axis=1), np.repeat(noisy_z[:, None], n, axis=1)], axis=1)
-    plans = _receding(program, both, np.repeat(previous[:, None], 2 * n, axis=1), np.tile(LEARNING_RATES, 2))[LEAD:]
+    plans = receding(program, both, np.repeat(previous[:, None], 2 * n, axis=1), np.tile(LEARNING_RATES, 2))[LEAD:]
     z, previous = z[LEAD:], previous[LEAD:]
 
     # The optimum of every step by Adam alone, from a zero plan, the plans of two rates, and a random one.
@@ -198,32 +180,10 @@ def _settings(path: Path | None, weights_sha256: str) -> MpcConfig:
     return manifest.mpc
 
 
-def _see(program: ControllerProgram, episode: Episode, steps: range) -> tuple[Array, Array]:
-    """Latent states (n, n_z) and actions in force (n,) at these of the episode's windows."""
-    windows = recorded_windows(program, episode, len(episode) - program.window + 1)
-    chosen = [windows[k] for k in steps]
-    return np.array([encode(program, window) for window in chosen]), np.array([window[-1, -1] for window in chosen])
-
-
 def _with_noise(episode: Episode, rng: np.random.Generator) -> Episode:
     pressure = episode.series["Cp"]
     noise = NOISE * pressure.std(axis=0) * rng.standard_normal(pressure.shape)
     return replace(episode, series={**episode.series, "Cp": pressure + noise})
-
-
-def _receding(program: ControllerProgram, z: Array, previous: Array, rates: Array) -> Array:
-    """Plans (t, n, H) of consecutive control steps, each from the one before, shifted; z (t, n, n_z), rates (n,)."""
-    plans = [np.zeros((len(rates), program.mpc.horizon))]
-    iterations = program.mpc.iterations
-    steps = list(zip(z, previous, strict=True))
-    for now, in_force in track(steps, "receding", console=Console(stderr=True)):
-        every = np.tile(rates, (iterations, 1))
-        plans.append(adam(program, now, _shifted(plans[-1]), in_force, every)[iterations])
-    return np.array(plans[1:])
-
-
-def _shifted(plans: Array) -> Array:
-    return np.array([shift(plan) for plan in plans])
 
 
 def _spread(program: ControllerProgram, z: Array, previous: float, best: Optimum, gain: float) -> dict[str, float]:

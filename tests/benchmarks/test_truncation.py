@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.converged import converged, valleys
 from benchmarks.many_plans import adam, costs, costs_and_gradients
-from benchmarks.truncation import choose_episode
+from benchmarks.situations import choose_episode
 from contract import sensors
 from contract.config import CostWeights, ModelConfig, MpcConfig
 from contract.dataset import UNITS, Dataset, Episode
