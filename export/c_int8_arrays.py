@@ -1,7 +1,7 @@
 """A program's numbers in the layout that the int8 C sources expect (`export/c/int8/sw_weights.h`).
 
-The matrices are those of `quantise`: the same integers and scales as in the int8 ONNX graph. Biases come from the
-program as they are, so `correct_biases` reaches this lowering, too.
+The matrices are rounded ones already (`calibrate`), with the same integers and scales as in the int8 ONNX graph. Biases
+come from the program as they are.
 """
 
 from collections.abc import Callable, Mapping

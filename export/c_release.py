@@ -50,7 +50,7 @@ def write_c_release(
     Args:
         precision: "float32", or "int8" for int8 weights, int16 activations and integer products.
         windows: consecutive recorded windows (L, S+1) that the gates replay.
-        calibration: more of them, for int8 biases and ranges; the same as an int8 ONNX graph is calibrated on.
+        calibration: other ones, for int8 rounding and ranges; the same as an int8 ONNX graph is calibrated on.
 
     Raises:
         LibraryError: there is no C compiler, or it does not take the library.
@@ -74,7 +74,7 @@ def write_c_release(
 
 
 def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """The int8 library's files, biases and activation steps calibrated on windows (L, S+1)."""
+    """The int8 library's files, weights and activation steps calibrated on windows (L, S+1)."""
     rounded = rounded_program(program, calibration)
     return c_library(rounded, activation_ranges(rounded, calibration))
 

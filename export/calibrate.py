@@ -1,55 +1,69 @@
-"""What rounding a matrix does to its output on average, taken back through the bias.
+"""The program that int8 lowerings compute: matrices rounded, where there are recorded windows in view of what they see.
 
-A rounded layer computes W_q x + b instead of W x + b. Over recorded inputs its error has a mean, (W - W_q) mean(x),
-which a roll-out adds up step after step. Adding that mean to the bias removes it and costs nothing. Only the dynamics
-are corrected: encoder and decoder are applied once, and rounding them hardly moves the plan.
+With windows, every matrix is rounded with error feedback on the inputs of its own layer (`feedback_rounding`,
+`layer_inputs`). Correcting biases by the mean of what is left was tried and dropped: it gains nothing after that.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
+from export.feedback_rounding import quantise_on
+from export.layer_inputs import LayerInputs, layer_inputs
 from export.program import ControllerProgram
 from export.quantise import quantise
-from export.reference_layers import elu, layer_norm, linear
-from export.reference_model import encode
 from export.weights import Array, Linear
 
 
 def rounded_program(program: ControllerProgram, windows: Sequence[Array] | None) -> ControllerProgram:
-    """What every int8 lowering computes: rounded matrices, and corrected biases where there are windows for it."""
-    rounded = quantise(program)
-    return rounded if windows is None else correct_biases(program, rounded, windows)
-
-
-def correct_biases(
-    program: ControllerProgram, rounded: ControllerProgram, windows: Sequence[Array]
-) -> ControllerProgram:
-    """The rounded program with the dynamics' biases corrected.
+    """What every int8 lowering computes.
 
     Args:
-        program: the float program.
-        rounded: the same with rounded matrices.
-        windows: consecutive recorded windows (L, S+1), at least two; they give latent states and actions.
+        windows: recorded ones (L, S+1) to calibrate on; rounded to nearest if None.
+
+    Raises:
+        ExportError: no windows in the sequence.
     """
-    exact, coarse = program.dynamics, rounded.dynamics
-    z = np.array([encode(program, window) for window in windows[:-1]])
-    # The action commanded at k stands in the window of k + 1.
-    a = np.array([window[-1, -1] for window in windows[1:]]) / program.scaling.action_std
-    x_input = np.concatenate([z, a[:, None]], axis=1)
-    x_hidden = elu(layer_norm(exact.norm_in, linear(exact.input, x_input)))
-    x_output = elu(layer_norm(exact.norm_hidden, linear(exact.hidden, x_hidden)))
+    if windows is None:
+        return quantise(program)
+    return round_matrices(program, layer_inputs(program, windows))
+
+
+def round_matrices(program: ControllerProgram, seen: LayerInputs) -> ControllerProgram:
+    """The program with every matrix rounded on its inputs."""
+    encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
     return replace(
-        rounded,
+        program,
+        encoder=replace(
+            encoder,
+            lstm=replace(
+                encoder.lstm,
+                weight_input=_rounded(encoder.lstm.weight_input, seen.row),
+                weight_recurrent=_rounded(encoder.lstm.weight_recurrent, seen.recurrent),
+            ),
+            hidden=_rounded_linear(encoder.hidden, seen.head),
+            output=_rounded_linear(encoder.output, seen.latent),
+        ),
         dynamics=replace(
-            coarse,
-            input=_corrected(exact.input, coarse.input, x_input),
-            hidden=_corrected(exact.hidden, coarse.hidden, x_hidden),
-            output=_corrected(exact.output, coarse.output, x_output),
+            dynamics,
+            input=_rounded_linear(dynamics.input, seen.state),
+            hidden=_rounded_linear(dynamics.hidden, seen.hidden1),
+            output=_rounded_linear(dynamics.output, seen.hidden2),
+        ),
+        decoder=replace(
+            decoder,
+            input=_rounded_linear(decoder.input, seen.z),
+            blocks=tuple(
+                replace(block, linear=_rounded_linear(block.linear, x))
+                for block, x in zip(decoder.blocks, seen.blocks, strict=True)
+            ),
+            output=_rounded_linear(decoder.output, seen.forces),
         ),
     )
 
 
-def _corrected(exact: Linear, coarse: Linear, x: Array) -> Linear:
-    return replace(coarse, bias=exact.bias + (exact.weight - coarse.weight) @ x.mean(axis=0))
+def _rounded(weight: Array, inputs: Array) -> Array:
+    return quantise_on(weight, inputs).dequantised().astype(float)
+
+
+def _rounded_linear(layer: Linear, inputs: Array) -> Linear:
+    return replace(layer, weight=_rounded(layer.weight, inputs))

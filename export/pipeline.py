@@ -1,6 +1,6 @@
 """From a model directory to a release bundle and, on request, a C library: read, calibrate, lower, gate, write."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
@@ -10,17 +10,20 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract import dataset
 from contract.config import Config
+from contract.dataset import Episode
 from contract.errors import ExportError
 from export.bundle_writer import ReleaseReport, write_release
 from export.c_release import CReport, write_c_release
 from export.from_training import load_trained
 from export.onnx_weights import Precision
+from export.program import ControllerProgram
 from export.recorded_windows import recorded_windows
+from export.weights import Array
 
 GATE_WINDOWS: Final = 50
 """Consecutive recorded windows that the export gates replay."""
 CALIBRATION_WINDOWS: Final = 400
-"""Consecutive recorded windows from which int8 rounding is calibrated."""
+"""Recorded windows from which int8 rounding is calibrated, of every kind of forcing together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +46,16 @@ class Exported:
                 yield f"{title}: {name}", value
 
 
+def calibration_windows(program: ControllerProgram, episodes: Sequence[Episode]) -> list[Array]:
+    """Windows (L, S+1) of the last episode of every kind of forcing: what a controller meets differs between them.
+
+    Raises:
+        ExportError: an episode is too short.
+    """
+    last = {item.provenance.get("forcing_signal"): item for item in episodes}.values()
+    return [window for item in last for window in recorded_windows(program, item, CALIBRATION_WINDOWS)[:: len(last)]]
+
+
 def export_all(
     model: Path,
     output: Path,
@@ -60,7 +73,7 @@ def export_all(
     Args:
         model: directory written by `train`.
         precision: "int8" or "float32", of both.
-        recording: data set whose test episode the gates replay, and whose training episode calibrates int8.
+        recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         created: today.
         key: to sign the bundle with; unsigned if None.
 
@@ -75,7 +88,7 @@ def export_all(
     program = trained.program(config.mpc)
     episodes = dataset.read(recording)
     windows = recorded_windows(program, episodes.with_role("test")[0], GATE_WINDOWS)
-    calibration = recorded_windows(program, episodes.with_role("train")[0], CALIBRATION_WINDOWS)
+    calibration = calibration_windows(program, episodes.with_role("train"))
     library = None
     if c_folder is not None:
         library = write_c_release(

@@ -1,12 +1,15 @@
-"""Correcting biases against what it promises: no mean error, and a shorter way from the float roll-out."""
+"""Calibrated rounding against what it promises: errors smaller than those of rounding to nearest."""
 
 import numpy as np
 import pytest
 
-from export.calibrate import correct_biases
+from contract.errors import ExportError
+from export.calibrate import rounded_program
+from export.layer_inputs import layer_inputs
 from export.quantise import quantise
 from export.random_program import random_program
-from export.reference_model import encode, step
+from export.reference_layers import linear
+from export.reference_model import decode, encode, step
 
 
 @pytest.fixture(scope="module")
@@ -15,43 +18,55 @@ def case():
     rng = np.random.default_rng(5)
     rows = rng.standard_normal((program.window + 60, len(program.sensors) + 1)) * 0.1
     windows = [rows[k : k + program.window] for k in range(60)]
-    rounded = quantise(program)
-    return program, rounded, correct_biases(program, rounded, windows), windows
+    return program, windows, layer_inputs(program, windows)
 
 
-def _step_errors(program, other, windows):
-    z = np.array([encode(program, window) for window in windows[:-1]])
-    a = np.array([window[-1, -1] for window in windows[1:]])
+def _step_errors(program, other, seen):
+    z, a = seen.state[:, :-1], seen.state[:, -1] * program.scaling.action_std
     return step(other, z, a) - step(program, z, a)
 
 
-def test_the_mean_error_of_a_step_nearly_vanishes(case):
-    program, rounded, corrected, windows = case
-    before = np.abs(_step_errors(program, rounded, windows).mean(axis=0)).max()
-    after = np.abs(_step_errors(program, corrected, windows).mean(axis=0)).max()
-    # Each layer is corrected on the float program's inputs; what is left comes from the layers before it.
-    assert after < 0.3 * before
+def test_inputs_are_those_of_the_reference(case):
+    """Layer by layer through the same formulas, so equal to rounding."""
+    program, windows, seen = case
+    encoded = np.array([encode(program, window) for window in windows])
+    np.testing.assert_allclose(linear(program.encoder.output, seen.latent), encoded, atol=1e-12)
+    plans = len(seen.state) // (program.mpc.horizon * len(windows))
+    np.testing.assert_allclose(seen.state[: plans * len(windows) : plans, :-1], encoded, atol=1e-12)
+    after = step(program, seen.state[:, :-1], seen.state[:, -1] * program.scaling.action_std)
+    np.testing.assert_allclose(after, seen.z, atol=1e-12)
+    scaled = linear(program.decoder.output, seen.forces)
+    forces = scaled * program.scaling.force_std + program.scaling.force_mean
+    np.testing.assert_allclose(forces, decode(program, seen.z), atol=1e-12)
 
 
-def test_only_the_dynamics_biases_change(case):
-    _, rounded, corrected, _ = case
-    assert corrected.encoder is rounded.encoder and corrected.decoder is rounded.decoder
-    for name in ("input", "hidden", "output"):
-        ours, theirs = getattr(corrected.dynamics, name), getattr(rounded.dynamics, name)
-        assert np.array_equal(ours.weight, theirs.weight)
-        assert not np.array_equal(ours.bias, theirs.bias)
+def test_a_step_is_closer_than_rounded_to_nearest(case):
+    program, windows, seen = case
+    nearest, calibrated = (
+        np.sqrt(np.mean(_step_errors(program, other, seen) ** 2))
+        for other in (quantise(program), rounded_program(program, windows))
+    )
+    assert calibrated < 0.5 * nearest
 
 
-def test_an_unrounded_program_is_left_as_it_is(case):
-    program, _, _, windows = case
-    same = correct_biases(program, program, windows)
-    assert np.array_equal(same.dynamics.hidden.bias, program.dynamics.hidden.bias)
+def test_so_are_latent_states_and_forces(case):
+    program, windows, seen = case
+    nearest, calibrated = quantise(program), rounded_program(program, windows)
+    for function, inputs in ((encode, windows), (decode, seen.z[::50])):
+        exact, coarse, fed = (np.array([function(of, x) for x in inputs]) for of in (program, nearest, calibrated))
+        assert np.sqrt(np.mean((fed - exact) ** 2)) < 0.8 * np.sqrt(np.mean((coarse - exact) ** 2))
 
 
 def test_rounding_again_changes_nothing(case):
-    _, _, corrected, _ = case
-    again = quantise(corrected)
-    for name in ("input", "hidden", "output"):
-        np.testing.assert_allclose(
-            getattr(again.dynamics, name).weight, getattr(corrected.dynamics, name).weight, rtol=1e-6
-        )
+    program, windows, _ = case
+    calibrated = rounded_program(program, windows)
+    again = quantise(calibrated)
+    np.testing.assert_allclose(again.dynamics.hidden.weight, calibrated.dynamics.hidden.weight, rtol=1e-6)
+    np.testing.assert_allclose(again.encoder.lstm.weight_recurrent, calibrated.encoder.lstm.weight_recurrent, rtol=1e-6)
+    for ours, theirs in zip(again.decoder.blocks, calibrated.decoder.blocks, strict=True):
+        np.testing.assert_allclose(ours.linear.weight, theirs.linear.weight, rtol=1e-6)
+
+
+def test_calibration_needs_windows():
+    with pytest.raises(ExportError, match="no windows"):
+        rounded_program(random_program(0), [])
