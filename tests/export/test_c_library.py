@@ -47,17 +47,24 @@ def compiled(folder: Path, *command: str) -> list[Path]:
     return sorted(folder.glob("*.o"))
 
 
-@pytest.mark.parametrize("level", ["-O0", "-O3"])
-def test_gcc_takes_it_without_a_warning(folder, level):
+@pytest.mark.parametrize("flags", [("-O0",), ("-O3",), ("-O3", "-march=native")])
+def test_gcc_takes_it_without_a_warning(folder, flags):
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
-    compiled(folder, "gcc", *STANDARD, "-Wshadow", "-Wstrict-prototypes", "-Werror", level)
+    compiled(folder, "gcc", *STANDARD, "-Wshadow", "-Wstrict-prototypes", "-Werror", *flags)
 
 
-def test_clang_takes_it_without_a_warning(folder):
+CORTEX_M7 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp", "-ffreestanding")
+CORTEX_M4 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp", "-ffreestanding")
+AARCH64 = ("-target", "aarch64-linux-musl")
+
+
+@pytest.mark.parametrize("target", [(), ("-march=native",), CORTEX_M7, CORTEX_M4, AARCH64])
+def test_clang_takes_it_without_a_warning(folder, target):
+    """For this processor and for others, each with its own products."""
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("ziglang (extra mcu) is not installed")
-    compiled(folder, sys.executable, "-m", "ziglang", "cc", *STANDARD, "-Wshadow", "-Werror", "-O2")
+    compiled(folder, sys.executable, "-m", "ziglang", "cc", *STANDARD, "-Wshadow", "-Werror", "-O2", *target)
 
 
 def test_fast_math_is_refused(folder):
@@ -88,13 +95,14 @@ def test_it_calls_nothing_and_writes_no_static_memory(folder):
     assert "sw_control_step" in defined
 
 
-def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents):
+@pytest.mark.parametrize("flags", [(), ("-march=native",)])
+def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flags):
     """And the example program prints what the reference computes."""
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
     program = tmp_path / "replay"
     sanitisers = ("-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all")
-    compile_c(contents, program, compiler=["gcc"], flags=("-O1", "-g", *sanitisers))
+    compile_c(contents, program, compiler=["gcc"], flags=("-O1", "-g", *sanitisers, *flags))
     windows = [window.astype(np.float32).astype(np.float64) for window in WINDOWS]
     done = subprocess.run([program], input=recorded_rows(windows), capture_output=True, text=True, check=True)
     found = np.array([line.split() for line in done.stdout.splitlines()], dtype=np.float64)

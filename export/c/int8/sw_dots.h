@@ -18,7 +18,7 @@
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_dots_dsp.h"
 #else
-#if defined(__AVX2__)
+#if defined(__AVX2__) && __STDC_HOSTED__ /* compilers' own headers for it want a C library */
 #include "sw_dots_avx2.h"
 #else
 #include "sw_dots_plain.h"

@@ -69,27 +69,25 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* The first loads of two rows, and all of their columns. */
-#define SW_ACROSS(label, tiles)                                                                              \
-    "ldr %[wa], [%[w]], #4\n" "mov %[s0], #0\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n" "mov %[s1], #0\n"   \
-    "ldrd %[xa], %[xb], [%[x]], #8\n" "mov %[s2], #0\n" "sxtb16 %[t], %[wa]\n" "mov %[s3], #0\n"            \
-    label ":\n" tiles "ldr %[u], [sp, #16]\n" "cmp %[w], %[u]\n" "bne " label "b\n"                         \
-    "ldr %[t], [sp]\n" "ldrd %[u], %[wa], [sp, #8]\n" "sub %[x], #8\n"
-
-/* On the stack: y, the rows left, the bytes of four rows, those of a vector, and where w is after the last tile. */
+/* Two rows after two rows, of which every other pair begins in the middle of a tile. On the stack: y, the rows left,
+ * the bytes that w goes past in a row of tiles, those of a vector, both with what is loaded ahead, where w is after the
+ * last tile, and how far from there the next pair begins, which alternates between two distances.
+ */
 #define SW_TWO_BY_TWO(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
-                     "1:\n" "ldr %[u], [sp, #8]\n" "add %[u], #4\n" "add %[u], %[w]\n"                       \
-                     "str %[u], [sp, #16]\n" SW_ACROSS("2", tiles)                                           \
-                     "str %[s1], [%[t]]\n" "sub %[x], %[wa]\n" "str %[s3], [%[t], #4]\n"                     \
-                     "sub %[w], %[u]\n" "str %[s0], [%[t], %[along]]\n" "add %[t], #4\n"                     \
-                     "str %[s2], [%[t], %[along]]\n" "ldr %[u], [sp, #16]\n" "add %[w], #4\n"                \
-                     "add %[u], #8\n" "str %[u], [sp, #16]\n" SW_ACROSS("3", tiles)                          \
-                     "add %[t], #8\n" "sub %[x], %[wa]\n" "str %[s1], [%[t]]\n" "sub %[w], #12\n"            \
-                     "str %[s0], [%[t], %[along]]\n" "ldr %[u], [sp, #4]\n" "add %[t], #4\n"                 \
-                     "str %[s3], [%[t]]\n" "subs %[u], #4\n" "str %[s2], [%[t], %[along]]\n"                 \
-                     "add %[t], #4\n" "strd %[t], %[u], [sp]\n" "bne 1b\n" "add sp, #24\n"                   \
-                     : [x] "+r"(x), [w] "+r"(w), [s0] "+r"(y), [s1] "+r"(rows), [s2] "+r"(four_rows),        \
+                     "rsb %[t], %[s2], #12\n" "str %[t], [sp, #20]\n" "1:\n"                                 \
+                     "ldr %[u], [sp, #8]\n" "ldr %[wa], [%[w]], #4\n" "mov %[s0], #0\n"                     \
+                     "ldrd %[za], %[zb], [%[x], %[apart]]\n" "mov %[s1], #0\n" "add %[u], %[w]\n"            \
+                     "ldrd %[xa], %[xb], [%[x]], #8\n" "sub %[u], #8\n" "mov %[s2], #0\n"                    \
+                     "str %[u], [sp, #16]\n" "sxtb16 %[t], %[wa]\n" "mov %[s3], #0\n"                        \
+                     "2:\n" tiles "ldr %[u], [sp, #16]\n" "cmp %[w], %[u]\n" "bne 2b\n"                     \
+                     "ldrd %[t], %[u], [sp]\n" "ldr %[wa], [sp, #20]\n" "str %[s1], [%[t]]\n"               \
+                     "ldrd %[za], %[zb], [sp, #8]\n" "str %[s3], [%[t], #4]\n" "add %[w], %[wa]\n"           \
+                     "str %[s0], [%[t], %[along]]\n" "add %[t], #4\n" "add %[wa], %[za]\n"                   \
+                     "str %[s2], [%[t], %[along]]\n" "sub %[x], %[zb]\n" "rsb %[wa], %[wa], #0\n"            \
+                     "str %[wa], [sp, #20]\n" "add %[t], #4\n" "subs %[u], #2\n"                            \
+                     "strd %[t], %[u], [sp]\n" "bne 1b\n" "add sp, #24\n"                                   \
+                     : [x] "+r"(x), [w] "+r"(w), [s0] "+r"(y), [s1] "+r"(rows), [s2] "+r"(past),             \
                        [s3] "+r"(bytes), [wa] "=&r"(wa), [za] "=&r"(za), [zb] "=&r"(zb), [xa] "=&r"(xa),     \
                        [xb] "=&r"(xb), [t] "=&r"(t), [u] "=&r"(u)                                            \
                      : [apart] "i"(2 * SW_APART), [along] "i"(4 * SW_APART) : "cc", "memory")
@@ -101,7 +99,7 @@ static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, co
     sw_dots(y, w, x, rows, columns);
     sw_dots(y + SW_APART, w, x + SW_APART, rows, columns);
 #else
-    int32_t wa, za, zb, xa, xb, t, u, four_rows = 4 * columns, bytes = 2 * columns;
+    int32_t wa, za, zb, xa, xb, t, u, past = 4 * columns + 8, bytes = 2 * columns + 8;
     if (columns % 16 == 0) {
         SW_TWO_BY_TWO(SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS);
     } else {

@@ -1,4 +1,4 @@
-/* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and its adjoint backwards; states in float, products in integers. */
+/* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and its adjoint backwards: states in float, products in integers. */
 #include "sw_norm.h"
 #include "sw_parts.h"
 

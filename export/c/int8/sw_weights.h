@@ -31,8 +31,8 @@ extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs stand in eights. Of an output: value = sum scale + bias; where a norm follows, gain xhat + offset
- * is sw_elu's argument, xhat being an integer of the tape.
+/* Constants of outputs stand in eights. Of an output: value = sum scale + bias; where a norm follows, gain xhat +
+ * offset is sw_elu's argument, xhat being an integer of the tape.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
