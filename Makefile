@@ -31,7 +31,9 @@ full: test
 	$(BIN)/stillwake train runs/model
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
-	$(BIN)/python benchmarks/controller.py --json results/controller.json
+	$(BIN)/python benchmarks/controller.py --model runs/model --json results/controller.json
+	$(BIN)/python -m benchmarks.controller_loop --model runs/model --dataset wake/data/recording.h5 \
+		--json results/controller_loop.json
 	$(BIN)/python -m benchmarks.truncation --json results/truncation.json
 	$(BIN)/python benchmarks/mcu.py --json results/mcu.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json

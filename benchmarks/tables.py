@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks import openfoam_tables, truncation_tables, wake_tables
+from benchmarks import controller_tables, openfoam_tables, truncation_tables, wake_tables
 from benchmarks.markdown import fill, read, table
 from benchmarks.model_study import page
 from contract.atomic import replacing
@@ -35,7 +35,7 @@ def render_filled(target: Path, results: Path) -> str:
         WAKE: lambda: wake_tables.tables(results),
         page.PAGE: lambda: page.tables(results),
         OPENFOAM: lambda: {"plants": openfoam_tables.plants(results)},
-        CONTROLLER: lambda: truncation_tables.tables(results),
+        CONTROLLER: lambda: {**truncation_tables.tables(results), **controller_tables.tables(results)},
     }[target]()
     return fill(target.read_text(encoding="utf-8"), tables)
 

@@ -38,7 +38,9 @@ def draw(figures: dict[str, Any]) -> Figure:
     grid[0, 0].set_xscale("symlog", linthresh=1.0)
     grid[0, 0].set_xticks((0, 1, 2, 5, 10, 20, 50), labels=("0", "1", "2", "5", "10", "20", "50"))
     grid[0, 0].set_xlim(-0.3, 60.0)
-    grid[0, 0].legend(title="dotted: largest", fontsize=8)
+    figure.legend(
+        *grid[0, 0].get_legend_handles_labels(), title="dotted: largest", loc="outside upper left", ncols=2, fontsize=8
+    )
     grid[1, 1].legend(fontsize=8)
     grid[0, 1].set_xscale("log")
     grid[1, 0].set_xlabel("iterations of Adam")
