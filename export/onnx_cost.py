@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from export.graph_builder import Graph
 from export.program import ControllerProgram
 from export.reference_cost import TERMS
@@ -26,6 +28,7 @@ class Cost:
         pieces = graph.ops("Split", weights, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([program.mpc.drag_reference], "drag_reference")
+        self._prepare(graph)
 
     def terms(self, graph: Graph, forces: str, plan: str) -> str:
         """The unweighted terms, (7,)."""
@@ -49,41 +52,40 @@ class Cost:
 
     def gradient(self, graph: Graph, forces: str, plan: str) -> CostGradientNames:
         """As `reference_cost.cost_gradient`."""
-        h = self._horizon
-        cd, cl = self._drag_and_lift(graph, forces)
-        per_step = graph.constant([1.0 / h])
-
+        cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
         spread = graph.op("Sub", _share(graph, cd, "ReduceMax"), _share(graph, cd, "ReduceMin"))
-        d_cd = graph.op(
-            "Add",
-            graph.op("Mul", spread, self._weight["drag_fluctuation"]),
-            graph.op("Mul", self._weight["drag_mean"], per_step),
-        )
-        steady = graph.op("Mul", _reduce(graph, "ReduceMean", cl), self._twice("lift_mean", graph, 1.0 / h))
-        d_cl = graph.op(
-            "Add", graph.op("Mul", graph.op("Sign", cl), graph.op("Mul", self._weight["lift"], per_step)), steady
-        )
-        column = graph.index([1])
-        d_forces = graph.op("Concat", graph.op("Unsqueeze", d_cd, column), graph.op("Unsqueeze", d_cl, column), axis=1)
-        return CostGradientNames(forces=d_forces, plan=self._plan_gradient(graph, plan))
+        d_cd = graph.op("Add", graph.op("Mul", spread, self._weight["drag_fluctuation"]), self._by_drag)
+        steady = graph.op("Mul", _reduce(graph, "ReduceMean", cl), self._by_mean_lift)
+        d_cl = graph.op("Add", graph.op("Mul", graph.op("Sign", cl), self._by_lift), steady)
+        through_plan = graph.op("Sub", graph.op("MatMul", self._curvature, plan), self._pull)
+        return CostGradientNames(forces=graph.op("Concat", d_cd, d_cl, axis=1), plan=through_plan)
 
-    def _plan_gradient(self, graph: Graph, plan: str) -> str:
+    def _prepare(self, graph: Graph) -> None:
+        """What the gradient needs of the weights, once a control step.
+
+        The terms in the actions are quadratic: their gradient is Q a - q, with D the matrix of increments and e_0 the
+        first unit vector,
+
+            Q = 2 w_smoothness D^T D / (H - 1) + 2 w_effort I / H + 2 w_rate e_0 e_0^T,    q = 2 w_rate a_{-1} e_0.
+        """
         h = self._horizon
-        pull = graph.op("Mul", self._increments(graph, plan), self._twice("smoothness", graph, 1.0 / (h - 1)))
-        # (a_{k+1} - a_k)^2 pulls a_{k+1} by the increment and a_k by its opposite.
-        smoothness = graph.op(
-            "Sub",
-            graph.op("Pad", pull, graph.index([1, 0])),
-            graph.op("Pad", pull, graph.index([0, 1])),
-        )
-        effort = graph.op("Mul", plan, self._twice("effort", graph, 1.0 / h))
-        first = graph.op("Slice", plan, graph.index([0]), graph.index([1]))
-        step = graph.op("Mul", graph.op("Sub", first, self._previous_action), self._twice("rate", graph, 1.0))
-        rate = graph.op("Pad", step, graph.index([0, h - 1]))
-        return graph.op("Add", graph.op("Add", smoothness, effort), rate)
-
-    def _twice(self, name: str, graph: Graph, factor: float) -> str:
-        return graph.op("Mul", self._weight[name], graph.constant([2.0 * factor]))
+        increments = np.diff(np.eye(h), axis=0)
+        first = np.eye(h)[0]
+        quadratic = {
+            "smoothness": 2.0 / (h - 1) * increments.T @ increments,
+            "effort": 2.0 / h * np.eye(h),
+            "rate": 2.0 * np.outer(first, first),
+        }
+        weighted = [
+            graph.op("Mul", graph.constant(matrix, f"curvature.{name}"), self._weight[name])
+            for name, matrix in quadratic.items()
+        ]
+        self._curvature = graph.op("Add", graph.op("Add", weighted[0], weighted[1]), weighted[2])
+        rate = graph.op("Mul", self._weight["rate"], self._previous_action)
+        self._pull = graph.op("Mul", graph.constant(2.0 * first, "first"), rate)
+        self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h]))
+        self._by_lift = graph.op("Mul", self._weight["lift"], graph.constant([1.0 / h]))
+        self._by_mean_lift = graph.op("Mul", self._weight["lift_mean"], graph.constant([2.0 / h]))
 
     def _increments(self, graph: Graph, plan: str) -> str:
         h = self._horizon

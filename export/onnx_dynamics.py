@@ -1,15 +1,20 @@
 """The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
 
-ONNX Runtime takes half a microsecond for any node, so what the recursion does not need leaves the Scans and is computed
-for all H steps at once: the action's share of the first layer, every factor of the activations' slopes, the decoder's
-share of the adjoint, and biases of the residual, as the recursion runs without them,
+ONNX Runtime takes half a microsecond for any node, so what the recursions do not need leaves the Scans and is computed
+for all H steps at once. Forwards that is the action's share of the first layer, and the biases of the residual, without
+which the recursion runs,
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-Both layer norms get centred inputs (`onnx_weights.centred`), so that the adjoint of norm and ELU is, with xhat, r, and
-gain g of the norm and slope = ELU'(g xhat + b), a product with p = slope g r and one projection:
+Backwards it is all but three products. Both layer norms get centred inputs (`onnx_weights.centred`), so that the
+adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) g r,
 
-    t = p d,    v = t - xhat (t . xhat) / n.
+    v = d diag(p) (I - xhat xhat^T / n).
+
+For both layers that goes into the matrix on their narrow side, so that from step to step there is left, with e the part
+of the adjoint that comes from later steps and d_k the sum of what the forces from k + 1 on say directly,
+
+    e <- e + (e + d_k) B_k W_2 A_k,    B = W_3 diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - ..) W_1.
 """
 
 from dataclasses import dataclass
@@ -87,26 +92,34 @@ class Dynamics:
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str) -> str:
         """dJ/da_k through the latent states, (H,), from dJ/dz_{k+1} through the forces alone, (H, n_z)."""
-        xhat1, slope1 = self._linearise(graph, 0, rollout)
-        xhat2, slope2 = self._linearise(graph, 1, rollout)
-        # The adjoint of z_{k+1} is what forces from k+1 on say directly, summed up here, and what the Scan adds.
+        h, widths = self._horizon, [norm.width for norm in self._norms]
+        xhat1, p1 = self._linearise(graph, 0, rollout)
+        xhat2, p2 = self._linearise(graph, 1, rollout)
+        along2 = self._along(graph, graph.op("Mul", p2, xhat2), self._output, widths[1])
+        into = graph.op("Sub", graph.op("Mul", p2, self._output), graph.op("Mul", along2, xhat2))
+        along1 = self._along(graph, xhat1, self._forward[0], widths[0])
+        out = graph.op("Mul", graph.op("Sub", self._forward[0], graph.op("Mul", along1, xhat1)), p1)
         direct = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
-        directly = graph.op("Unsqueeze", graph.op("MatMul", direct, self._output), graph.index([1]))
+        directly = graph.op("MatMul", graph.op("Unsqueeze", direct, graph.index([1])), into)
 
         body = graph.body()
-        widths = [norm.width for norm in self._norms]
-        through = body.input("adjoint", (1, self._latent))
-        d2 = body.input("direct", (1, widths[1]))
-        x1, p1 = body.input("xhat1", (1, widths[0])), body.input("slope1", (1, widths[0]))
-        x2, p2 = body.input("xhat2", (1, widths[1])), body.input("slope2", (1, widths[1]))
-        v2 = _through_norm(body, body.op("Gemm", through, self._output, d2), x2, p2, widths[1])
-        v1 = _through_norm(body, body.op("MatMul", v2, self._backward), x1, p1, widths[0])
-        body.output(body.op("Gemm", v1, self._forward[0], through, transB=1), (1, self._latent))
-        body.output(v1, (1, widths[0]))
+        later, own = body.input("later", (1, self._latent)), body.input("direct", (1, widths[1]))
+        b, a = body.input("into", (self._latent, widths[1])), body.input("out", (self._latent, widths[0]))
+        d1 = body.op("MatMul", body.op("Gemm", later, b, own), self._backward)
+        body.output(body.op("Gemm", d1, a, later, transB=1), (1, self._latent))
+        body.output(d1, (1, widths[0]))
 
         zero = graph.constant([[0.0] * self._latent])
-        _, v1s = graph.scan(body, states=[zero], sequences=[directly, xhat1, slope1, xhat2, slope2], reverse=True)
-        return graph.op("Reshape", graph.op("MatMul", v1s, self._by_action), graph.index([self._horizon]))
+        _, d1s = graph.scan(body, states=[zero], sequences=[directly, into, out], reverse=True)
+        t = graph.op("Mul", d1s, p1)
+        along = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
+        v1s = graph.op("Sub", t, graph.op("Mul", along, xhat1))
+        return graph.op("Reshape", graph.op("MatMul", v1s, self._by_action), graph.index([h]))
+
+    def _along(self, graph: Graph, rows: str, matrix: str, width: int) -> str:
+        """Products of rows (H, 1, n) with those of a matrix (n_z, n), over n: (H, n_z, 1)."""
+        flat = graph.op("Reshape", rows, graph.index([self._horizon, width]))
+        return graph.op("Unsqueeze", graph.op("Gemm", flat, matrix, transB=1, alpha=1.0 / width), graph.index([2]))
 
     def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
         norm = self._norms[layer]
@@ -123,9 +136,3 @@ def _biases(graph: Graph, first: Linear, second: Linear, third: Linear) -> tuple
         graph.constant(centred_bias(second.bias)[None], "dynamics.hidden.bias"),
         graph.constant(third.bias[None], "dynamics.output.bias"),
     )
-
-
-def _through_norm(body: Graph, d: str, xhat: str, p: str, width: int) -> str:
-    t = body.op("Mul", d, p)
-    along = body.op("Gemm", t, xhat, transB=1, alpha=1.0 / width)
-    return body.op("Gemm", along, xhat, t, alpha=-1.0)

@@ -72,7 +72,8 @@ def test_int8_stores_every_matrix_in_a_byte_a_weight():
     weights = sum(int(np.prod(t.dims)) for t in matrices)
     assert weights == _count_weights(program)
     floats = [t for t in small.graph.initializer if t.data_type == TensorProto.FLOAT and len(t.dims) == 2]
-    assert max((min(t.dims) for t in floats), default=0) == 1  # rows of biases, no matrix left
+    # Rows of biases, and the cost's three quadratic forms; no matrix of the networks is left.
+    assert [t.dims for t in floats if min(t.dims) > 1] == 3 * [[program.mpc.horizon] * 2]
     assert small.ByteSize() < whole.ByteSize() / 3
     assert whole.ByteSize() < 600_000
 
@@ -116,4 +117,4 @@ def test_int8_weights_go_straight_into_arithmetic():
     graph = build_controller(random_program(0, model=SMALL), "int8").graph
     weights = {node.output[0] for node in graph.node if node.op_type == "DequantizeLinear"}
     consumers = {node.op_type for node in nodes(graph) if weights & set(node.input)}
-    assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "ReduceMean"}
+    assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "Mul", "ReduceMean"}
