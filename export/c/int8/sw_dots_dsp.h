@@ -9,23 +9,16 @@
 /* Widening alternates with multiplying, and weights are loaded two rows ahead: the last loads read from the SW_AHEAD
  * bytes that follow every matrix.
  */
-#define SW_EIGHT_COLUMNS                                                                                   \
+#define SW_ONE_TILE                                                                                        \
     "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
     "ldr %[wa], [%[w]], #4\n" "smlad %[s0], %[t], %[xa], %[s0]\n" "sxtb16 %[t], %[wb]\n"                   \
     "smlad %[s0], %[u], %[xb], %[s0]\n" "sxtb16 %[u], %[wb], ror #8\n" "smlad %[s1], %[t], %[xa], %[s1]\n" \
     "ldr %[wb], [%[w]], #4\n" "sxtb16 %[t], %[wa]\n" "smlad %[s1], %[u], %[xb], %[s1]\n"                   \
     "sxtb16 %[u], %[wa], ror #8\n" "smlad %[s2], %[t], %[xa], %[s2]\n" "ldr %[wa], [%[w]], #4\n"           \
     "sxtb16 %[t], %[wb]\n" "smlad %[s2], %[u], %[xb], %[s2]\n" "sxtb16 %[u], %[wb], ror #8\n"              \
-    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n" "smlad %[s3], %[u], %[xb], %[s3]\n"      \
-    "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
-    "ldr %[wa], [%[w]], #4\n" "smlad %[s0], %[t], %[xa], %[s0]\n" "sxtb16 %[t], %[wb]\n"                   \
-    "smlad %[s0], %[u], %[xb], %[s0]\n" "sxtb16 %[u], %[wb], ror #8\n" "smlad %[s1], %[t], %[xa], %[s1]\n" \
-    "ldr %[wb], [%[w]], #4\n" "sxtb16 %[t], %[wa]\n" "smlad %[s1], %[u], %[xb], %[s1]\n"                   \
-    "sxtb16 %[u], %[wa], ror #8\n" "smlad %[s2], %[t], %[xa], %[s2]\n" "ldr %[wa], [%[w]], #4\n"           \
-    "sxtb16 %[t], %[wb]\n" "smlad %[s2], %[u], %[xb], %[s2]\n" "sxtb16 %[u], %[wb], ror #8\n"              \
-    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n"  \
-    "smlad %[s3], %[u], %[xb], %[s3]\n"
+    "smlad %[s3], %[t], %[xa], %[s3]\n" "ldr %[wb], [%[w]], #4\n" "smlad %[s3], %[u], %[xb], %[s3]\n"
 
+#define SW_EIGHT_COLUMNS SW_ONE_TILE SW_ONE_TILE
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
 /* On the stack: y, the rows left, a vector's bytes, and sixteens of its columns. */
