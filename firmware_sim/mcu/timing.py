@@ -3,7 +3,8 @@
 Arm publishes no cycle counts for this core, so these are assumptions, stated to be questioned:
 
 - Instructions issue in order, up to two a cycle. Both must be ready; of a pair at most one may multiply, work in the
-  floating-point unit, store, or branch; two single loads may go together, a double load takes both load ports.
+  floating-point unit, store, or branch; two single loads may go together, a double load takes both load ports. The
+  second of a pair may write what the first one reads.
 - A result can be used one cycle later from the integer unit, two from a load or a multiplication (an accumulator one),
   three from the floating-point unit, four from a fused multiply-add; divisions take 14 cycles and block their unit.
 - A block that ends in a branch pays one cycle more; branches are predicted.
