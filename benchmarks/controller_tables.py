@@ -1,4 +1,4 @@
-"""The table of `docs/controller.md` that `results/controller_loop.json` holds: the loop with each lowering."""
+"""The tables of `docs/controller.md` on the loop with each lowering: of the release's model, and of a narrow one."""
 
 from pathlib import Path
 from typing import Final
@@ -9,11 +9,11 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """By its name on the page."""
-    return {"controller_loop": loop(results)}
+    """Every table by its name on the page, which is the name of its file."""
+    return {name: loop(results / f"{name}.json") for name in ("controller_loop", "controller_loop_narrow")}
 
 
-def loop(results: Path) -> str:
+def loop(path: Path) -> str:
     """Drag, lift and action of the four loops, and what each changes of the first one's reduction."""
     rows = [
         (
@@ -23,7 +23,7 @@ def loop(results: Path) -> str:
             *(row[name] for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action")),
             f"{row['mpc_ms_p50']:.2f} / {row['mpc_ms_p99']:.2f}",
         )
-        for row in read(results / "controller_loop.json")["figures"]
+        for row in read(path)["figures"]
     ]
     heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
     return table(heads, rows)

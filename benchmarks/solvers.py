@@ -65,7 +65,8 @@ def compare(program: ControllerProgram, problems: list[Problem]) -> dict[str, An
         times.append(taken)
     costs = np.array(prices)
     best = costs.min(axis=1, keepdims=True)
-    gaps = 100.0 * (costs - best) / (costs[:, :1] - best)
+    # Where doing nothing is best there is no gain to take a share of, and gaps are infinite or zero.
+    gaps = 100.0 * (costs - best) / np.maximum(costs[:, :1] - best, np.finfo(float).tiny)
     _, start, ours, *theirs = ({"gap": float(np.mean(column)), "gap_worst": float(np.max(column))} for column in gaps.T)
     rows = [
         {"variant": solver.name, "ms": float(np.median(taken)), **gap}

@@ -71,7 +71,7 @@ def write_release(
         weights_sha256: of the trained model's tensors.
         provenance: of the training otherwise; the gates' figures are added under `export`.
         windows: recorded windows (L, S+1), consecutive ones, for the gates; random ones if None.
-        calibration: other recorded windows, which int8 rounding keeps in view; to nearest if None.
+        calibration: other recorded windows, which int8 rounding keeps in view; rounded to nearest if None.
         limits: what int8 weights may change.
         key: to sign the release with; unsigned if None.
 

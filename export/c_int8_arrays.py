@@ -45,6 +45,12 @@ LOGISTIC_RANGE = 16.0
 GATE_MOST = 6e4
 """Largest argument of a gate that, in 1 / `LOGISTIC_ONE` and doubled, is still an int32."""
 
+ELU_ARGUMENT_MOST = 5e5
+"""Largest argument of an ELU that, in 1 / `ELU_ONE`, is still an int32."""
+
+WHOLE_RANGE = 516
+"""Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
+
 ELU_RANGE = 8.0
 ELU_MOST = 6.4
 """Largest calibrated output that still leaves room below the range's end."""
@@ -53,7 +59,7 @@ Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.uint32]
 
 
 def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[str, Values]:
-    """Every array of `sw_weights.h` by its C name; int8 where it is an int8 matrix, else float64.
+    """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, all else in float64.
 
     Raises:
         ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, one
@@ -78,9 +84,9 @@ def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[st
 
 def levels(width: int) -> int:
     """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; C's SW_LEVELS."""
-    if width > 4 * 516:
-        raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * 516}")
-    return 32767 if width <= 516 else 16909320 // width
+    if width > 4 * WHOLE_RANGE:
+        raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * WHOLE_RANGE}")
+    return 32767 if width <= WHOLE_RANGE else 16909320 // width
 
 
 def elu_points() -> npt.NDArray[np.uint32]:
@@ -126,6 +132,7 @@ def _channels(*columns: Array) -> Array:
 
 
 def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, per_unit: float) -> Array:
+    _stay_below(ELU_ARGUMENT_MOST, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
     # The gain multiplies the tape's integer of xhat; sw_elu takes integers that begin with its table, cut off after the
     # point.
     gain = ELU_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_MOST
@@ -155,8 +162,10 @@ def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
     cell = float(levels(_padded(lstm.width)))
     middle = _per_unit(ranges.head, lstm.width)
     reach = np.abs(lstm.weight_input).sum(axis=1) * MARGIN * ranges.row + np.abs(lstm.weight_recurrent).sum(axis=1)
-    if not np.max(reach + np.abs(lstm.bias_input + lstm.bias_recurrent)) < GATE_MOST:
-        raise ExportError(f"int8 lowering: the LSTM's gates reach {np.max(reach):.3g}, must stay below {GATE_MOST:.3g}")
+    _stay_below(GATE_MOST, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
+    of_head = np.abs(weights.hidden.weight).sum(axis=1) * MARGIN * ranges.head + np.abs(weights.hidden.bias)
+    _stay_below(ELU_ARGUMENT_MOST, of_head, "the encoder's ELUs")
+    _fed_by_elu(weights.output.weight)
     # tanh(x) = 2 logistic(2 x) - 1, for gate g.
     arguments = LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
     by_gate = (
@@ -181,6 +190,19 @@ def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[st
     }
 
 
+def _stay_below(limit: float, reach: Array, what: str) -> None:
+    if not np.max(reach) < limit:
+        raise ExportError(f"int8 lowering: {what} reach {np.max(reach):.3g}, must stay below {limit:.3g}")
+
+
+def _fed_by_elu(weight: Array) -> None:
+    """ELU outputs take all 16 bits, whatever the width."""
+    if weight.shape[1] > WHOLE_RANGE:
+        raise ExportError(
+            f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {WHOLE_RANGE}"
+        )
+
+
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     """Rows of the four gates, each gate padded by itself."""
     return np.concatenate([np.pad(gate, [(0, -len(gate) % PADDING), (0, 0)]) for gate in np.split(stacked, 4)])
@@ -191,6 +213,8 @@ def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[s
     first, second = quantise_matrix(weights.input.weight), quantise_matrix(weights.hidden.weight)
     third = quantise_matrix(weights.output.weight)
     state = _per_unit(ranges.state, weights.latent + 1)
+    for layer in (weights.hidden, weights.output):
+        _fed_by_elu(layer.weight)
     return {
         "sw_dyn1_rows": packed(first.values),
         "sw_dyn1_back_rows": packed(first.values.T),

@@ -82,7 +82,7 @@ def _settings(program: ControllerProgram, precision: Precision) -> str:
         "SW_DBC_SHA256": f'"{dbc_sha256()}"',
         "SW_SENSOR_NAMES": f'"{" ".join(program.sensors)}"',
         "SW_PRECISION": f'"{precision}"',
-        "SW_LANES": LANES,
+        **({"SW_LANES": LANES} if precision == "float32" else {}),
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
         "SW_LSTM": program.encoder.lstm.width,

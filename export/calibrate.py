@@ -1,4 +1,5 @@
-"""The program that int8 lowerings compute: matrices rounded, where there are recorded windows in view of what they see.
+"""The program that int8 lowerings compute: matrices rounded; if there are recorded windows, in view of
+what each layer sees on them.
 
 With windows, every matrix is rounded with error feedback on the inputs of its own layer (`feedback_rounding`,
 `layer_inputs`). Correcting biases by the mean of what is left was tried and dropped: it gains nothing after that.

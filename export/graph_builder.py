@@ -40,8 +40,6 @@ class Graph:
 
     def output(self, value: str, shape: Sequence[int], name: str | None = None) -> None:
         """Declare a value to be a float32 output, under another name if one is given."""
-        if name is None and value in {known.name for known in self._outputs}:
-            name = self._root._unique("again")
         if name is not None:
             # Only where needed: inside a Scan even an Identity costs its dispatch in every step.
             self._nodes.append(helper.make_node("Identity", [value], [name]))

@@ -1,4 +1,4 @@
-"""The cost terms and their gradient as ONNX nodes: `reference_cost`, operator by operator."""
+"""The cost terms and their gradient as ONNX nodes: `reference_cost`, with one matrix for all quadratic terms."""
 
 from dataclasses import dataclass
 
@@ -61,7 +61,7 @@ class Cost:
         return CostGradientNames(forces=graph.op("Concat", d_cd, d_cl, axis=1), plan=through_plan)
 
     def _prepare(self, graph: Graph) -> None:
-        """What the gradient needs of the weights, once a control step.
+        """What the gradient needs of the weights and of the action in force, once a control step.
 
         The terms in the actions are quadratic: their gradient is Q a - q, with D the matrix of increments and e_0 the
         first unit vector,

@@ -6,8 +6,8 @@ which the recursion runs,
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-Backwards it is all but three products. Both layer norms get centred inputs (`onnx_weights.centred`), so that the
-adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) g r,
+Backwards everything leaves but three products. Both layer norms get centred inputs (`onnx_weights.centred`), so that
+the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) g r,
 
     v = d diag(p) (I - xhat xhat^T / n).
 

@@ -39,7 +39,7 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
 
 
 def quantise(program: ControllerProgram) -> ControllerProgram:
-    """The program that the int8 graph computes: every matrix replaced by what its int8 form stands for."""
+    """The program with every matrix replaced by what its nearest int8 form stands for."""
     encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
     return replace(
         program,

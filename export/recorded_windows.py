@@ -1,4 +1,4 @@
-"""Encoder windows out of a recording, for the gates of a release."""
+"""Encoder windows out of a recording, for gates, calibration and benchmarks."""
 
 import numpy as np
 

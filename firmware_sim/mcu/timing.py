@@ -51,14 +51,15 @@ class Pipeline:
 
 def _cycles(listing: list[Any]) -> int:
     ready: dict[int, int] = {}
+    multiplied: set[int] = set()
     cycle = -1
     issued: list[str] = []
     divider = 0
     for instruction in listing:
         kind, latency, slots = _kind(instruction.mnemonic)
         reads, writes = instruction.regs_access()
-        early = _accumulator(instruction) if kind == "multiply" else None
-        earliest = max((ready.get(reg, 0) - (reg == early) for reg in reads), default=0)
+        early = multiplied & {_accumulator(instruction)} if kind == "multiply" else set()
+        earliest = max((ready.get(reg, 0) - (reg in early) for reg in reads), default=0)
         if kind == "divide":
             earliest = max(earliest, divider)
         if not (issued and earliest <= cycle and _fits(issued, kind)):
@@ -69,6 +70,7 @@ def _cycles(listing: list[Any]) -> int:
             divider = cycle + _DIVIDE_CYCLES
         for reg in writes:
             ready[reg] = cycle + latency
+            (multiplied.add if kind == "multiply" else multiplied.discard)(reg)
     branches = bool(listing) and _kind(listing[-1].mnemonic)[0] == "branch"
     return cycle + 1 + branches
 

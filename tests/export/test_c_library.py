@@ -59,7 +59,7 @@ CORTEX_M4 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp"
 AARCH64 = ("-target", "aarch64-linux-musl")
 
 
-@pytest.mark.parametrize("target", [(), ("-march=native",), CORTEX_M7, CORTEX_M4, AARCH64])
+@pytest.mark.parametrize("target", [(), ("-march=native",), CORTEX_M7, (*CORTEX_M7, "-O0"), CORTEX_M4, AARCH64])
 def test_clang_takes_it_without_a_warning(folder, target):
     """For this processor and for others, each with its own products."""
     if importlib.util.find_spec("ziglang") is None:

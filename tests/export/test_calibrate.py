@@ -8,8 +8,8 @@ from export.calibrate import rounded_program
 from export.layer_inputs import layer_inputs
 from export.quantise import quantise
 from export.random_program import random_program
-from export.reference_layers import linear
-from export.reference_model import decode, encode, step
+from export.reference_layers import elu, layer_norm, linear
+from export.reference_model import decode, encode, encoder_output, step
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +35,15 @@ def test_inputs_are_those_of_the_reference(case):
     np.testing.assert_allclose(seen.state[: plans * len(windows) : plans, :-1], encoded, atol=1e-12)
     after = step(program, seen.state[:, :-1], seen.state[:, -1] * program.scaling.action_std)
     np.testing.assert_allclose(after, seen.z, atol=1e-12)
+    np.testing.assert_allclose(linear(program.dynamics.output, seen.hidden2), seen.z - seen.state[:, :-1], atol=1e-12)
+    normed = layer_norm(program.dynamics.norm_hidden, linear(program.dynamics.hidden, seen.hidden1))
+    np.testing.assert_allclose(elu(normed), seen.hidden2, atol=1e-12)
+    for before, added, after in zip(seen.blocks, seen.elus, [*seen.blocks[1:], seen.forces], strict=True):
+        np.testing.assert_allclose(before + added, after, atol=1e-12)
+    # Before the first row of a window there is nothing; before the last, what a window without that row ends with.
+    count = len(windows)
+    assert not seen.recurrent[:count].any()
+    np.testing.assert_allclose(seen.recurrent[-1], encoder_output(program, windows[-1][:-1]), atol=1e-12)
     scaled = linear(program.decoder.output, seen.forces)
     forces = scaled * program.scaling.force_std + program.scaling.force_mean
     np.testing.assert_allclose(forces, decode(program, seen.z), atol=1e-12)

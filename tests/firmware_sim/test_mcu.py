@@ -1,5 +1,6 @@
 """The controller on an emulated Cortex-M7: the host's numbers to the bit, and budgets that a change may not exceed."""
 
+import platform
 from pathlib import Path
 
 import numpy as np
@@ -62,24 +63,30 @@ def test_five_iterations_keep_an_ecus_budget(budgeted):
     assert budgeted.modelled_ms["480"] <= 20.0
 
 
-def test_three_iterations_leave_a_fifth_of_the_period():
+def test_three_iterations_leave_a_third_of_the_period():
     budgeted = of_an_ecu(3)
     assert budgeted.instructions <= 11.0e6
-    assert budgeted.modelled_ms["480"] <= 16.0
+    assert budgeted.modelled_ms["480"] <= 13.4
+
+
+def agrees(found: mcu.Measurement) -> bool:
+    """Integer products agree to the bit whatever the instructions; so do floats where the host fuses, too. The bound is
+    what unfused roundings may move an action by, as in the parity tests."""
+    processor = Path("/proc/cpuinfo")
+    fuses = platform.machine() == "aarch64" or (processor.exists() and " fma " in processor.read_text())
+    return found.identical if fuses else found.action_difference <= 2.5e-5
 
 
 def test_the_core_computes_what_the_host_does(budgeted):
-    """Integer products agree to the bit whatever the instructions; so do floats where the host fuses, too. The bound is
-    what unfused roundings may move an action by, as in the parity tests."""
     assert budgeted.steps == 4
-    assert budgeted.identical or budgeted.action_difference <= 2.5e-5
+    assert agrees(budgeted)
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_odd_sizes_agree_too(precision):
     model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
     found = mcu.measure(*sources_and_rows(random_program(1, model=model, mpc=MpcConfig(horizon=7)), precision))
-    assert found.identical or found.action_difference <= 2.5e-5
+    assert agrees(found)
     assert found.precision == precision
 
 

@@ -1,7 +1,7 @@
 /* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): one instruction multiplies and adds two pairs.
  *
  * Loops are written out, because compilers run out of registers there, and ordered for cores that issue two
- * instructions at a time. Each needs thirteen registers; what is used once in four rows is on the stack.
+ * instructions at a time. Each needs thirteen registers; what is used once in a pass over the columns is on the stack.
  */
 #ifndef SW_DOTS_DSP_H
 #define SW_DOTS_DSP_H
@@ -22,7 +22,7 @@
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
 /* On the stack: y, the rows left, a vector's bytes, and sixteens of its columns. */
-#define SW_FOUR_BY_FOUR(columns)                                                                            \
+#define SW_FOUR_ROWS(columns)                                                                            \
     __asm__ volatile("sub sp, #16\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
                      "ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"                                     \
                      "1:\n" "ldr %[count], [sp, #12]\n" "mov %[s0], #0\n" "mov %[s1], #0\n"                  \
@@ -41,17 +41,17 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     int32_t wa, wb, xa, xb, t, u, count, bytes = 2 * columns, sixteens = columns / 16;
     /* Decided when this is compiled, since sizes are constants. */
     if (columns % 16 == 0) {
-        SW_FOUR_BY_FOUR(SW_SIXTEEN_COLUMNS);
+        SW_FOUR_ROWS(SW_SIXTEEN_COLUMNS);
     } else if (columns == 8) {
-        SW_FOUR_BY_FOUR(SW_EIGHT_COLUMNS);
+        SW_FOUR_ROWS(SW_EIGHT_COLUMNS);
     } else {
-        SW_FOUR_BY_FOUR(SW_EIGHT_COLUMNS SW_SIXTEEN_COLUMNS);
+        SW_FOUR_ROWS(SW_EIGHT_COLUMNS SW_SIXTEEN_COLUMNS);
     }
 }
 
-
 /* Two rows of a tile by both vectors, x the first one and z the second: eight multiplications with all else beside
- * them. */
+ * them.
+ */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
@@ -62,11 +62,11 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* Two rows after two rows, of which every other pair begins in the middle of a tile. On the stack: y, the rows left,
- * the bytes that w goes past in a row of tiles, those of a vector, both with what is loaded ahead, where w is after the
- * last tile, and how far from there the next pair begins, which alternates between two distances.
+/* Two rows after two rows, by both vectors; every other pair begins in the middle of a tile. On the stack:
+ * 0 y, 4 the rows left, 8 the bytes that w goes past in a row of tiles, 12 those that x goes past, both with what is
+ * loaded ahead, 16 where w is after the last tile, 20 how far from there the next pair begins, one of two distances.
  */
-#define SW_TWO_BY_TWO(tiles)                                                                                 \
+#define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
                      "rsb %[t], %[s2], #12\n" "str %[t], [sp, #20]\n" "1:\n"                                 \
                      "ldr %[u], [sp, #8]\n" "ldr %[wa], [%[w]], #4\n" "mov %[s0], #0\n"                     \
@@ -94,9 +94,9 @@ static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, co
 #else
     int32_t wa, za, zb, xa, xb, t, u, past = 4 * columns + 8, bytes = 2 * columns + 8;
     if (columns % 16 == 0) {
-        SW_TWO_BY_TWO(SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS);
+        SW_TWO_ROWS_TWICE(SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS SW_TWO_ROWS);
     } else {
-        SW_TWO_BY_TWO(SW_TWO_ROWS SW_TWO_ROWS);
+        SW_TWO_ROWS_TWICE(SW_TWO_ROWS SW_TWO_ROWS);
     }
 #endif
 }

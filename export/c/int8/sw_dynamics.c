@@ -1,4 +1,4 @@
-/* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and its adjoint backwards: states in float, products in integers. */
+/* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon and its adjoint backwards: states in float, products in integers. */
 #include "sw_norm.h"
 #include "sw_parts.h"
 
@@ -26,7 +26,7 @@ void sw_roll_out(sw_workspace *work)
     }
 }
 
-/* An adjoint times ELU' is an integer again, of SW_SLOPE_PART times its unit, which is small beside the sums. */
+/* An adjoint times ELU' stays an integer, in a unit SW_SLOPE_PART times as large, which is small beside the sums. */
 #define SW_SLOPE_PART 4
 
 /* From dJ/dh, in s->sums, to dJ/du, in s->vector; returns the next product's unit. */
@@ -37,7 +37,7 @@ static inline float adjoint_of_layer(sw_dynamics_scratch *s, float unit, const i
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         float d[8];
         for (int j = 0; j < 8; j++) {
-            /* The upper bits of a product of 32 bits with 16, in units of 1 / SW_SLOPE_PART. */
+            /* ELU' in 1 / 16384, so the upper bits of 32 bits times 16 are the product over SW_SLOPE_PART. */
             const int16_t slope = (int16_t)(sw_elu_slope(hidden[c + j]) * (65536 / SW_SLOPE_PART / SW_ELU_ONE));
             d[j] = (float)(int32_t)((int64_t)s->sums[c + j] * slope >> 16);
         }

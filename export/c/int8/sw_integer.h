@@ -15,7 +15,7 @@ static inline int16_t sw_rounded(float value)
     return (int16_t)((int32_t)sw_to_bits(value + magic) - 0x4b400000);
 }
 
-/* The larger and the smaller of two numbers; of a NaN and a number the number, given second. */
+/* The larger and the smaller of two numbers; if the first is a NaN, the second. */
 #if defined(__ARM_FEATURE_NUMERIC_MAXMIN) || defined(__ARM_FPV5__)
 static inline float sw_larger(float a, float b) { return __builtin_fmaxf(a, b); }
 static inline float sw_smaller(float a, float b) { return __builtin_fminf(a, b); }

@@ -22,7 +22,7 @@ static inline float sw_sum_of(const float eight[8])
 }
 
 /* ELU(y) in integers of 1 / SW_ELU_ONE, from y in the same unit plus SW_ELU_START: a straight line between points
- * 1 / 32 apart, which is off by one integer at most. From -8 on downwards and from 8 on upwards it stays.
+ * 1 / 32 apart, which is off by 1.3 integers at most. From -8 on downwards and from 8 on upwards it stays.
  */
 static inline int16_t sw_elu(int32_t y)
 {

@@ -1,5 +1,5 @@
 /* The trained program, generated into sw_weights.c. Matrices are int8 with one scale an output: W[o][i] ~ scale[o]
- * q[o][i], laid out as sw_integer.h says. The adjoint has a transposed copy of its own.
+ * q[o][i], laid out as sw_dots.h says. The adjoint has a transposed copy of its own.
  *
  * An activation is step times its int16. Forward steps are constants from calibration; an adjoint's step is found when
  * it is rounded.

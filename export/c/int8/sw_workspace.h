@@ -26,9 +26,8 @@
 #define SW_LARGER(a, b) ((a) > (b) ? (a) : (b))
 #define SW_WIDEST SW_LARGER(SW_LARGER(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
 #define SW_LONGEST SW_LARGER(SW_WIDEST, SW_LARGER(SW_DECODER_P, SW_LARGER(SW_LSTM_P, SW_LARGER(SW_HEAD_P, SW_ROW_P))))
-#define SW_DECODER_ROW SW_LARGER(SW_DECODER_P, SW_LATENT_P)
 
-/* Tables start at a word; integer products read whole words. */
+/* Tables start at 16 bytes; products on Cortex-M read whole words. */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(16)))
 #else
@@ -61,8 +60,8 @@ typedef struct {
     int16_t vector[SW_LARGER(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* Of two steps of the horizon, which the decoder takes at a time; how far apart they are is known to sw_dots_two. */
-#define SW_APART SW_DECODER_ROW
+/* The decoder takes two steps of the horizon at a time; their vectors, and their sums, stand so many numbers apart. */
+#define SW_APART SW_LARGER(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {
     int16_t vector[2][SW_APART];
