@@ -185,7 +185,7 @@ def _casadi(found: dict[str, Any]) -> str:
     casadi = found["casadi"]
     ours = f"ours, C float32, {found['settings']['iterations']} iterations"
     rows = [("last plan, shifted", None, casadi["start"]), (ours, found["c_ms"], casadi["ours"])]
-    rows += [(row["variant"], row["ms"], row) for row in casadi["solvers"]]
+    rows += [(row["variant"], round(row["ms"]), row) for row in casadi["solvers"]]
     windows = f"{casadi['problems']} recorded windows" if "episode" in casadi else "a random program"
     return f"""
 The same step in CasADi {found["versions"]["casadi"]}, from the same plan, on {windows}
