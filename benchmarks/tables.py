@@ -155,7 +155,7 @@ def _model(results: Path) -> str:
 def _controller(results: Path) -> str:
     found = read(results / "controller.json")
     rows = [
-        (label, found[key], found["min"][key], found["eager_ms"] / found[key], size)
+        (label, found[key], found["min"][key], *(of["eager_ms"] / of[key] for of in (found, found["min"])), size)
         for label, key, size in (
             ("eager PyTorch", "eager_ms", None),
             ("ONNX float32", "onnx_ms", found["onnx_bytes"] / 1024),
@@ -170,7 +170,7 @@ def _controller(results: Path) -> str:
 
     python benchmarks/controller.py --json results/controller.json
 
-{table(("", "median ms", "min ms", "times faster", "KiB"), rows)}
+{table(("", "median ms", "min ms", "times faster by the median", "by the minimum", "KiB"), rows)}
 
 The C library, compiled with `{found["settings"]["c_flags"]}` by
 {found["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
