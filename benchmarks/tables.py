@@ -168,7 +168,7 @@ def _controller(results: Path) -> str:
     workspace = " and ".join(f"{found[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""## One control step, one thread
 
-    python benchmarks/controller.py --json results/controller.json
+    python benchmarks/controller.py --model runs/model --json results/controller.json
 
 {table(("", "median ms", "min ms", "times faster by the median", "by the minimum", "KiB"), rows)}
 
