@@ -3,15 +3,14 @@
 python -m benchmarks.truncation_figure      # reads results/truncation.json, writes docs/pictures/truncation.png
 """
 
-from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.figure import Figure
 
+from benchmarks.commands import ROOT
 from benchmarks.markdown import read
 from contract.atomic import replacing
 
-ROOT: Final = Path(__file__).resolve().parent.parent
 TARGET: Final = ROOT / "docs" / "pictures" / "truncation.png"
 
 
@@ -50,10 +49,7 @@ def draw(figures: dict[str, Any]) -> Figure:
 
 def main() -> None:
     """Draw the figure anew."""
-    source = ROOT / "results" / "truncation.json"
-    if not source.is_file():
-        return
-    figure = draw(read(source)["figures"])
+    figure = draw(read(ROOT / "results" / "truncation.json")["figures"])
     with replacing(TARGET) as temporary:
         figure.savefig(temporary, format="png")
 

@@ -6,9 +6,7 @@ from benchmarks.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by name; none before the first measurement."""
-    if not (results / "truncation.json").is_file():
-        return {}
+    """Every table by name."""
     figures = read(results / "truncation.json")["figures"]
     names = ("gap", "gap_worst", "action_error", "action_error_worst")
     iterations = [(row["start"], row["iterations"], *(row[name] for name in names)) for row in figures["iterations"]]

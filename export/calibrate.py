@@ -6,13 +6,12 @@ With windows, every matrix is rounded with error feedback on the inputs of its o
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from export.feedback_rounding import quantise_on
 from export.layer_inputs import LayerInputs, layer_inputs
 from export.program import ControllerProgram
-from export.quantise import quantise
-from export.weights import Array, Linear
+from export.quantise import quantise, with_matrices
+from export.weights import Array
 
 
 def rounded_program(program: ControllerProgram, windows: Sequence[Array] | None) -> ControllerProgram:
@@ -26,45 +25,20 @@ def rounded_program(program: ControllerProgram, windows: Sequence[Array] | None)
     """
     if windows is None:
         return quantise(program)
-    return round_matrices(program, layer_inputs(program, windows))
+    inputs = _by_layer(layer_inputs(program, windows))
+    return with_matrices(program, lambda name, weight: quantise_on(weight, inputs[name]))
 
 
-def round_matrices(program: ControllerProgram, seen: LayerInputs) -> ControllerProgram:
-    """The program with every matrix rounded on its inputs."""
-    encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
-    return replace(
-        program,
-        encoder=replace(
-            encoder,
-            lstm=replace(
-                encoder.lstm,
-                weight_input=_rounded(encoder.lstm.weight_input, seen.row),
-                weight_recurrent=_rounded(encoder.lstm.weight_recurrent, seen.recurrent),
-            ),
-            hidden=_rounded_linear(encoder.hidden, seen.head),
-            output=_rounded_linear(encoder.output, seen.latent),
-        ),
-        dynamics=replace(
-            dynamics,
-            input=_rounded_linear(dynamics.input, seen.state),
-            hidden=_rounded_linear(dynamics.hidden, seen.hidden1),
-            output=_rounded_linear(dynamics.output, seen.hidden2),
-        ),
-        decoder=replace(
-            decoder,
-            input=_rounded_linear(decoder.input, seen.z),
-            blocks=tuple(
-                replace(block, linear=_rounded_linear(block.linear, x))
-                for block, x in zip(decoder.blocks, seen.blocks, strict=True)
-            ),
-            output=_rounded_linear(decoder.output, seen.forces),
-        ),
-    )
-
-
-def _rounded(weight: Array, inputs: Array) -> Array:
-    return quantise_on(weight, inputs).dequantised().astype(float)
-
-
-def _rounded_linear(layer: Linear, inputs: Array) -> Linear:
-    return replace(layer, weight=_rounded(layer.weight, inputs))
+def _by_layer(seen: LayerInputs) -> dict[str, Array]:
+    return {
+        "encoder.lstm.weight_input": seen.row,
+        "encoder.lstm.weight_recurrent": seen.recurrent,
+        "encoder.hidden": seen.head,
+        "encoder.output": seen.latent,
+        "dynamics.input": seen.state,
+        "dynamics.hidden": seen.hidden1,
+        "dynamics.output": seen.hidden2,
+        "decoder.input": seen.z,
+        **{f"decoder.blocks.{i}": x for i, x in enumerate(seen.blocks)},
+        "decoder.output": seen.forces,
+    }

@@ -4,6 +4,7 @@ W[r, c] ~ scale[r] q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| 
 weight is at most scale / 2 (half a step). This quarters the file; on x86 it does not shorten the step.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -40,6 +41,21 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
 
 def quantise(program: ControllerProgram) -> ControllerProgram:
     """The program with every matrix replaced by what its nearest int8 form stands for."""
+    return with_matrices(program, lambda _, weight: quantise_matrix(weight))
+
+
+def with_matrices(program: ControllerProgram, rounded: Callable[[str, Array], Int8Matrix]) -> ControllerProgram:
+    """The program with every matrix replaced by what a form made of its layer's name and itself stands for.
+
+    Layers are named by their place: `encoder.lstm.weight_input`, `dynamics.hidden`, `decoder.blocks.0`.
+    """
+
+    def matrix(name: str, weight: Array) -> Array:
+        return rounded(name, weight).dequantised().astype(np.float64)
+
+    def linear(name: str, layer: Linear) -> Linear:
+        return replace(layer, weight=matrix(name, layer.weight))
+
     encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
     return replace(
         program,
@@ -47,30 +63,25 @@ def quantise(program: ControllerProgram) -> ControllerProgram:
             encoder,
             lstm=replace(
                 encoder.lstm,
-                weight_input=_rounded(encoder.lstm.weight_input),
-                weight_recurrent=_rounded(encoder.lstm.weight_recurrent),
+                weight_input=matrix("encoder.lstm.weight_input", encoder.lstm.weight_input),
+                weight_recurrent=matrix("encoder.lstm.weight_recurrent", encoder.lstm.weight_recurrent),
             ),
-            hidden=_rounded_linear(encoder.hidden),
-            output=_rounded_linear(encoder.output),
+            hidden=linear("encoder.hidden", encoder.hidden),
+            output=linear("encoder.output", encoder.output),
         ),
         dynamics=replace(
             dynamics,
-            input=_rounded_linear(dynamics.input),
-            hidden=_rounded_linear(dynamics.hidden),
-            output=_rounded_linear(dynamics.output),
+            input=linear("dynamics.input", dynamics.input),
+            hidden=linear("dynamics.hidden", dynamics.hidden),
+            output=linear("dynamics.output", dynamics.output),
         ),
         decoder=replace(
             decoder,
-            input=_rounded_linear(decoder.input),
-            blocks=tuple(replace(block, linear=_rounded_linear(block.linear)) for block in decoder.blocks),
-            output=_rounded_linear(decoder.output),
+            input=linear("decoder.input", decoder.input),
+            blocks=tuple(
+                replace(block, linear=linear(f"decoder.blocks.{i}", block.linear))
+                for i, block in enumerate(decoder.blocks)
+            ),
+            output=linear("decoder.output", decoder.output),
         ),
     )
-
-
-def _rounded(weight: Array) -> Array:
-    return quantise_matrix(weight).dequantised().astype(np.float64)
-
-
-def _rounded_linear(layer: Linear) -> Linear:
-    return replace(layer, weight=_rounded(layer.weight))
