@@ -32,12 +32,18 @@ full: test
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python benchmarks/controller.py --model runs/model --json results/controller.json
+	$(BIN)/python benchmarks/controller.py --dynamics-width 128 --decoder-width 64 \
+		--json results/controller_narrow.json
 	$(BIN)/python -m benchmarks.controller_loop --model runs/model --dataset wake/data/recording.h5 \
 		--json results/controller_loop.json
 	$(BIN)/python -m benchmarks.truncation --json results/truncation.json
 	$(BIN)/python benchmarks/mcu.py --json results/mcu.json
 	$(BIN)/python benchmarks/open_loop.py --json results/open_loop.json
 	$(BIN)/python -m benchmarks.model_study --json results/model.json
+	$(BIN)/python -m benchmarks.controller_loop --model runs/model_study/*/variant_128_64 \
+		--dataset wake/data/recording.h5 --json results/controller_loop_narrow.json
+	$(BIN)/python -m benchmarks.rounding --model runs/model --model runs/model_study/*/variant_128_64 \
+		--json results/rounding.json
 	$(BIN)/python -m benchmarks.rounds --json results/rounds.json
 	$(BIN)/python -m benchmarks.training --json results/training.json
 	$(BIN)/python benchmarks/grid_study.py --json results/wake.json

@@ -1,4 +1,4 @@
-"""The tables of `docs/controller.md` on the loop with each lowering: of the release's model, and of a narrow one."""
+"""The tables of `docs/controller.md` on int8 weights, and on the loop with each lowering."""
 
 from pathlib import Path
 from typing import Final
@@ -10,7 +10,15 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its name on the page, which is the name of its file."""
-    return {name: loop(results / f"{name}.json") for name in ("controller_loop", "controller_loop_narrow")}
+    loops = {name: loop(results / f"{name}.json") for name in ("controller_loop", "controller_loop_narrow")}
+    return loops | {"rounding": rounding(results / "rounding.json")}
+
+
+def rounding(path: Path) -> str:
+    """What int8 weights change of a plan, to nearest and with error feedback."""
+    names = ("widths", "rounding", "episode", "rms_action_error", "mean_cost_gap", "max_cost_gap")
+    rows = [[row[name] for name in names] for row in read(path)["figures"]]
+    return table(("widths", "rounding", "episode", "rms action error", "mean cost gap", "largest cost gap"), rows)
 
 
 def loop(path: Path) -> str:

@@ -153,8 +153,31 @@ def _model(results: Path) -> str:
 
 
 def _controller(results: Path) -> str:
-    found = read(results / "controller.json")
-    rows = [
+    found, narrow = (read(results / f"{name}.json") for name in ("controller", "controller_narrow"))
+    heads = ("", "median ms", "min ms", "times faster by the median", "by the minimum", "KiB")
+    by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (found, found["min"]))
+    workspace = " and ".join(f"{found[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
+    return f"""## One control step, one thread
+
+    python benchmarks/controller.py --model runs/model --json results/controller.json
+
+{table(heads, _lowerings(found))}
+
+The C library, compiled with `{found["settings"]["c_flags"]}` by
+{found["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
+{by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum.
+
+With dynamics of width {narrow["settings"]["dynamics_width"]} and a decoder of {narrow["settings"]["decoder_width"]}:
+
+    python benchmarks/controller.py --dynamics-width 128 --decoder-width 64 --json results/controller_narrow.json
+
+{table(heads, _lowerings(narrow))}
+{_casadi(found)}"""
+
+
+def _lowerings(found: dict[str, Any]) -> list[tuple[object, ...]]:
+    """A row for each: times, what they are of eager PyTorch's, and the graph's size."""
+    return [
         (label, found[key], found["min"][key], *(of["eager_ms"] / of[key] for of in (found, found["min"])), size)
         for label, key, size in (
             ("eager PyTorch", "eager_ms", None),
@@ -164,18 +187,6 @@ def _controller(results: Path) -> str:
             ("C int8, integer products", "c_int8_ms", None),
         )
     ]
-    by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (found, found["min"]))
-    workspace = " and ".join(f"{found[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
-    return f"""## One control step, one thread
-
-    python benchmarks/controller.py --model runs/model --json results/controller.json
-
-{table(("", "median ms", "min ms", "times faster by the median", "by the minimum", "KiB"), rows)}
-
-The C library, compiled with `{found["settings"]["c_flags"]}` by
-{found["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
-{by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum.
-{_casadi(found)}"""
 
 
 def _casadi(found: dict[str, Any]) -> str:
@@ -188,7 +199,7 @@ def _casadi(found: dict[str, Any]) -> str:
     rows += [(row["variant"], round(row["ms"]), row) for row in casadi["solvers"]]
     windows = f"{casadi['problems']} recorded windows" if "episode" in casadi else "a random program"
     return f"""
-The same step in CasADi {found["versions"]["casadi"]}, from the same plan, on {windows}
+The step at the paper's size in CasADi {found["versions"]["casadi"]}, from the same plan, on {windows}
 ([controller.md](controller.md)); a gap is to the best of them, in per cent of what that gains over a zero plan:
 
 {table(("", "median ms", "mean gap, %", "largest gap, %"), [(*row, of["gap"], of["gap_worst"]) for *row, of in rows])}
