@@ -1,8 +1,8 @@
 """The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
 
-ONNX Runtime takes half a microsecond for any node, so what the recursions do not need leaves the Scans and is computed
-for all H steps at once. Forwards that is the action's share of the first layer, and the biases of the residual, without
-which the recursion runs,
+ONNX Runtime takes its time for any node, however small, so what the recursions do not need leaves the Scans and is
+computed for all H steps at once. Forwards that is the action's share of the first layer, and the residual's biases,
+without which the recursion runs,
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
