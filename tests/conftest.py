@@ -27,12 +27,12 @@ class Outcome:
 def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
     """Run `stillwake` with these arguments, in this process."""
 
-    import stillwake
+    import stillwake.__main__
 
     def run(*arguments: object) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["stillwake", *map(str, arguments)])
         with pytest.raises(SystemExit) as stop:
-            stillwake.main()
+            stillwake.__main__.main()
         code = stop.value.code
         return Outcome(0 if code is None else code, *capsys.readouterr())
 

@@ -20,7 +20,7 @@ from benchmarks.model_study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model_study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
 from contract.config_loading import load_config, to_tree
 from contract.results import versions, write_result
-from stillwake_terminal import ConfigFile, Overrides
+from stillwake.terminal import ConfigFile, Overrides
 from train.selection.correlation import correlation
 from train.selection.methods import METHODS
 

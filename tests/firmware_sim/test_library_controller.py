@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import stillwake
+import stillwake.__main__
 from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.messages import Mode
 from can_bridge.python_can_bus import PythonCanBus
@@ -160,7 +160,7 @@ def test_the_command_runs_it_and_says_so(whole, monkeypatch, capsys, tmp_path):
     arguments = ["run", tmp_path / "run", "--bundle", whole.bundle_path, "--library", whole.folder]
     monkeypatch.setattr("sys.argv", ["stillwake", *map(str, arguments), "--lead-in", "0.2", "--controlled", "0.2"])
     with pytest.raises(SystemExit) as stop:
-        stillwake.main()
+        stillwake.__main__.main()
     assert stop.value.code in (None, 0)
     version = compiler_version(host_compiler())
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
@@ -235,7 +235,7 @@ def test_the_command_refuses_a_folder_that_is_no_library(monkeypatch, capsys, tm
     arguments = ["run", tmp_path / "run", "--bundle", whole.bundle_path, "--library", tmp_path / library]
     monkeypatch.setattr("sys.argv", ["stillwake", *map(str, arguments)])
     with pytest.raises(SystemExit) as stop:
-        stillwake.main()
+        stillwake.__main__.main()
     line = capsys.readouterr().err
     assert stop.value.code == 1
     assert line.startswith(f"error: library {tmp_path / library}: ")

@@ -32,8 +32,8 @@ record(Path(sys.argv[1]), {PLANS!r}, Config(), block_steps={BLOCK_STEPS},
 COMMAND = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-import stillwake
-stillwake.main()
+import stillwake.__main__
+stillwake.__main__.main()
 """
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import stillwake
+import stillwake.__main__
 from contract.config import FlowConfig
 from contract.errors import PlantError
 from contract.geometry import LENGTH
@@ -77,7 +77,7 @@ def test_the_command_writes_state_and_figures(
     monkeypatch.setattr(steady, "settle", settle)
     monkeypatch.setattr(sys, "argv", ["stillwake", "steady", f"{tmp_path}/s.npz", "--json", f"{tmp_path}/s.json"])
     with pytest.raises(SystemExit) as stop:
-        stillwake.main()
+        stillwake.__main__.main()
     assert not stop.value.code
     assert re.search(r"recirculation_length\D+\d\.\d", capsys.readouterr().out)
     assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.state.flat)

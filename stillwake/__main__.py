@@ -19,14 +19,14 @@ from rich.console import Console
 from rich.progress import TaskID
 from rich.table import Table
 
-import stillwake_bundle
-import stillwake_pictures
-import stillwake_record
+from stillwake.commands import bundle as stillwake_bundle
+from stillwake.commands import picture as stillwake_pictures
+from stillwake.commands import record as stillwake_record
 from contract.config_loading import load_config, to_tree
 from contract.errors import StillwakeError
 from contract.results import write_result
 from contract.signing import public_key, read_private_key
-from stillwake_terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 errors = Console(stderr=True)

@@ -8,19 +8,19 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
 
-import stillwake
-import stillwake_pictures
+import stillwake.__main__
+from stillwake.commands import picture as stillwake_pictures
 from contract import dataset, sensors
 from contract.config import Config
 from contract.errors import StillwakeError
 from firmware_sim import run_log
 from wake.truck_wake import TruckWake, developed_state
 
-PATH = stillwake.SHIPPED_RECORDING
+PATH = stillwake.__main__.SHIPPED_RECORDING
 
 
 def cli(*arguments: object) -> Result:
-    return CliRunner().invoke(stillwake.app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(stillwake.__main__.app, [str(argument) for argument in arguments])
 
 
 def actions(**settings: object) -> np.ndarray:

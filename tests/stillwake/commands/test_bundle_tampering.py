@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import stillwake_bundle
+from stillwake.commands import bundle as stillwake_bundle
 from contract import bundle, errors, signing
 from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
 

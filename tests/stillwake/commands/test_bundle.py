@@ -7,7 +7,7 @@ import stat
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-import stillwake_bundle
+from stillwake.commands import bundle as stillwake_bundle
 from contract import bundle, signing
 from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
 

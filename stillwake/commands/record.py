@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import typer
 from rich.progress import TaskID
 
-import stillwake_bundle
+from stillwake.commands import bundle as stillwake_bundle
 from contract.config import Config
 from contract.config_loading import load_config
 from contract.errors import StillwakeError
-from stillwake_terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 
 def record(

@@ -10,7 +10,7 @@ import typer
 from contract.config import Config
 from contract.config_loading import load_config
 from contract.errors import ConfigError
-from stillwake_terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
     from wake.truck_wake import TruckWake

@@ -14,7 +14,7 @@ from contract import signing
 from contract.bundle import Bundle
 from contract.errors import BundleError
 from contract.signing import PublicKey
-from stillwake_terminal import console
+from stillwake.terminal import console
 
 SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
 PROJECT: Final = "project"

@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 import pytest
 
-import stillwake
+import stillwake.__main__
 from contract import dataset
 
-VERBS = [command.name or command.callback.__name__ for command in stillwake.app.registered_commands]
+VERBS = [command.name or command.callback.__name__ for command in stillwake.__main__.app.registered_commands]
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_a_bundle_for_another_vehicle(refused, tmp_path, random_release):
 def recording(tmp_path) -> Path:
     """A copy of the shipped recording."""
     path = tmp_path / "recording.h5"
-    shutil.copy(stillwake.SHIPPED_RECORDING, path)
+    shutil.copy(stillwake.__main__.SHIPPED_RECORDING, path)
     return path
 
 
@@ -254,8 +254,8 @@ import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from wake import recorder
 recorder.record.__kwdefaults__["block_steps"] = 8
-import stillwake
-stillwake.main()
+import stillwake.__main__
+stillwake.__main__.main()
 """
 
 
