@@ -1,8 +1,7 @@
-"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect`, and how a bundle is opened."""
+"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect`."""
 
-from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -13,22 +12,11 @@ from contract import bundle as bundles
 from contract import signing
 from contract.bundle import Bundle
 from contract.errors import BundleError
-from contract.signing import PublicKey
+from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.terminal import console
-
-SHIPPED_BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
-PROJECT: Final = "project"
-"""Stands for the key that the shipped bundle is signed with, where a key file may be named."""
 
 bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
 
-Trust = Annotated[
-    str | None,
-    typer.Option(
-        "--trust",
-        help="Public key file (PEM) of whoever must have signed the bundle; 'project' is the key of the shipped one.",
-    ),
-]
 BundlePath = Annotated[Path | None, typer.Argument(help="Bundle directory or .zip; default: the shipped one.")]
 KeyFile = Annotated[Path, typer.Option("--key", help="Private key file (PEM), as `bundle keygen` writes it.")]
 
@@ -45,13 +33,13 @@ def keygen(folder: Annotated[Path, typer.Argument(help="Folder to write release.
 def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")], key: KeyFile) -> None:
     """Verify a bundle and sign it in place; an older signature is replaced."""
     signed = bundles.sign(path, signing.read_private_key(key))
-    console.print(*headline(signed), sep="\n", soft_wrap=True)
+    console.print(*describe(signed), sep="\n", soft_wrap=True)
 
 
 @bundle.command()
 def verify(path: BundlePath = None, trust: Trust = None) -> None:
     """Make every check that loading makes, one line each, and fail if one of them does."""
-    where, trusted = _where(path, trust)
+    where, trusted = locate(path, trust)
     checks = bundles.examine(where, trusted)
     for check in checks:
         mark = "[green]ok[/]    " if check.error is None else "[red]FAILED[/]"
@@ -70,37 +58,6 @@ def inspect(path: BundlePath = None, trust: Trust = None) -> None:
     for name, value in rows(release):
         table.add_row(name, escape(value))
     console.print(table)
-
-
-def open_release(path: Path | None, trust: str | None) -> Bundle:
-    """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted.
-
-    Raises:
-        BundleError: it does not verify, or is not signed as demanded.
-        KeyFileError: the key to trust cannot be read.
-    """
-    return bundles.load(*_where(path, trust))
-
-
-def headline(release: Bundle) -> list[str]:
-    """What to say when a bundle is opened: its name and sensors, and what its signature is worth."""
-    manifest = release.manifest
-    vouched_for = release.is_trusted or release.signer == signing.project_key()
-    return [
-        f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}",
-        signature(release) if vouched_for else f"[yellow]warning: {signature(release)}[/]",
-    ]
-
-
-def signature(release: Bundle) -> str:
-    """Who signed it, in words."""
-    if release.signer is None:
-        return bundles.UNSIGNED
-    if release.signer == signing.project_key():
-        return f"signed by the project's key {release.signer.fingerprint}"
-    if release.is_trusted:
-        return f"signed by the trusted key {release.signer.fingerprint}"
-    return f"signed by key {release.signer.fingerprint}: unknown here, --trust would demand it"
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:
@@ -134,11 +91,3 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("DBC SHA-256", bundles.dbc_sha256()),
         *((f"file {name}", f"{len(data)} bytes, {bundles.sha256(data)}") for name, data in release.files.items()),
     ]  # fmt: skip
-
-
-def _where(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:
-    if trust == PROJECT or (trust is None and path is None):
-        trusted: PublicKey | None = signing.project_key()
-    else:
-        trusted = None if trust is None else signing.read_public_key(Path(trust))
-    return SHIPPED_BUNDLE if path is None else path, trusted

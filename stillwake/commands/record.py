@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import typer
 from rich.progress import TaskID
 
-from stillwake.commands import bundle as stillwake_bundle
 from contract.config import Config
 from contract.config_loading import load_config
 from contract.errors import StillwakeError
+from stillwake.releases import describe, open_release
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 
@@ -126,12 +126,12 @@ def _record_round(
     from wake.controlled_plan import ControlledRound
     from wake.controlled_recording import record_round
 
-    release = stillwake_bundle.open_release(bundle, None)
+    release = open_release(bundle, None)
     check_flow(release, config.flow)
     wanted = ControlledRound(**settings, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
     BundlePolicy(release)
-    console.print(*stillwake_bundle.headline(release), sep="\n", soft_wrap=True)
+    console.print(*describe(release), sep="\n", soft_wrap=True)
     with _progress(wanted.episodes) as shown:
         number = record_round(output, wanted, config, partial(BundlePolicy, release), **processes, **shown)
     console.print(

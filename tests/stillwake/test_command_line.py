@@ -15,6 +15,7 @@ import pytest
 
 import stillwake.__main__
 from contract import dataset
+from stillwake.shipped import RECORDING
 
 VERBS = [command.name or command.callback.__name__ for command in stillwake.__main__.app.registered_commands]
 
@@ -108,7 +109,7 @@ def test_a_bundle_for_another_vehicle(refused, tmp_path, random_release):
 def recording(tmp_path) -> Path:
     """A copy of the shipped recording."""
     path = tmp_path / "recording.h5"
-    shutil.copy(stillwake.__main__.SHIPPED_RECORDING, path)
+    shutil.copy(RECORDING, path)
     return path
 
 

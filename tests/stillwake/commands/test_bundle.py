@@ -7,9 +7,9 @@ import stat
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from stillwake.commands import bundle as stillwake_bundle
 from contract import bundle, signing
 from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
+from stillwake.commands import bundle as stillwake_bundle
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 TRUSTED = signing.public_key(KEY)

@@ -16,9 +16,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stillwake.commands import bundle as stillwake_bundle
 from contract import bundle, errors, signing
 from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
+from stillwake.shipped import BUNDLE
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 OTHER = Ed25519PrivateKey.from_private_bytes(bytes([1]) * 32)
@@ -115,13 +115,13 @@ def with_an_extra_file(folder: Path) -> Path:
 
 
 def with_anothers_controller(folder: Path) -> Path:
-    shutil.copy(stillwake_bundle.SHIPPED_BUNDLE / CONTROLLER, folder / CONTROLLER)
+    shutil.copy(BUNDLE / CONTROLLER, folder / CONTROLLER)
     return folder
 
 
 def with_anothers_manifest_and_controller(folder: Path) -> Path:
     for name in (CONTROLLER, MANIFEST):
-        shutil.copy(stillwake_bundle.SHIPPED_BUNDLE / name, folder / name)
+        shutil.copy(BUNDLE / name, folder / name)
     return folder
 
 

@@ -9,14 +9,15 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 import stillwake.__main__
-from stillwake.commands import picture as stillwake_pictures
 from contract import dataset, sensors
 from contract.config import Config
 from contract.errors import StillwakeError
 from firmware_sim import run_log
+from stillwake.commands import picture as stillwake_pictures
+from stillwake.shipped import RECORDING
 from wake.truck_wake import TruckWake, developed_state
 
-PATH = stillwake.__main__.SHIPPED_RECORDING
+PATH = RECORDING
 
 
 def cli(*arguments: object) -> Result:
