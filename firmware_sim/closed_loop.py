@@ -10,8 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from can_bridge import frame_log
-from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.bus import frame_log
+from can_bridge.bus.python_can import PythonCanBus
 from contract.atomic import replacing
 from contract.bundle import Bundle
 from contract.config import Config

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from can_bridge import codec
 from can_bridge.command_gate import GateLimits, Intervention, gate
-from can_bridge.e2e_receiver import Check, E2eReceiver, StreamState
-from can_bridge.e2e_sender import E2eSender
-from can_bridge.frame import Frame
-from can_bridge.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
-from can_bridge.messages import COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
 from contract.bundle import Bundle
 from contract.config import Config
 from contract.errors import BundleError

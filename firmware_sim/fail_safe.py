@@ -10,7 +10,7 @@ request anew. Short of the latch, the first good frame resumes control.
 
 from dataclasses import dataclass, replace
 
-from can_bridge.messages import Mode, Reason
+from can_bridge.wire.messages import Mode, Reason
 from contract.config import EcuConfig
 
 

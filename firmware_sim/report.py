@@ -12,7 +12,7 @@ import matplotlib.image
 import numpy as np
 from matplotlib.figure import Figure
 
-from can_bridge.messages import Mode
+from can_bridge.wire.messages import Mode
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from firmware_sim import run_log

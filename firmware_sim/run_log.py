@@ -28,7 +28,7 @@ class Row:
         action: jet flow rate in force, U_inf W.
         command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without one.
-        mode: `can_bridge.messages.Mode` of the ECU as of its latest step.
+        mode: `can_bridge.wire.messages.Mode` of the ECU as of its latest step.
         step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
         age_ms: from the sampling of the pressures behind the command that the jets follow in this period to its
             arrival there, in virtual time; NaN if none came.

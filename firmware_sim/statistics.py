@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from can_bridge.messages import Mode
+from can_bridge.wire.messages import Mode
 from firmware_sim.run_log import RunLog
 
 Array = npt.NDArray[np.float64]

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from can_bridge import codec, e2e_profile5
-from can_bridge.e2e_receiver import Check, E2eReceiver
-from can_bridge.e2e_sender import E2eSender
-from can_bridge.frame import Frame
-from can_bridge.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
-from can_bridge.messages import Pressure
+from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
+from can_bridge.wire.messages import Pressure
 from contract import sensors
 from contract.config import Config
 

@@ -21,10 +21,10 @@ from typing import Protocol
 
 import numpy as np
 
-from can_bridge.bit_timing import worst_case_ns
-from can_bridge.bus import Bus
-from can_bridge.frame import Frame
-from can_bridge.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.bus.interface import Bus
+from can_bridge.wire.bit_timing import worst_case_ns
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config import Config
 from firmware_sim.ecu import Ecu

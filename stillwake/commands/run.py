@@ -30,7 +30,7 @@ def run(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
-    from can_bridge.messages import Mode
+    from can_bridge.wire.messages import Mode
     from firmware_sim.closed_loop import SUMMARY, run_closed_loop, summary
     from firmware_sim.library_controller import LibraryController
     from firmware_sim.plants import open_plant

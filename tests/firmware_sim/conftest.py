@@ -6,11 +6,11 @@ from itertools import count
 import numpy as np
 import pytest
 
-from can_bridge import codec
-from can_bridge.e2e_sender import E2eSender
-from can_bridge.frame import Frame
-from can_bridge.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
 from contract.bundle import Bundle, Manifest, Scaling
 from contract.config import BusConfig, Config, EcuConfig, MpcConfig
 from firmware_sim.controller import ControlStep

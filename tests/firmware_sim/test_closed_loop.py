@@ -7,7 +7,7 @@ import can
 import numpy as np
 import pytest
 
-from can_bridge.messages import Mode
+from can_bridge.wire.messages import Mode
 from contract import bundle
 from contract.config import BusConfig, Config, EcuConfig, MpcConfig
 from contract.errors import BundleError, BusError, StillwakeError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from can_bridge.command_gate import Intervention
-from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S
-from can_bridge.messages import Mode, Reason
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Mode, Reason
 from contract.config import Config, EcuConfig, FlowConfig
 from contract.errors import BundleError
 from contract.operating_point import OperatingPoint

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e_profile5 import check, protect
-from can_bridge.frame import FD_LENGTHS, Frame
-from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
-from can_bridge.messages import Mode
+from can_bridge.e2e.profile5 import check, protect
+from can_bridge.wire.frame import FD_LENGTHS, Frame
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
+from can_bridge.wire.messages import Mode
 from contract.config import Config
 
 

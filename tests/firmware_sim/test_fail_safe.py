@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.messages import Mode, Reason
+from can_bridge.wire.messages import Mode, Reason
 from contract.config import EcuConfig
 from firmware_sim.fail_safe import FailSafe
 

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import stillwake.__main__
-from can_bridge.message_specs import FLOW_RESOLUTION_M2_PER_S
-from can_bridge.messages import Mode
-from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Mode
 from contract import bundle, sensors
 from contract.config import BusConfig, Config, ModelConfig, MpcConfig
 from contract.errors import LibraryError

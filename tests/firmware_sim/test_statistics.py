@@ -6,7 +6,7 @@ from math import isnan, sqrt
 import numpy as np
 import pytest
 
-from can_bridge.messages import Mode
+from can_bridge.wire.messages import Mode
 from contract.errors import StillwakeError
 from firmware_sim import run_log
 from firmware_sim.report import drag_rows, headline, service_rows

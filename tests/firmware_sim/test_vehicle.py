@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from can_bridge import codec
-from can_bridge.e2e_sender import E2eSender
-from can_bridge.message_specs import JET_COMMAND
-from can_bridge.messages import JetCommand, Mode
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.message_specs import JET_COMMAND
+from can_bridge.wire.messages import JetCommand, Mode
 from contract import sensors
 from contract.config import Config, EcuConfig, VehicleConfig
 from contract.errors import ConfigError

@@ -9,13 +9,13 @@ from math import ceil, cos, isnan
 import numpy as np
 import pytest
 
-from can_bridge import codec
-from can_bridge.bit_timing import worst_case_ns
-from can_bridge.bus import Bus
-from can_bridge.frame import Frame
-from can_bridge.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.messages import Mode, Reason
-from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire import codec
+from can_bridge.wire.bit_timing import worst_case_ns
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.config import Config, EcuConfig
 from firmware_sim.ecu import Ecu

@@ -7,8 +7,8 @@ import socket
 import can
 import pytest
 
-from can_bridge.frame import Frame
-from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire.frame import Frame
 from contract.config import BusConfig
 from contract.errors import BusError
 

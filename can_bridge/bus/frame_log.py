@@ -12,8 +12,8 @@ from typing import Final
 
 import can
 
-from can_bridge.frame import Frame
-from can_bridge.python_can_bus import to_message
+from can_bridge.bus.python_can import to_message
+from can_bridge.wire.frame import Frame
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 

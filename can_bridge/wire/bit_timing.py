@@ -8,7 +8,7 @@ One dynamic stuff bit after the first five equal bits and then after every fourt
 
 from typing import Final
 
-from can_bridge.frame import Frame
+from can_bridge.wire.frame import Frame
 
 _STUFF_EVERY: Final = 4
 

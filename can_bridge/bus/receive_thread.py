@@ -5,8 +5,8 @@ from threading import Event, Thread
 from types import TracebackType
 from typing import Final, Self
 
-from can_bridge.frame import Frame
-from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 
 POLL_S: Final = 0.05

@@ -1,11 +1,12 @@
 """A pressure goes to the ECU and a jet command comes back, over a real python-can bus in virtual time."""
 
-from can_bridge import codec, e2e_profile5
-from can_bridge.e2e_receiver import Check, E2eReceiver, StreamState
-from can_bridge.e2e_sender import E2eSender
-from can_bridge.message_specs import JET_COMMAND, PRESSURE
-from can_bridge.messages import JetCommand, Mode, Pressure
-from can_bridge.python_can_bus import PythonCanBus
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract.config import BusConfig
 
 PERIOD_NS = 20_000_000

@@ -1,8 +1,8 @@
 """The sending end of a protected message: payload in, frame out, counter kept."""
 
-from can_bridge import e2e_profile5
-from can_bridge.frame import Frame
-from can_bridge.message_specs import MessageSpec
+from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import MessageSpec
 
 
 class E2eSender:
@@ -17,7 +17,7 @@ class E2eSender:
         self.counter = 0
 
     def frame(self, data: bytes, *, now_ns: int) -> Frame:
-        """The frame for a message from `can_bridge.codec`.
+        """The frame for a message from `can_bridge.wire.codec`.
 
         Raises:
             ValueError: if the data is not as long as the message.

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from can_bridge import e2e_profile5
-from can_bridge.e2e_receiver import GOOD, Check, E2eReceiver, StreamState
-from can_bridge.e2e_sender import E2eSender
-from can_bridge.frame import Frame
-from can_bridge.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract.config import E2eConfig
 
 CONFIG = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)

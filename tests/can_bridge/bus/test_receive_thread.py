@@ -5,10 +5,10 @@ from threading import Event
 import can
 import pytest
 
-from can_bridge.frame import Frame
-from can_bridge.mailbox import Mailbox
-from can_bridge.python_can_bus import PythonCanBus
-from can_bridge.receive_thread import ReceiveThread
+from can_bridge.bus.mailbox import Mailbox
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.receive_thread import ReceiveThread
+from can_bridge.wire.frame import Frame
 from contract.config import BusConfig
 from contract.errors import BusError
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus import Bus
-from can_bridge.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
-from can_bridge.python_can_bus import GARBAGE_LIMIT, QUEUE_SIZE, PythonCanBus, from_message, to_message
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.python_can import GARBAGE_LIMIT, QUEUE_SIZE, PythonCanBus, from_message, to_message
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config import BusConfig
 from contract.errors import BusError
 

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 
 @given(frame_id=st.integers(-5, 0x805), length=st.integers(0, 70), time=st.integers(-3, 3), is_fd=st.booleans())

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from can_bridge import codec
-from can_bridge.message_specs import SPECS
-from can_bridge.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.wire import codec
+from can_bridge.wire.message_specs import SPECS
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
 
 DBC = cantools.database.load_string(files("contract").joinpath("stillwake.dbc").read_text())
 

@@ -1,9 +1,9 @@
 import can
 import pytest
 
-from can_bridge.frame import Frame
-from can_bridge.frame_log import recording
-from can_bridge.python_can_bus import from_message
+from can_bridge.bus.frame_log import recording
+from can_bridge.bus.python_can import from_message
+from can_bridge.wire.frame import Frame
 from contract.errors import StillwakeError
 
 FRAMES = [

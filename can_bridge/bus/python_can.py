@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 
 import can
 
-from can_bridge.frame import Frame
+from can_bridge.wire.frame import Frame
 from contract.config import BusConfig
 from contract.errors import BusError
 

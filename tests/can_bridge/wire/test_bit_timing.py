@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bit_timing import worst_case_bits, worst_case_ns
-from can_bridge.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from can_bridge.wire.bit_timing import worst_case_bits, worst_case_ns
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 
 def bits_of(value: int, count: int) -> list[int]:

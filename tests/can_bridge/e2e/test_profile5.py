@@ -5,8 +5,8 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge import e2e_profile5
-from can_bridge.message_specs import SPECS
+from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.wire.message_specs import SPECS
 
 IDS = st.integers(0, 0xFFFF)
 COUNTERS = st.integers(0, 255)

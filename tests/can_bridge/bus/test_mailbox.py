@@ -3,7 +3,7 @@ from threading import Thread
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.mailbox import Mailbox
+from can_bridge.bus.mailbox import Mailbox
 
 
 @given(st.lists(st.none() | st.integers()))

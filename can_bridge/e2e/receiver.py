@@ -18,9 +18,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from can_bridge import e2e_profile5
-from can_bridge.frame import Frame
-from can_bridge.message_specs import MessageSpec
+from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import MessageSpec
 from contract.config import E2eConfig
 
 

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from can_bridge.frame import Frame
+from can_bridge.wire.frame import Frame
 
 
 class Bus(Protocol):

@@ -1,6 +1,6 @@
 """Messages to data bytes and back, as laid out in `contract/stillwake.dbc`.
 
-`emit_*` returns the whole message with an empty E2E header (`can_bridge.e2e_profile5` fills it) and raises
+`emit_*` returns the whole message with an empty E2E header (`can_bridge.e2e.profile5` fills it) and raises
 ValueError for what the wire cannot carry. `parse_*` looks at the meaning only, not at the header, and returns None
 for data of another length or with a value outside a table; no bytes make it raise. Values are rounded to the
 nearest step of the wire; bits without a signal are sent as zero and ignored when received.
@@ -10,13 +10,13 @@ import math
 import struct
 from typing import Final
 
-from can_bridge.message_specs import (
+from can_bridge.wire.message_specs import (
     AGE_RESOLUTION_NS,
     FLOW_RESOLUTION_M2_PER_S,
     INT16_MAX,
     PRESSURE_RESOLUTION_PA,
 )
-from can_bridge.messages import BUS_OFF_LIMIT, COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
 
 # "3x" is the E2E header: CRC-16 and counter.
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age

@@ -1,0 +1,1 @@
+"""Buses behind one interface, and what receives from them."""
