@@ -25,11 +25,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from contract import dataset
 from contract.atomic import replacing
-from contract.config import ModelConfig, MpcConfig
-from contract.config_loading import load_config
-from contract.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.config.loading import load_config
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.recording import dataset
 from export.c_host import CController
 from export.c_library import c_library
 from export.c_release import int8_library

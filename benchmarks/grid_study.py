@@ -24,7 +24,7 @@ from rich.table import Table
 
 from contract import sensors
 from contract.atomic import replacing
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
 from wake.develop import develop
 from wake.truck_wake import Sample, TruckWake

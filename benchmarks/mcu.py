@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
 from contract.results import versions, write_result
 from export.c_library import c_library
 from export.c_release import int8_library

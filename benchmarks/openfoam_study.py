@@ -24,9 +24,9 @@ from rich.progress import Progress, TaskID
 
 from contract import sensors
 from contract.atomic import replacing
-from contract.bundle import load
-from contract.config import FlowConfig
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.config.tree import FlowConfig
+from contract.release.bundle import load
 from contract.results import versions, write_result
 from firmware_sim.closed_loop import run_closed_loop, summary
 from wake.openfoam import start, state

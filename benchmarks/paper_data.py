@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.commands import ROOT
-from contract import dataset
-from contract.dataset import Dataset, Episode
+from contract.recording import dataset
+from contract.recording.dataset import Dataset, Episode
 
 RECORDING: Final = ROOT / "wake" / "data" / "recording.h5"
 

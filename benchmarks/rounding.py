@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.situations import RECORDING, choose_episode
-from contract import dataset
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.recording import dataset
 from contract.results import versions, write_result
 from export.calibrate import rounded_program
 from export.from_training import load_trained

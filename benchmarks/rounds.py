@@ -20,8 +20,9 @@ from rich.table import Table
 from benchmarks.commands import LOOP, stillwake
 from benchmarks.markdown import read
 from benchmarks.paper_data import paper_file
-from contract import dataset, sensors
-from contract.dataset import Role
+from contract import sensors
+from contract.recording import dataset
+from contract.recording.dataset import Role
 from contract.results import versions, write_result
 from train import model_store
 from train.evaluate import evaluate

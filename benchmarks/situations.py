@@ -9,7 +9,7 @@ from rich.progress import track
 
 from benchmarks.commands import ROOT
 from benchmarks.many_plans import adam
-from contract.dataset import Dataset, Episode
+from contract.recording.dataset import Dataset, Episode
 from export.program import ControllerProgram
 from export.recorded_windows import recorded_windows
 from export.reference_model import encode

@@ -13,7 +13,7 @@ from rich.progress import track
 
 from benchmarks.casadi_mpc import variants
 from benchmarks.situations import receding, see_before, shifted
-from contract.dataset import Episode
+from contract.recording.dataset import Episode
 from export.program import ControllerProgram
 from export.reference_model import encode
 from export.reference_mpc import evaluate, optimise, shift

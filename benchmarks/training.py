@@ -23,9 +23,9 @@ from rich.table import Table
 from torch import Tensor, nn
 
 from benchmarks.paper_data import RECORDING
-from contract import dataset
-from contract.config import Config
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.recording import dataset
 from contract.results import versions, write_result
 from train.loss import joint_loss
 from train.model import Encoder, WakeModel

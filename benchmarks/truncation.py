@@ -26,12 +26,12 @@ from rich.table import Table
 from benchmarks.converged import EVALUATIONS, RATES, Optimum, converged, valleys
 from benchmarks.many_plans import adam, costs
 from benchmarks.situations import LEAD, RECORDING, choose_episode, receding, see, see_before, shifted
-from contract import bundle as bundles
-from contract import dataset
-from contract.config import MpcConfig
-from contract.config_loading import load_config
-from contract.dataset import Episode
+from contract.config.loading import load_config
+from contract.config.tree import MpcConfig
 from contract.errors import ExportError
+from contract.recording import dataset
+from contract.recording.dataset import Episode
+from contract.release import bundle as bundles
 from contract.results import versions, write_result
 from export.from_training import load_trained
 from export.program import ControllerProgram

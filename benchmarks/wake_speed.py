@@ -24,7 +24,7 @@ from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
 from wake import kernels, poisson
 from wake.develop import develop

@@ -11,7 +11,7 @@ from enum import Flag, auto
 from typing import Self
 
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, INT16_MAX
-from contract.config import Config
+from contract.config.tree import Config
 from contract.errors import ConfigError
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import bundle
 from contract.operating_point import OperatingPoint
+from contract.release import bundle
 from export.calibrate import rounded_program
 from export.onnx_graph import build_controller
 from export.onnx_weights import Precision

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from contract.controller.host_library import OPTIMISED, HostLibrary, host_compiler
 from contract.errors import ExportError
-from contract.host_library import OPTIMISED, HostLibrary, host_compiler
 from export.program import ControllerProgram
 from export.reference_mpc import Solution
 from export.weights import Array

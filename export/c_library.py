@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from contract.atomic import replacing
-from contract.bundle import dbc_sha256
 from contract.errors import ExportError
+from contract.release.bundle import dbc_sha256
 from export.activation_ranges import ActivationRanges
 from export.c_arrays import LANES, float_arrays
 from export.c_int8_arrays import Values, int8_arrays

@@ -87,7 +87,7 @@ class EagerController:
     def control_step(
         self, window: Array, plan: Array, free: Array, weights: Array | None = None
     ) -> tuple[Array, Array, Array, float]:
-        """(new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.bundle`."""
+        """(new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.release.bundle`."""
         limit = self._program.action_limit
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])

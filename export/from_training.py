@@ -18,10 +18,10 @@ import safetensors
 import safetensors.numpy
 
 from contract import sensors as sensor_facts
-from contract.bundle import Scaling
-from contract.config import Config, MpcConfig
-from contract.config_loading import from_tree
+from contract.config.loading import from_tree
+from contract.config.tree import Config, MpcConfig
 from contract.errors import ConfigError, ExportError
+from contract.release.bundle import Scaling
 from export.program import ControllerProgram
 from export.weights import State
 

@@ -1,4 +1,4 @@
-"""`controller.onnx`: one control step in standard ONNX operators (interface: `contract.bundle`).
+"""`controller.onnx`: one control step in standard ONNX operators (interface: `contract.release.bundle`).
 
 Encoder, then a Scan over Adam's iterations whose body holds a Scan forwards and a Scan backwards over the
 horizon, then one more roll-out for the forces and the cost of the result. Written from the hand adjoint of

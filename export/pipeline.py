@@ -8,10 +8,10 @@ from typing import Any, Final, get_args
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import dataset
-from contract.config import Config
-from contract.dataset import Episode
+from contract.config.tree import Config
 from contract.errors import ExportError
+from contract.recording import dataset
+from contract.recording.dataset import Episode
 from export.bundle_writer import ReleaseReport, write_release
 from export.c_release import CReport, write_c_release
 from export.from_training import load_trained

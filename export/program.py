@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from contract import sensors as sensor_facts
-from contract.bundle import Scaling
-from contract.config import MpcConfig
+from contract.config.tree import MpcConfig
 from contract.errors import ConfigError, ExportError
+from contract.release.bundle import Scaling
 from export.weights import FORCES, DecoderWeights, DynamicsWeights, EncoderWeights, State
 
 

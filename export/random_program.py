@@ -6,8 +6,8 @@ The time and memory of a control step depend on the shapes only, so these stand 
 import numpy as np
 
 from contract import sensors as sensor_facts
-from contract.bundle import Scaling
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.release.bundle import Scaling
 from export.program import ControllerProgram
 from export.weights import Array
 

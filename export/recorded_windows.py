@@ -3,8 +3,8 @@
 import numpy as np
 
 from contract import sensors as sensor_facts
-from contract.dataset import Episode
 from contract.errors import ExportError
+from contract.recording.dataset import Episode
 from export.program import ControllerProgram
 from export.weights import Array
 

@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 
-from contract.config import CostWeights
+from contract.config.tree import CostWeights
 from export.weights import Array
 
 TERMS: Final = tuple(item.name for item in fields(CostWeights))

@@ -39,7 +39,7 @@ class Solution:
 def control_step(
     program: ControllerProgram, window: Array, plan: Array, free: Array, weights: Array | None = None
 ) -> Solution:
-    """What `controller.onnx` computes; arguments as in `contract.bundle`.
+    """What `controller.onnx` computes; arguments as in `contract.release.bundle`.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.

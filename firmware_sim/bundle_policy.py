@@ -4,10 +4,10 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
-from contract.bundle import Bundle
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
+from contract.controller.onnx_session import Controller, ControllerError, OnnxController
 from contract.errors import BundleError
-from firmware_sim.controller import Controller, ControllerError, OnnxController
+from contract.release.bundle import Bundle
 
 Array = npt.NDArray[np.float64]
 

@@ -13,12 +13,12 @@ from typing import Any, Final
 from can_bridge.bus import frame_log
 from can_bridge.bus.python_can import PythonCanBus
 from contract.atomic import replacing
-from contract.bundle import Bundle
-from contract.config import Config
-from contract.config_loading import to_tree
+from contract.config.loading import to_tree
+from contract.config.tree import Config
+from contract.controller.onnx_session import OnnxController, RunnableController
 from contract.errors import BusError, StillwakeError
+from contract.release.bundle import Bundle
 from firmware_sim import run_log
-from firmware_sim.controller import OnnxController, RunnableController
 from firmware_sim.ecu import Ecu
 from firmware_sim.plants import LivePlant, open_plant
 from firmware_sim.run_log import Row, RunLog

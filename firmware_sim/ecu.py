@@ -19,10 +19,10 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
-from contract.bundle import Bundle
-from contract.config import Config
+from contract.config.tree import Config
+from contract.controller.onnx_session import Controller, ControllerError
 from contract.errors import BundleError
-from firmware_sim.controller import Controller, ControllerError
+from contract.release.bundle import Bundle
 from firmware_sim.fail_safe import FailSafe
 from firmware_sim.history import History
 

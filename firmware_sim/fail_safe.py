@@ -11,7 +11,7 @@ request anew. Short of the latch, the first good frame resumes control.
 from dataclasses import dataclass, replace
 
 from can_bridge.wire.messages import Mode, Reason
-from contract.config import EcuConfig
+from contract.config.tree import EcuConfig
 
 
 @dataclass(frozen=True, kw_only=True)

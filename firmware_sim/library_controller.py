@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from contract.bundle import Bundle, dbc_sha256
+from contract.controller.c_folder import SETTINGS, Settings
+from contract.controller.host_library import OPTIMISED, HostLibrary, compiler_version, host_compiler
+from contract.controller.onnx_session import Array, ControllerError, ControlStep
 from contract.errors import LibraryError, McuError
-from contract.host_library import OPTIMISED, HostLibrary, compiler_version, host_compiler
-from firmware_sim.controller import Array, ControllerError, ControlStep
-from firmware_sim.mcu.settings import SETTINGS, Settings
+from contract.release.bundle import Bundle, dbc_sha256
 
 _OK: Final = 0
 

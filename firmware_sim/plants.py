@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, Protocol
 
-from contract.config import Config
+from contract.config.tree import Config
 from firmware_sim.virtual_loop import Plant
 from wake.pictures import Pictured
 from wake.truck_wake import TruckWake, developed_state

@@ -15,7 +15,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
 from can_bridge.wire.messages import Pressure
 from contract import sensors
-from contract.config import Config
+from contract.config.tree import Config
 
 Array = npt.NDArray[np.float64]
 

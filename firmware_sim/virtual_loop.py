@@ -26,7 +26,7 @@ from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract import sensors
-from contract.config import Config
+from contract.config.tree import Config
 from firmware_sim.ecu import Ecu
 from firmware_sim.run_log import BusTotals, Row
 from firmware_sim.vehicle import PressureNode

@@ -5,10 +5,10 @@ from typing import Annotated, Final
 
 import typer
 
-from contract import bundle as bundles
-from contract import signing
-from contract.bundle import Bundle
-from contract.signing import PublicKey
+from contract.release import bundle as bundles
+from contract.release import signing
+from contract.release.bundle import Bundle
+from contract.release.signing import PublicKey
 from stillwake.shipped import BUNDLE
 
 PROJECT: Final = "project"

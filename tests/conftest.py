@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.config import Config, ModelConfig, MpcConfig
+from contract.config.tree import Config, ModelConfig, MpcConfig
 
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
@@ -70,7 +70,7 @@ def random_release(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def sound(random_release, tmp_path_factory) -> Path:
     """A signed bundle directory; never written to."""
-    from contract import bundle
+    from contract.release import bundle
 
     path = tmp_path_factory.mktemp("sound") / "bundle"
     shutil.copytree(random_release, path)
@@ -86,7 +86,7 @@ def signed(sound, tmp_path) -> Path:
 
 @pytest.fixture
 def public_key_file(tmp_path_factory) -> Path:
-    from contract import signing
+    from contract.release import signing
 
     folder = tmp_path_factory.mktemp("keys")
     signing.write_key_pair(folder, SIGNING_KEY)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from contract import bundle, dataset, signing
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.recording import dataset
+from contract.release import bundle, signing
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "wake" / "data"
@@ -57,7 +58,15 @@ def test_openssl_agrees_about_the_signature(tmp_path: Path) -> None:
     """The check that `docs/controller.md` shows, with a program that knows nothing of this one."""
     signature = (RELEASE / "manifest.sig").read_text(encoding="ascii").split()[-1]
     (tmp_path / "raw").write_bytes(bytes.fromhex(signature))
-    command = ["openssl", "pkeyutl", "-verify", "-pubin", "-inkey", str(ROOT / "contract" / "release.pub"), "-rawin"]
+    command = [
+        "openssl",
+        "pkeyutl",
+        "-verify",
+        "-pubin",
+        "-inkey",
+        str(ROOT / "contract" / "release" / "release.pub"),
+        "-rawin",
+    ]
     command += ["-sigfile", str(tmp_path / "raw"), "-in"]
     manifest = RELEASE / "manifest.json"
     (tmp_path / "altered").write_bytes(manifest.read_bytes() + b" ")

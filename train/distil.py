@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from contract.config import Config
+from contract.config.tree import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
 from train.loss import prediction_loss
 from train.model import Encoder

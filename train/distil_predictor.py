@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from contract.config import Config
+from contract.config.tree import Config
 from train.distil import encode_all
 from train.evaluate import rollout_starts
 from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent

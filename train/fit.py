@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import torch
 from torch import Tensor, nn
 
-from contract.config import Config, TrainConfig
+from contract.config.tree import Config, TrainConfig
 from contract.errors import ConfigError
 from train import checkpoint
 from train.loss import joint_loss

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor, nn
 
-from contract.config import TrainConfig
+from contract.config.tree import TrainConfig
 from train.model import WakeModel
 from train.windows import Batch
 

@@ -4,7 +4,8 @@
 configuration asks for narrower ones, under `slim_dynamics.` and `slim_decoder.`; `model.json` holds what they assume
 and where they come from:
 
-    schema, config (all settings), scaling (contract.bundle.Scaling), sensors (the slim encoder's inputs in order),
+    schema, config (all settings), scaling (contract.release.bundle.Scaling),
+    sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 """
 
@@ -22,10 +23,10 @@ from torch import Tensor, nn
 
 from contract import sensors as sensor_facts
 from contract.atomic import replacing
-from contract.bundle import Scaling
-from contract.config import Config
-from contract.config_loading import from_tree, to_tree
+from contract.config.loading import from_tree, to_tree
+from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
+from contract.release.bundle import Scaling
 from train.model import Encoder, Predictor, WakeModel
 
 SCHEMA: Final = "stillwake-model/1"

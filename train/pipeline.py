@@ -12,9 +12,10 @@ from typing import Any, Final
 
 import torch
 
-from contract import dataset, sensors
-from contract.config import Config
+from contract import sensors
+from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
+from contract.recording import dataset
 from train import checkpoint, model_store
 from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor

@@ -10,7 +10,7 @@ it has seen states of every age from L on. That makes it the cheap start of a wi
 import torch
 from torch import Tensor
 
-from contract.config import Config
+from contract.config.tree import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, silent
 from train.loss import prediction_loss
 from train.model import Encoder

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from contract import sensors
-from contract.bundle import Scaling
-from contract.dataset import Episode
 from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Episode
+from contract.release.bundle import Scaling
 
 Array = npt.NDArray[np.float64]
 

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.atomic import replacing
-from contract.dataset import UNITS
 from contract.errors import StillwakeError
+from contract.recording.dataset import UNITS
 from wake.truck_wake import State
 
 Series = Mapping[str, npt.NDArray[np.float64]]

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import Config
+from contract.config.tree import Config
 from contract.errors import ConfigError
 from wake.episode_plan import SHEDDING_PERIOD
 from wake.forcing import exploration

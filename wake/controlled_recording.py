@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from contract.appending import append, read_to_append
-from contract.config import Config
-from contract.dataset import Episode
+from contract.config.tree import Config
+from contract.recording.appending import append, read_to_append
+from contract.recording.dataset import Episode
 from wake.controlled_plan import ControlledRound
 from wake.episode_job import EpisodeJob, Progress, setting_of
 from wake.feedback import PolicyFactory

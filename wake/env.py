@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import ConfigError, PlantError
 from wake.pictures import WakePicture
 from wake.truck_wake import Sample, State, TruckWake, developed_state

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import Config
-from contract.dataset import UNITS, Episode
+from contract.config.tree import Config
 from contract.errors import StillwakeError
+from contract.recording.dataset import UNITS, Episode
 from contract.results import versions
 from wake.blocks import EpisodeBlocks, Series
 from wake.controlled_plan import ControlledPlan

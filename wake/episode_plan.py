@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import Config
-from contract.dataset import Role
+from contract.config.tree import Config
+from contract.recording.dataset import Role
 from wake.forcing import SIGNALS, ForcingName
 
 _ROLES: Final[dict[ForcingName, Role]] = {

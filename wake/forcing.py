@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, lfilter, sosfilt
 
-from contract.config import FlowConfig, ForcingConfig
+from contract.config.tree import FlowConfig, ForcingConfig
 from contract.errors import ConfigError
 
 Array = npt.NDArray[np.float64]

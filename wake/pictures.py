@@ -15,7 +15,7 @@ from matplotlib.ticker import MultipleLocator
 
 from contract import sensors
 from contract.atomic import replacing
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.fields import Raster, View, bubble_length, pressure, velocity

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from contract.atomic import replacing
-from contract.config import Config
-from contract.dataset import Dataset, write
+from contract.config.tree import Config
 from contract.errors import StillwakeError
+from contract.recording.dataset import Dataset, write
 from wake.episode_job import EpisodeJob, Plan, Progress, differing, owner_file, setting_of
 from wake.episode_plan import EpisodePlan
 from wake.feedback import NoFeedback, PolicyFactory

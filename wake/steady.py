@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from contract import sensors
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from contract.geometry import LENGTH
 from contract.results import versions, write_result

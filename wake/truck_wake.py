@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.atomic import replacing
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake import boundary, jets, stability
 from wake.body import signed_distance

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from benchmarks.model_study import figures, page
 from benchmarks.model_study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model_study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
-from contract.config_loading import load_config, to_tree
+from contract.config.loading import load_config, to_tree
 from contract.results import versions, write_result
 from stillwake.terminal import ConfigFile, Overrides
 from train.selection.correlation import correlation

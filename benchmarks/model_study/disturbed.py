@@ -7,8 +7,9 @@ import numpy as np
 import torch
 
 from benchmarks.model_study.lab import Lab, episodes, test_rows
-from contract import dataset, sensors
-from contract.bundle import Scaling
+from contract import sensors
+from contract.recording import dataset
+from contract.release.bundle import Scaling
 from train.distil import encode_all
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel

@@ -11,12 +11,13 @@ from typing import Any, Final
 import torch
 
 from benchmarks.paper_data import RECORDING, of_the_paper, paper_file
-from contract import dataset, sensors
+from contract import sensors
 from contract.atomic import replacing
-from contract.bundle import Scaling
-from contract.config import Config
-from contract.config_loading import to_tree
-from contract.dataset import Dataset, Episode
+from contract.config.loading import to_tree
+from contract.config.tree import Config
+from contract.recording import dataset
+from contract.recording.dataset import Dataset, Episode
+from contract.release.bundle import Scaling
 from train.distil import distil
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel

@@ -14,7 +14,7 @@ from benchmarks.markdown import read
 from benchmarks.model_study import disturbed
 from benchmarks.model_study.lab import Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
-from contract.config import SelectionMethod
+from contract.config.tree import SelectionMethod
 from contract.errors import StillwakeError
 from train import model_store
 from train.distil import distil, encode_all

@@ -78,7 +78,7 @@ class EcuStatus:
     Attributes:
         overruns, missed, crc_errors: up to COUNT_LIMIT. Whoever counts stops there.
         bus_off: up to BUS_OFF_LIMIT, likewise.
-        bundle_hash: 32 bits, `contract.bundle.Bundle.short_hash`.
+        bundle_hash: 32 bits, `contract.release.bundle.Bundle.short_hash`.
     """
 
     state: Mode

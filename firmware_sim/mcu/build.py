@@ -9,8 +9,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
+from contract.controller.host_library import EXAMPLE
 from contract.errors import McuError
-from contract.host_library import EXAMPLE
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.controller.c_folder import TERMS, Settings
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_example, compile_for_cortex_m7
 from firmware_sim.mcu.elf import Firmware, read_elf
 from firmware_sim.mcu.emulator import FLASH, Machine
-from firmware_sim.mcu.settings import TERMS, Settings
 from firmware_sim.mcu.timing import Pipeline
 
 CLOCKS_MHZ: Final = (480, 300)

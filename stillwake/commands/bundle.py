@@ -8,10 +8,10 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from rich.markup import escape
 from rich.table import Table
 
-from contract import bundle as bundles
-from contract import signing
-from contract.bundle import Bundle
 from contract.errors import BundleError
+from contract.release import bundle as bundles
+from contract.release import signing
+from contract.release.bundle import Bundle
 from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.terminal import console
 

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
-from contract.signing import public_key, read_private_key
 from stillwake.shipped import RECORDING
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
 

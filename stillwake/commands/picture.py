@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from contract.config import Config
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
@@ -216,7 +216,7 @@ def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
 
 
 def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[np.float64]:
-    from contract.dataset import read
+    from contract.recording.dataset import read
 
     episodes = {episode.name: episode for episode in read(path).episodes}
     if name is not None and name not in episodes:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from contract.config_loading import load_config
+from contract.config.loading import load_config
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 

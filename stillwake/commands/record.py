@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 from rich.progress import TaskID
 
-from contract.config import Config
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.config.tree import Config
 from contract.errors import StillwakeError
 from stillwake.releases import describe, open_release
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from contract.config_loading import load_config
+from contract.config.loading import load_config
 from contract.errors import StillwakeError
 from contract.results import write_result
 from stillwake.releases import Trust, describe, open_release

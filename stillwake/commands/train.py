@@ -10,7 +10,7 @@ import typer
 from rich.progress import TaskID
 from rich.table import Table
 
-from contract.config_loading import load_config, to_tree
+from contract.config.loading import load_config, to_tree
 from contract.results import write_result
 from stillwake.shipped import RECORDING
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar

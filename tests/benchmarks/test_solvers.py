@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from export.random_program import random_program, random_window
 from export.reference_mpc import evaluate
 

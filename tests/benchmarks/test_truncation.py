@@ -7,8 +7,8 @@ from benchmarks.converged import converged, valleys
 from benchmarks.many_plans import adam, costs, costs_and_gradients
 from benchmarks.situations import choose_episode
 from contract import sensors
-from contract.config import CostWeights, ModelConfig, MpcConfig
-from contract.dataset import UNITS, Dataset, Episode
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.recording.dataset import UNITS, Dataset, Episode
 from export.random_program import random_program
 from export.reference_mpc import evaluate, optimise
 

@@ -1,5 +1,5 @@
 from contract import geometry
-from contract.config import Config
+from contract.config.tree import Config
 
 
 def test_body_lies_inside_the_domain():

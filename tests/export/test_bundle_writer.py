@@ -8,10 +8,10 @@ import onnxruntime
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import bundle, signing
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import ExportError, StillwakeError
 from contract.operating_point import OperatingPoint
+from contract.release import bundle, signing
 from export.bundle_writer import ReleaseReport, write_release
 from export.c_library import c_library
 from export.c_release import int8_library

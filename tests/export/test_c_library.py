@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.bundle import dbc_sha256
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.host_library import EXAMPLE, STANDARD, compile_c, host_compiler
 from contract.errors import ExportError, LibraryError
-from contract.host_library import EXAMPLE, STANDARD, compile_c, host_compiler
+from contract.release.bundle import dbc_sha256
 from export.c_library import SETTINGS, WEIGHTS, c_library, hand_written, write_c_library
 from export.c_release import RECORDED, int8_library, recorded_rows, write_c_release
 from export.calibrate import rounded_program

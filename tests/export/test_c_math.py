@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from contract.host_library import compile_c, host_compiler
+from contract.controller.host_library import compile_c, host_compiler
 from export.c_library import hand_written
 
 SHIM = b"""

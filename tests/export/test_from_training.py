@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.bundle import Scaling
-from contract.config import Config, ModelConfig, MpcConfig
+from contract.config.tree import Config, ModelConfig, MpcConfig
 from contract.errors import ExportError
+from contract.release.bundle import Scaling
 from export.from_training import DESCRIPTION, WEIGHTS, load_trained
 from export.reference_model import decode, encode, step
 from train import model_store

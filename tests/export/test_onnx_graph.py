@@ -8,7 +8,7 @@ import onnx
 import pytest
 from onnx import TensorProto
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import ExportError
 from export.onnx_graph import build_controller
 from export.program import ControllerProgram

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from contract.bundle import Scaling
-from contract.config import MpcConfig
+from contract.config.tree import MpcConfig
 from contract.errors import ExportError
+from contract.release.bundle import Scaling
 from export.program import ControllerProgram
 
 H, INPUTS, LATENT, WIDTH = 3, 3, 2, 4

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import ExportError
 from export.quantisation_gate import QuantisationLimits, check_quantisation, compare_quantised
 from export.quantise import quantise, quantise_matrix

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config import ModelConfig
-from contract.dataset import UNITS, Episode
+from contract.config.tree import ModelConfig
 from contract.errors import ExportError
+from contract.recording.dataset import UNITS, Episode
 from export.random_program import random_program
 from export.recorded_windows import recorded_windows
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.config import CostWeights
+from contract.config.tree import CostWeights
 from export.reference_cost import TERMS, cost_gradient, cost_terms
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from export.program import ControllerProgram
 from export.random_program import random_program, random_window
 from export.reference_model import encode

@@ -11,9 +11,9 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
-from contract.bundle import Bundle, Manifest, Scaling
-from contract.config import BusConfig, Config, EcuConfig, MpcConfig
-from firmware_sim.controller import ControlStep
+from contract.config.tree import BusConfig, Config, EcuConfig, MpcConfig
+from contract.controller.onnx_session import ControlStep
+from contract.release.bundle import Bundle, Manifest, Scaling
 from firmware_sim.ecu import Ecu
 
 CHANNELS = count()

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
+from contract.controller.onnx_session import ControllerError
 from contract.errors import BundleError
 from firmware_sim.bundle_policy import BundlePolicy, check_flow
-from firmware_sim.controller import ControllerError
 from firmware_sim.history import History
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
-from contract import bundle
-from contract.config import BusConfig, Config, EcuConfig, MpcConfig
+from contract.config.tree import BusConfig, Config, EcuConfig, MpcConfig
+from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError, BusError, StillwakeError
+from contract.release import bundle
 from export.random_program import random_program
 from firmware_sim import closed_loop
 from firmware_sim.closed_loop import run_closed_loop
-from firmware_sim.controller import OnnxController
 from firmware_sim.report import write_report
 
 CONFIG = Config(bus=BusConfig(channel="closed-loop"))

@@ -8,10 +8,10 @@ import pytest
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode, Reason
-from contract.config import Config, EcuConfig, FlowConfig
+from contract.config.tree import Config, EcuConfig, FlowConfig
+from contract.controller.onnx_session import ControllerError
 from contract.errors import BundleError
 from contract.operating_point import OperatingPoint
-from firmware_sim.controller import ControllerError
 from firmware_sim.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5

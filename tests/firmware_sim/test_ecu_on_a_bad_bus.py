@@ -10,7 +10,7 @@ from can_bridge.e2e.profile5 import check, protect
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
 from can_bridge.wire.messages import Mode
-from contract.config import Config
+from contract.config.tree import Config
 
 
 def corrupted(frame: Frame, bit: int) -> Frame:

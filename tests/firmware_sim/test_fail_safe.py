@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Mode, Reason
-from contract.config import EcuConfig
+from contract.config.tree import EcuConfig
 from firmware_sim.fail_safe import FailSafe
 
 ON = FailSafe(good=9, enable_request=True)

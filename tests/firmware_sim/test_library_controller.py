@@ -20,16 +20,17 @@ import stillwake.__main__
 from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
-from contract import bundle, sensors
-from contract.config import BusConfig, Config, ModelConfig, MpcConfig
+from contract import sensors
+from contract.config.tree import BusConfig, Config, ModelConfig, MpcConfig
+from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.controller.onnx_session import Controller, ControllerError, OnnxController
 from contract.errors import LibraryError
-from contract.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.release import bundle
 from export.bundle_writer import write_release
 from export.c_release import write_c_release
 from export.onnx_weights import Precision
 from export.quantisation_gate import QuantisationLimits
 from export.random_program import random_program
-from firmware_sim.controller import Controller, ControllerError, OnnxController
 from firmware_sim.ecu import Ecu
 from firmware_sim.library_controller import LibraryController
 from firmware_sim.vehicle import PressureNode

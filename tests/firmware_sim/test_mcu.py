@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import McuError
 from export.c_library import c_library
 from export.c_release import RECORDED, int8_library, recorded_rows
@@ -20,11 +20,11 @@ pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 import unicorn
 from unicorn import arm_const
 
+from contract.controller.c_folder import Settings
 from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.elf import Firmware, Segment, read_elf
 from firmware_sim.mcu.emulator import FLASH, Machine
-from firmware_sim.mcu.settings import Settings
 from firmware_sim.mcu.timing import Pipeline
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
 from export.c_library import c_library
 from export.c_release import int8_library
 from export.random_program import random_program, random_window

@@ -17,7 +17,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
-from contract.config import Config, EcuConfig
+from contract.config.tree import Config, EcuConfig
 from firmware_sim.ecu import Ecu
 from firmware_sim.vehicle import PressureNode
 from firmware_sim.virtual_loop import VirtualLoop, Wires

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.controller.host_library import host_compiler
 from contract.errors import ExportError, LibraryError
-from contract.host_library import host_compiler
 from export.c_host import CController
 from export.c_library import c_library
 from export.parity import check_lowering, control_cases

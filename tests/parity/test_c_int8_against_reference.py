@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import expit
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.host_library import host_compiler
 from contract.errors import ExportError, LibraryError
-from contract.host_library import host_compiler
 from export.activation_ranges import activation_ranges
 from export.c_host import CController
 from export.c_int8_arrays import (

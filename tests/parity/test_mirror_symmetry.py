@@ -13,9 +13,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from contract.config import ModelConfig, MpcConfig
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.host_library import host_compiler
 from contract.errors import LibraryError
-from contract.host_library import host_compiler
 from export.c_host import CController
 from export.c_library import c_library
 from export.parity import control_cases

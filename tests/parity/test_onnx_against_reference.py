@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from contract.errors import ExportError
 from export.onnx_graph import build_controller
 from export.onnx_session import OnnxController

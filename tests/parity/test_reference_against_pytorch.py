@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from contract.config import CostWeights, ModelConfig, MpcConfig
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from export.eager import EagerController
 from export.parity import ControlCase, control_cases
 from export.program import ControllerProgram

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stillwake.__main__
-from contract import dataset
+from contract.recording import dataset
 from stillwake.shipped import RECORDING
 
 VERBS = [command.name or command.callback.__name__ for command in stillwake.__main__.app.registered_commands]

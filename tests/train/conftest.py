@@ -7,8 +7,8 @@ import numpy.typing as npt
 import pytest
 
 from contract import sensors
-from contract.config import Config, ModelConfig, TrainConfig
-from contract.dataset import Dataset, Episode, Role
+from contract.config.tree import Config, ModelConfig, TrainConfig
+from contract.recording.dataset import Dataset, Episode, Role
 
 PERIOD = 0.2
 MakeEpisode = Callable[..., Episode]

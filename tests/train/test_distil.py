@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from contract import sensors
-from contract.config import Config
-from contract.dataset import Dataset
+from contract.config.tree import Config
+from contract.recording.dataset import Dataset
 from train.distil import distil, encode_all
 from train.evaluate import latent_error
 from train.fit import seeded

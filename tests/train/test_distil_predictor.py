@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import torch
 
-from contract.config import Config
-from contract.dataset import Dataset
+from contract.config.tree import Config
+from contract.recording.dataset import Dataset
 from train.distil import encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import rollout_starts

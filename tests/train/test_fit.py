@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from contract.config import Config, FinishConfig
-from contract.dataset import Dataset
+from contract.config.tree import Config, FinishConfig
 from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.recording.dataset import Dataset
 from train.checkpoint import Identity
 from train.distil import distil
 from train.evaluate import evaluate

@@ -8,16 +8,16 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from contract import dataset
-from contract.config import Config
-from contract.config_loading import to_tree
-from contract.dataset import Dataset
+from contract.config.loading import to_tree
+from contract.config.tree import Config
+from contract.recording import dataset
+from contract.recording.dataset import Dataset
 
 SCRIPT = """
 import json, sys
 from pathlib import Path
 import torch
-from contract.config_loading import from_tree
+from contract.config.loading import from_tree
 from train.pipeline import train_all
 torch.set_num_threads(1)
 recording, output, tree = sys.argv[1:]

@@ -2,7 +2,7 @@
 
 import torch
 
-from contract.config import ModelConfig
+from contract.config.tree import ModelConfig
 from train.model import Encoder, WakeModel
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from contract import dataset, sensors
-from contract.config import Config
-from contract.dataset import Dataset
+from contract import sensors
+from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.recording import dataset
+from contract.recording.dataset import Dataset
 from train import model_store
 from train.distil import encode_all
 from train.evaluate import evaluate

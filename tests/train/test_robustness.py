@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from contract.bundle import Scaling
 from contract.errors import ConfigError
+from contract.release.bundle import Scaling
 from train.robustness import bias, dead, drift, noise, sliding_error
 from train.windows import Rows, global_deviation, unit_steps
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import torch
 
 from contract import sensors
-from contract.config import Config
-from contract.dataset import Dataset
+from contract.config.tree import Config
+from contract.recording.dataset import Dataset
 from train.distil import encode_all
 from train.evaluate import latent_error
 from train.fit import seeded

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.dataset import Dataset, Episode
 from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Dataset, Episode
 from train.windows import Rows, SegmentSampler, fit_scaling, noisy, prepare
 
 WINDOW, AHEAD = 8, 5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from wake import episode_job, recorder
 from wake.truck_wake import Sample, State, TruckWake, developed_state
 

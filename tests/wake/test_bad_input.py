@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake.truck_wake import Origin, State, TruckWake, developed_state, load_state, save_state
 

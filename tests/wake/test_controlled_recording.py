@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.bundle import load
-from contract.config import Config, FlowConfig, ForcingConfig
-from contract.dataset import Dataset, read
+from contract.config.tree import Config, FlowConfig, ForcingConfig
 from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.recording.dataset import Dataset, read
+from contract.release.bundle import load
 from firmware_sim.bundle_policy import BundlePolicy
 from wake import recorder
 from wake.blocks import EpisodeBlocks

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import chirp as scipy_chirp
 from scipy.signal import hilbert
 
-from contract.config import FlowConfig, ForcingConfig
+from contract.config.tree import FlowConfig, ForcingConfig
 from wake.forcing import SIGNALS
 
 FLOW, FORCING = FlowConfig(), ForcingConfig()

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contract.config import Config
-from contract.dataset import Dataset, read
+from contract.config.tree import Config
 from contract.errors import StillwakeError
+from contract.recording.dataset import Dataset, read
 from wake import recorder
 from wake.episode_plan import EpisodePlan, paper_plans
 from wake.grid import truck_grid

@@ -11,8 +11,8 @@ import numpy as np
 import psutil
 import pytest
 
-from contract.config import Config
-from contract.dataset import Dataset, read
+from contract.config.tree import Config
+from contract.recording.dataset import Dataset, read
 from wake.episode_plan import EpisodePlan
 from wake.recorder import record
 
@@ -22,7 +22,7 @@ BLOCK_STEPS = 2
 RECORD = f"""
 from pathlib import Path
 import sys
-from contract.config import Config
+from contract.config.tree import Config
 from wake.episode_plan import EpisodePlan
 from wake.recorder import record
 record(Path(sys.argv[1]), {PLANS!r}, Config(), block_steps={BLOCK_STEPS},

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stillwake.__main__
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from contract.geometry import LENGTH
 from wake import steady

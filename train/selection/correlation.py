@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
-from contract.dataset import Episode
 from contract.errors import DatasetError
+from contract.recording.dataset import Episode
 
 
 def correlation(episodes: Sequence[Episode], names: Sequence[str]) -> npt.NDArray[np.float64]:

@@ -5,7 +5,7 @@ from typing import Final, get_args
 import numpy as np
 
 from contract import sensors
-from contract.config import SelectionMethod, TrainConfig
+from contract.config.tree import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
 from train.fit import Progress, silent
 from train.model import Encoder

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.config import TrainConfig
+from contract.config.tree import TrainConfig
 from contract.errors import DatasetError
 from train.fit import Progress, silent
 from train.model import Encoder

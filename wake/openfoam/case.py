@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.geometry import WAKE_PROBE
 from wake.openfoam import dictionary, jets, poly_mesh
 from wake.openfoam.jets import JETS

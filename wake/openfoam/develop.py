@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import FlowConfig, OpenFoamConfig
+from contract.config.tree import FlowConfig, OpenFoamConfig
 from wake.openfoam import case, fields, jets
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed

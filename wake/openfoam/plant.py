@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake.grid import Grid, truck_grid
 from wake.openfoam import case, fields, jets

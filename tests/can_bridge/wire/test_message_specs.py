@@ -7,7 +7,7 @@ import pytest
 
 from can_bridge.wire import message_specs as specs
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, SENSORS, Mode, Reason
-from contract.config import Config
+from contract.config.tree import Config
 
 DBC = cantools.database.load_string(files("contract").joinpath("stillwake.dbc").read_text())
 

@@ -7,8 +7,8 @@ import stat
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import bundle, signing
-from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
+from contract.release import bundle, signing
+from contract.release.bundle import CONTROLLER, MANIFEST, SIGNATURE
 from stillwake.commands import bundle as stillwake_bundle
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

@@ -16,8 +16,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contract import bundle, errors, signing
-from contract.bundle import CONTROLLER, MANIFEST, SIGNATURE
+from contract import errors
+from contract.release import bundle, signing
+from contract.release.bundle import CONTROLLER, MANIFEST, SIGNATURE
 from stillwake.shipped import BUNDLE
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

@@ -9,9 +9,10 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 import stillwake.__main__
-from contract import dataset, sensors
-from contract.config import Config
+from contract import sensors
+from contract.config.tree import Config
 from contract.errors import StillwakeError
+from contract.recording import dataset
 from firmware_sim import run_log
 from stillwake.commands import picture as stillwake_pictures
 from stillwake.shipped import RECORDING

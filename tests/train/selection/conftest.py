@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.dataset import Dataset
+from contract.recording.dataset import Dataset
 from train.windows import Rows, fit_scaling, prepare
 
 WINDOW = 32

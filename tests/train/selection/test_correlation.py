@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr
 
-from contract.dataset import Dataset
 from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Dataset
 from train.selection.correlation import correlation
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from contract import sensors
-from contract.config import Config, SelectionMethod
-from contract.config_loading import load_config
+from contract.config.loading import load_config
+from contract.config.tree import Config, SelectionMethod
 from contract.errors import ConfigError
 from train.model import Encoder, WakeModel
 from train.selection.methods import METHODS, select

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.config import Config
+from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
 from train.model import WakeModel
 from train.selection.shap_ranking import Ranking, ShapRanker, rank

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config import FlowConfig, OpenFoamConfig
+from contract.config.tree import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
 from wake.openfoam import jets
 from wake.openfoam.develop import developed
@@ -148,7 +148,7 @@ LOOP = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from pathlib import Path
-from contract.config import FlowConfig
+from contract.config.tree import FlowConfig
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.state import load
 start, _ = load(Path(sys.argv[1]) / "state.npz")

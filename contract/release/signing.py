@@ -122,7 +122,7 @@ def read_public_key(path: Path) -> PublicKey:
 
 def project_key() -> PublicKey:
     """The key that the shipped bundle is signed with."""
-    return _parse_public(f"contract/{PUBLIC_KEY}", files("contract").joinpath(PUBLIC_KEY).read_bytes())
+    return _parse_public(f"contract/release/{PUBLIC_KEY}", files("contract.release").joinpath(PUBLIC_KEY).read_bytes())
 
 
 def _parse_public(name: str, content: bytes) -> PublicKey:

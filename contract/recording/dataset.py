@@ -18,7 +18,7 @@ import numpy.typing as npt
 from contract import sensors
 from contract.atomic import replacing
 from contract.errors import DatasetError
-from contract.int16_series import pack, unpack
+from contract.recording.int16_series import pack, unpack
 
 SCHEMA: Final = "stillwake-dataset/2"
 SCHEMA_1: Final = "stillwake-dataset/1"

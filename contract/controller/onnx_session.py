@@ -7,15 +7,15 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from contract.bundle import CONTROLLER, Bundle
 from contract.errors import BundleError, StillwakeError
+from contract.release.bundle import CONTROLLER, Bundle
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """What one control step yields; see `contract.bundle` for the meaning of each.
+    """What one control step yields; see `contract.release.bundle` for the meaning of each.
 
     Attributes:
         plan: actions a_t .. a_{t+H-1}, (H,).

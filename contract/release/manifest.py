@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 import dacite
 
 from contract import sensors as sensor_facts
-from contract.config import MpcConfig
-from contract.config_loading import as_float
+from contract.config.loading import as_float
+from contract.config.tree import MpcConfig
 from contract.errors import BundleError, BundleManifestError, ConfigError
 from contract.operating_point import OperatingPoint
 

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from contract.config import CostWeights
+from contract.config.tree import CostWeights
 from contract.errors import LibraryError
 
 EXAMPLE: Final = "main.c"

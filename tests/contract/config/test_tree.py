@@ -3,7 +3,7 @@ from dataclasses import fields, is_dataclass
 
 import pytest
 
-from contract.config import BusConfig, Config, CostWeights, E2eConfig, EcuConfig, FlowConfig, MpcConfig
+from contract.config.tree import BusConfig, Config, CostWeights, E2eConfig, EcuConfig, FlowConfig, MpcConfig
 from contract.errors import ConfigError
 
 

@@ -5,10 +5,11 @@ import h5py
 import numpy as np
 import pytest
 
-from contract import dataset, sensors
-from contract.appending import append, read_to_append
-from contract.dataset import UNITS, Dataset, Episode
+from contract import sensors
 from contract.errors import DatasetError, StillwakeError
+from contract.recording import dataset
+from contract.recording.appending import append, read_to_append
+from contract.recording.dataset import UNITS, Dataset, Episode
 
 FACTS = {"flow": {"reynolds": 500.0, "substeps": 30}, "grid": [443, 164]}
 

@@ -1,7 +1,7 @@
 """One tree of settings for every room. Each default is the paper's number unless its comment says otherwise.
 
 Lengths in W, times in t_c, actions a = jet flow rate in U_inf W. A value is checked where it is built, so a
-`Config` that exists is valid. `contract.config_loading` reads trees from TOML and applies overrides.
+`Config` that exists is valid. `contract.config.loading` reads trees from TOML and applies overrides.
 """
 
 from dataclasses import dataclass, field, fields, replace

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from contract import dataset, sensors
-from contract.dataset import UNITS, Dataset, Episode
+from contract import sensors
 from contract.errors import DatasetError, StillwakeError
+from contract.recording import dataset
+from contract.recording.dataset import UNITS, Dataset, Episode
 
 
 def episode(name: str = "first", steps: int = 12, role: str = "train", **changes: object) -> Episode:

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import dacite
 
-from contract.config import Config
+from contract.config.tree import Config
 from contract.errors import ConfigError
 
 RELEASE = "release"
@@ -27,7 +27,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
     Raises:
         ConfigError: unreadable file, unknown key, wrong type or value out of range.
     """
-    source = files("contract").joinpath(f"{RELEASE}.toml") if path is None else path
+    source = files("contract.config").joinpath(f"{RELEASE}.toml") if path is None else path
     try:
         tree = tomllib.loads(source.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -6,8 +6,8 @@ from typing import Any
 
 import h5py
 
-from contract.dataset import SCHEMA, Dataset, Episode, read, write
 from contract.errors import DatasetError
+from contract.recording.dataset import SCHEMA, Dataset, Episode, read, write
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any]) -> tuple[Episode, ...]:
@@ -45,7 +45,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any]) ->
     Args: as of `read_to_append`.
 
     Raises:
-        DatasetError: as `read_to_append` and `contract.dataset.write` do, or if a name is taken.
+        DatasetError: as `read_to_append` and `contract.recording.dataset.write` do, or if a name is taken.
         StillwakeError: if the file cannot be written.
     """
     write(path, Dataset(episodes=(*read_to_append(path, facts), *episodes)))

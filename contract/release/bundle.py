@@ -2,9 +2,9 @@
 
 `manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built for, the
 data set, weights and program it comes from, and the SHA-256 of every other file and of the DBC it speaks.
-`manifest.sig`, where there is one, is an Ed25519 signature of the manifest's bytes (`contract.signing`), and so of all
-that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against accidents; a
-signature by a key that the reader trusts guards against people.
+`manifest.sig`, where there is one, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so
+of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
+accidents; a signature by a key that the reader trusts guards against people.
 
 `controller.onnx` computes one control step. Its interface, with L the window, S the sensors and H the horizon:
 
@@ -37,14 +37,14 @@ from typing import Any, Final, TypeVar
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import signing
-from contract.bundle_files import is_plain_name, read_files, write_files
 from contract.errors import BundleError, BundleFileError, BundleManifestError, BundleSignatureError, BundleSignerError
-from contract.manifest import MANIFEST as MANIFEST
-from contract.manifest import Manifest as Manifest
-from contract.manifest import Scaling as Scaling
-from contract.manifest import encode, open_manifest, parse
-from contract.signing import PublicKey
+from contract.release import signing
+from contract.release.container import is_plain_name, read_files, write_files
+from contract.release.manifest import MANIFEST as MANIFEST
+from contract.release.manifest import Manifest as Manifest
+from contract.release.manifest import Scaling as Scaling
+from contract.release.manifest import encode, open_manifest, parse
+from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"

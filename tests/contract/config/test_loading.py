@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.config import Config, CostWeights, MpcConfig, TrainConfig
-from contract.config_loading import from_tree, load_config, to_tree
+from contract.config.loading import from_tree, load_config, to_tree
+from contract.config.tree import Config, CostWeights, MpcConfig, TrainConfig
 from contract.errors import ConfigError
 
 

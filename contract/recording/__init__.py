@@ -1,0 +1,1 @@
+"""Recorded episodes: the data set's format, its reader and writer, and how episodes are added."""

@@ -1,0 +1,1 @@
+"""Release bundles: container, manifest, signature, and the checks that loading makes."""
