@@ -208,8 +208,8 @@ def _signal(
 
 
 def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
-    from firmware_sim.closed_loop import SERIES
-    from firmware_sim.run_log import load
+    from firmware_sim.bench.closed_loop import SERIES
+    from firmware_sim.runs.run_log import load
 
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
     return load(folder / SERIES).series["action"][1:]

@@ -122,7 +122,7 @@ def _record_forced(
 def _record_round(
     output: Path, config: Config, bundle: Path, settings: Mapping[str, Any], processes: Mapping[str, Any]
 ) -> None:
-    from firmware_sim.bundle_policy import BundlePolicy, check_flow
+    from firmware_sim.ecu.bundle_policy import BundlePolicy, check_flow
     from wake.controlled_plan import ControlledRound
     from wake.controlled_recording import record_round
 

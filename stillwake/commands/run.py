@@ -31,11 +31,11 @@ def run(
 ) -> None:
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
     from can_bridge.wire.messages import Mode
-    from firmware_sim.closed_loop import SUMMARY, run_closed_loop, summary
-    from firmware_sim.library_controller import LibraryController
-    from firmware_sim.plants import open_plant
-    from firmware_sim.report import drag_rows, headline, service_rows, write_report
-    from firmware_sim.run_log import Row
+    from firmware_sim.bench.closed_loop import SUMMARY, run_closed_loop, summary
+    from firmware_sim.ecu.library_controller import LibraryController
+    from firmware_sim.runs.report import drag_rows, headline, service_rows, write_report
+    from firmware_sim.runs.run_log import Row
+    from wake.plants import open_plant
 
     config = load_config(config_file, overrides)
     release = open_release(bundle, trust)
@@ -91,7 +91,7 @@ def report(
     picture: Annotated[Path | None, typer.Option(help="Also write the run as one PNG here.")] = None,
 ) -> None:
     """Write a run's HTML page anew from its series."""
-    from firmware_sim.report import write_picture, write_report
+    from firmware_sim.runs.report import write_picture, write_report
 
     console.print(f"wrote {write_report(folder)}")
     if picture is not None:

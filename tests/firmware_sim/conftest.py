@@ -14,7 +14,7 @@ from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
 from contract.config.tree import BusConfig, Config, EcuConfig, MpcConfig
 from contract.controller.onnx_session import ControlStep
 from contract.release.bundle import Bundle, Manifest, Scaling
-from firmware_sim.ecu import Ecu
+from firmware_sim.ecu.ecu import Ecu
 
 CHANNELS = count()
 WINDOW, HORIZON = 4, 5

@@ -15,7 +15,7 @@ from contract.config.tree import Config, FlowConfig, ForcingConfig
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
-from firmware_sim.bundle_policy import BundlePolicy
+from firmware_sim.ecu.bundle_policy import BundlePolicy
 from wake import recorder
 from wake.blocks import EpisodeBlocks
 from wake.controlled_plan import ControlledRound

@@ -13,7 +13,7 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording import dataset
-from firmware_sim import run_log
+from firmware_sim.runs import run_log
 from stillwake.commands import picture as stillwake_pictures
 from stillwake.shipped import RECORDING
 from wake.truck_wake import TruckWake, developed_state

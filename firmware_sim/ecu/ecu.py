@@ -23,8 +23,8 @@ from contract.config.tree import Config
 from contract.controller.onnx_session import Controller, ControllerError
 from contract.errors import BundleError
 from contract.release.bundle import Bundle
-from firmware_sim.fail_safe import FailSafe
-from firmware_sim.history import History
+from firmware_sim.ecu.state_machine import FailSafe
+from firmware_sim.ecu.window import History
 
 Array = npt.NDArray[np.float64]
 

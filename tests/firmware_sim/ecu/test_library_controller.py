@@ -31,10 +31,10 @@ from export.c_release import write_c_release
 from export.onnx_weights import Precision
 from export.quantisation_gate import QuantisationLimits
 from export.random_program import random_program
-from firmware_sim.ecu import Ecu
-from firmware_sim.library_controller import LibraryController
-from firmware_sim.vehicle import PressureNode
-from firmware_sim.virtual_loop import VirtualLoop, Wires
+from firmware_sim.bench.vehicle_node import PressureNode
+from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.library_controller import LibraryController
 from wake.truck_wake import Sample
 
 try:

@@ -18,9 +18,9 @@ from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.config.tree import Config, EcuConfig
-from firmware_sim.ecu import Ecu
-from firmware_sim.vehicle import PressureNode
-from firmware_sim.virtual_loop import VirtualLoop, Wires
+from firmware_sim.bench.vehicle_node import PressureNode
+from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
+from firmware_sim.ecu.ecu import Ecu
 from wake.truck_wake import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")

@@ -8,10 +8,10 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.errors import StillwakeError
-from firmware_sim import run_log
-from firmware_sim.report import drag_rows, headline, service_rows
-from firmware_sim.run_log import BusTotals, Row, RunLog
-from firmware_sim.statistics import latency, reduction_percent, regimes
+from firmware_sim.runs import run_log
+from firmware_sim.runs.report import drag_rows, headline, service_rows
+from firmware_sim.runs.run_log import BusTotals, Row, RunLog
+from firmware_sim.runs.statistics import latency, reduction_percent, regimes
 
 NAN = float("nan")
 

@@ -17,7 +17,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -27,20 +26,11 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config.tree import Config
-from firmware_sim.ecu import Ecu
-from firmware_sim.run_log import BusTotals, Row
-from firmware_sim.vehicle import PressureNode
+from firmware_sim.bench.vehicle_node import PressureNode
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.runs.run_log import BusTotals, Row
+from wake.plant import Plant
 from wake.truck_wake import Sample
-
-
-class Plant(Protocol):
-    """What the loop needs of a flow."""
-
-    def sample(self) -> Sample:
-        """Measure now."""
-
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
-        """Advance within the control period; with an action, ramp so as to reach it at the period's end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

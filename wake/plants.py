@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from contract.config.tree import Config
-from firmware_sim.virtual_loop import Plant
 from wake.pictures import Pictured
+from wake.plant import Plant
 from wake.truck_wake import TruckWake, developed_state
 
 PlantName = Literal["stillwake", "openfoam"]

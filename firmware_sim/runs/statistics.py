@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.run_log import RunLog
+from firmware_sim.runs.run_log import RunLog
 
 Array = npt.NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import EcuConfig
-from firmware_sim.fail_safe import FailSafe
+from firmware_sim.ecu.state_machine import FailSafe
 
 ON = FailSafe(good=9, enable_request=True)
 

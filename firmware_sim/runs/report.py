@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from can_bridge.wire.messages import Mode
 from contract.atomic import replacing
 from contract.errors import StillwakeError
-from firmware_sim import run_log
-from firmware_sim.closed_loop import AFTER, BEFORE, SERIES
-from firmware_sim.run_log import RunLog
-from firmware_sim.statistics import latency, reduction_percent, regimes
+from firmware_sim.bench.closed_loop import AFTER, BEFORE, SERIES
+from firmware_sim.runs import run_log
+from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.statistics import latency, reduction_percent, regimes
 
 REPORT: Final = "report.html"
 

@@ -5,8 +5,8 @@ from contract import sensors
 from contract.config.tree import FlowConfig
 from contract.controller.onnx_session import ControllerError
 from contract.errors import BundleError
-from firmware_sim.bundle_policy import BundlePolicy, check_flow
-from firmware_sim.history import History
+from firmware_sim.ecu.bundle_policy import BundlePolicy, check_flow
+from firmware_sim.ecu.window import History
 
 
 def test_it_shows_the_controller_what_the_ecu_would(bundle_of, recording_controller):

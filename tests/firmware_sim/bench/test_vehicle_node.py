@@ -12,7 +12,7 @@ from can_bridge.wire.messages import JetCommand, Mode
 from contract import sensors
 from contract.config.tree import Config, EcuConfig, VehicleConfig
 from contract.errors import ConfigError
-from firmware_sim.vehicle import PressureNode
+from firmware_sim.bench.vehicle_node import PressureNode
 
 NAMES = ("base_3", "upper_00", "lower_39", "upper_39")
 CONFIG = Config()

@@ -12,7 +12,7 @@ from contract.config.tree import Config, EcuConfig, FlowConfig
 from contract.controller.onnx_session import ControllerError
 from contract.errors import BundleError
 from contract.operating_point import OperatingPoint
-from firmware_sim.ecu import Ecu
+from firmware_sim.ecu.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale

@@ -18,14 +18,14 @@ from contract.config.tree import Config
 from contract.controller.onnx_session import OnnxController, RunnableController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
-from firmware_sim import run_log
-from firmware_sim.ecu import Ecu
-from firmware_sim.plants import LivePlant, open_plant
-from firmware_sim.run_log import Row, RunLog
-from firmware_sim.statistics import latency, reduction_percent, regimes
-from firmware_sim.vehicle import PressureNode
-from firmware_sim.virtual_loop import VirtualLoop, Wires
+from firmware_sim.bench.vehicle_node import PressureNode
+from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.runs import run_log
+from firmware_sim.runs.run_log import Row, RunLog
+from firmware_sim.runs.statistics import latency, reduction_percent, regimes
 from wake.pictures import vorticity_figure
+from wake.plants import LivePlant, open_plant
 
 SERIES: Final = "series.npz"
 FRAMES: Final = "frames.log"

@@ -13,9 +13,9 @@ from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError, BusError, StillwakeError
 from contract.release import bundle
 from export.random_program import random_program
-from firmware_sim import closed_loop
-from firmware_sim.closed_loop import run_closed_loop
-from firmware_sim.report import write_report
+from firmware_sim.bench import closed_loop
+from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.runs.report import write_report
 
 CONFIG = Config(bus=BusConfig(channel="closed-loop"))
 LEAD_IN, CONTROLLED = 35, 5  # periods

@@ -1,6 +1,6 @@
 import numpy as np
 
-from firmware_sim.history import History
+from firmware_sim.ecu.window import History
 
 
 def test_rows_are_oldest_first_and_as_many_as_the_window():

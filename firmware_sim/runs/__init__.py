@@ -1,0 +1,1 @@
+"""What a run leaves behind: its series, its figures and its report."""
