@@ -17,11 +17,11 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from export.program import ControllerProgram
-from export.reference_cost import TERMS
-from export.reference_model import decode
-from export.reference_mpc import rollout
-from export.weights import LAYER_NORM_EPSILON, Array, Linear, Norm
+from export.program.controller_program import ControllerProgram
+from export.program.weights import LAYER_NORM_EPSILON, Array, Linear, Norm
+from export.reference.cost import TERMS
+from export.reference.model import decode
+from export.reference.mpc import rollout
 
 IPOPT: Final = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.warm_start_init_point": "yes"}
 _MANY: Final = 100

@@ -30,17 +30,17 @@ from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
 from contract.recording import dataset
-from export.c_host import CController
-from export.c_library import c_library
-from export.c_release import int8_library
 from export.eager import EagerController
-from export.from_training import load_trained
-from export.onnx_graph import build_controller
-from export.onnx_session import OnnxController
-from export.parity import control_cases
-from export.program import ControllerProgram
-from export.random_program import random_program, random_window
-from export.weights import Array
+from export.gates.parity import control_cases
+from export.program.controller_program import ControllerProgram
+from export.program.from_training import load_trained
+from export.program.random_program import random_program, random_window
+from export.program.weights import Array
+from export.release.c_folder import int8_library
+from export.to_c.host import CController
+from export.to_c.library import c_library
+from export.to_onnx.control_step import build_controller
+from export.to_onnx.session import OnnxController
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5

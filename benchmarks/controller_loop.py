@@ -21,7 +21,7 @@ from benchmarks.commands import LOOP, stillwake
 from benchmarks.markdown import read
 from contract.errors import StillwakeError
 from contract.results import versions, write_result
-from export.from_training import DESCRIPTION
+from export.program.from_training import DESCRIPTION
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
 """Lowering and precision; the differences are to the first."""

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.many_plans import adam, costs, costs_and_gradients
-from export.program import ControllerProgram
-from export.weights import Array
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array
 
 RATES: Final = 3e-3 * 10.0 ** np.linspace(0.0, -2.0, 240)
 """Adam's learning rate falls from 3e-3 to 3e-5: the first half can cross the whole range of actions."""

@@ -1,4 +1,4 @@
-"""Cost, gradient and projected Adam of many plans at once: `export.reference_mpc` with one more axis.
+"""Cost, gradient and projected Adam of many plans at once: `export.reference.mpc` with one more axis.
 
 The networks and their adjoints are the reference's, which act on the last axis of any array; only the loops over the
 horizon stand here again. n plans have shape (n, H), their latent states (n, n_z) and their actions in force (n,).
@@ -8,11 +8,11 @@ from collections.abc import Collection
 
 import numpy as np
 
-from export.program import ControllerProgram
-from export.reference_cost import cost_gradient, cost_terms
-from export.reference_model import decode, decode_vjp, step, step_vjp
-from export.reference_mpc import ADAM_BETAS, ADAM_EPSILON, project
-from export.weights import Array
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array
+from export.reference.cost import cost_gradient, cost_terms
+from export.reference.model import decode, decode_vjp, step, step_vjp
+from export.reference.mpc import ADAM_BETAS, ADAM_EPSILON, project
 
 
 def costs(program: ControllerProgram, z: Array, plans: Array, previous: Array) -> Array:

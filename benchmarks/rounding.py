@@ -3,8 +3,8 @@
     python -m benchmarks.rounding --model DIR [--model DIR ..] [--json FILE]
 
 Both kinds answer the gate's windows of the chirp, and as many of the last episode recorded under a controller, from the
-float program's warm start (`export.quantisation_gate`). Error feedback is calibrated on windows of the latter, too; the
-chirp is new to it.
+float program's warm start (`export.gates.quantisation`). Error feedback is calibrated on windows of the latter, too;
+the chirp is new to it.
 """
 
 from dataclasses import asdict
@@ -20,12 +20,12 @@ from benchmarks.situations import RECORDING, choose_episode
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.results import versions, write_result
-from export.calibrate import rounded_program
-from export.from_training import load_trained
-from export.pipeline import GATE_WINDOWS, calibration_windows
-from export.quantisation_gate import compare_quantised
-from export.quantise import quantise
-from export.recorded_windows import recorded_windows
+from export.gates.quantisation import compare_quantised
+from export.int8.calibrate import rounded_program
+from export.int8.nearest import quantise
+from export.program.from_training import load_trained
+from export.program.recorded_windows import recorded_windows
+from export.release.pipeline import GATE_WINDOWS, calibration_windows
 
 
 def main(

@@ -10,11 +10,11 @@ from rich.progress import track
 from benchmarks.commands import ROOT
 from benchmarks.many_plans import adam
 from contract.recording.dataset import Dataset, Episode
-from export.program import ControllerProgram
-from export.recorded_windows import recorded_windows
-from export.reference_model import encode
-from export.reference_mpc import shift
-from export.weights import Array
+from export.program.controller_program import ControllerProgram
+from export.program.recorded_windows import recorded_windows
+from export.program.weights import Array
+from export.reference.model import encode
+from export.reference.mpc import shift
 
 RECORDING: Final[Path] = ROOT / "wake" / "data" / "recording.h5"
 

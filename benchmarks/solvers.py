@@ -14,10 +14,10 @@ from rich.progress import track
 from benchmarks.casadi_mpc import variants
 from benchmarks.situations import receding, see_before, shifted
 from contract.recording.dataset import Episode
-from export.program import ControllerProgram
-from export.reference_model import encode
-from export.reference_mpc import evaluate, optimise, shift
-from export.weights import Array
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array
+from export.reference.model import encode
+from export.reference.mpc import evaluate, optimise, shift
 
 _WARM = 3
 

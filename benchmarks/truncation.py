@@ -33,9 +33,9 @@ from contract.recording import dataset
 from contract.recording.dataset import Episode
 from contract.release import bundle as bundles
 from contract.results import versions, write_result
-from export.from_training import load_trained
-from export.program import ControllerProgram
-from export.weights import Array
+from export.program.controller_program import ControllerProgram
+from export.program.from_training import load_trained
+from export.program.weights import Array
 
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50)
 LEARNING_RATES: Final = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from export.program import ControllerProgram
-from export.weights import Array, Linear, Norm
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array, Linear, Norm
 
 
 class EagerController:

@@ -42,9 +42,9 @@ def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
 @pytest.fixture(scope="session")
 def random_release(tmp_path_factory) -> Path:
     """A bundle that is one in every respect but that nobody trained it: int8, the paper's window, small otherwise."""
-    from export.bundle_writer import write_release
-    from export.quantisation_gate import QuantisationLimits
-    from export.random_program import random_program
+    from export.gates.quantisation import QuantisationLimits
+    from export.program.random_program import random_program
+    from export.release.bundle import write_release
 
     path = tmp_path_factory.mktemp("release") / "bundle"
     model = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)

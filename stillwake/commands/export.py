@@ -30,7 +30,7 @@ def export(
 
     The MPC settings come from the configuration. Nothing is written unless the graph agrees with the reference.
     """
-    from export.pipeline import export_all
+    from export.release.pipeline import export_all
 
     signing_key = None if key is None else read_private_key(key)
     done = export_all(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
-from export.random_program import random_program
-from export.reference_mpc import evaluate, optimise
+from export.program.random_program import random_program
+from export.reference.mpc import evaluate, optimise
 
 pytest.importorskip("casadi")
 from benchmarks.casadi_mpc import cost_function, variants

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
-from export.random_program import random_program, random_window
-from export.reference_mpc import evaluate
+from export.program.random_program import random_program, random_window
+from export.reference.mpc import evaluate
 
 pytest.importorskip("casadi", reason="casadi (extra bench) is not installed")
 

@@ -9,8 +9,8 @@ from benchmarks.situations import choose_episode
 from contract import sensors
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from contract.recording.dataset import UNITS, Dataset, Episode
-from export.random_program import random_program
-from export.reference_mpc import evaluate, optimise
+from export.program.random_program import random_program
+from export.reference.mpc import evaluate, optimise
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 HORIZON = 6

@@ -1,6 +1,6 @@
 """Third link of the chain: the C library, compiled here = NumPy reference.
 
-Tolerances are those of the ONNX float graph, for the same reasons (`export.parity`): both compute in float32.
+Tolerances are those of the ONNX float graph, for the same reasons (`export.gates.parity`): both compute in float32.
 """
 
 from dataclasses import replace
@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from contract.controller.host_library import host_compiler
 from contract.errors import ExportError, LibraryError
-from export.c_host import CController
-from export.c_library import c_library
-from export.parity import check_lowering, control_cases
-from export.program import ControllerProgram
-from export.random_program import random_program, random_window
-from export.reference_mpc import control_step, shift
+from export.gates.parity import check_lowering, control_cases
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program, random_window
+from export.reference.mpc import control_step, shift
+from export.to_c.host import CController
+from export.to_c.library import c_library
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 HORIZON = 8

@@ -18,9 +18,14 @@ from scipy.special import expit
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.host_library import host_compiler
 from contract.errors import ExportError, LibraryError
-from export.activation_ranges import activation_ranges
-from export.c_host import CController
-from export.c_int8_arrays import (
+from export.gates.parity import control_cases
+from export.int8.activation_ranges import activation_ranges
+from export.int8.nearest import quantise
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program, random_window
+from export.reference.mpc import control_step, shift
+from export.to_c.host import CController
+from export.to_c.int8_arrays import (
     AHEAD,
     ELU_ONE,
     LOGISTIC_MOST,
@@ -30,12 +35,7 @@ from export.c_int8_arrays import (
     logistic_points,
     packed,
 )
-from export.c_library import c_library
-from export.parity import control_cases
-from export.program import ControllerProgram
-from export.quantise import quantise
-from export.random_program import random_program, random_window
-from export.reference_mpc import control_step, shift
+from export.to_c.library import c_library
 
 HORIZON = 8
 

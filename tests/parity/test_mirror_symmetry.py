@@ -16,13 +16,13 @@ import pytest
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.host_library import host_compiler
 from contract.errors import LibraryError
-from export.c_host import CController
-from export.c_library import c_library
-from export.parity import control_cases
-from export.program import ControllerProgram
-from export.random_program import random_program
-from export.reference_mpc import Solution, control_step
-from export.weights import Array, Linear, Norm
+from export.gates.parity import control_cases
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program
+from export.program.weights import Array, Linear, Norm
+from export.reference.mpc import Solution, control_step
+from export.to_c.host import CController
+from export.to_c.library import c_library
 
 MODEL = ModelConfig(window=7, latent=4, lstm_width=6, dynamics_width=22, decoder_width=10)
 PAIRS = [1, 0, 3, 2]

@@ -1,7 +1,7 @@
 """Second link of the chain: ONNX under ONNX Runtime = NumPy reference, for float and for int8 weights.
 
 The int8 graph is compared with the reference running on the dequantised weights, so the tolerance is the same:
-both graphs compute in float32 (`export.parity` explains the figures).
+both graphs compute in float32 (`export.gates.parity` explains the figures).
 """
 
 from dataclasses import replace
@@ -11,13 +11,13 @@ import pytest
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from contract.errors import ExportError
-from export.onnx_graph import build_controller
-from export.onnx_session import OnnxController
-from export.parity import check_parity, control_cases
-from export.program import ControllerProgram
-from export.quantise import quantise
-from export.random_program import random_program, random_window
-from export.reference_mpc import control_step
+from export.gates.parity import check_parity, control_cases
+from export.int8.nearest import quantise
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program, random_window
+from export.reference.mpc import control_step
+from export.to_onnx.control_step import build_controller
+from export.to_onnx.session import OnnxController
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 

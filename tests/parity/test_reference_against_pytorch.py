@@ -13,12 +13,12 @@ import torch
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
 from export.eager import EagerController
-from export.parity import ControlCase, control_cases
-from export.program import ControllerProgram
-from export.random_program import random_program, random_window
-from export.reference_cost import cost_gradient
-from export.reference_model import decode, decode_vjp, encode, step, step_vjp
-from export.reference_mpc import control_step, gradient
+from export.gates.parity import ControlCase, control_cases
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program, random_window
+from export.reference.cost import cost_gradient
+from export.reference.model import decode, decode_vjp, encode, step, step_vjp
+from export.reference.mpc import control_step, gradient
 
 TOLERANCE = 1e-9
 

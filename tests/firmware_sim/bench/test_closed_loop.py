@@ -12,7 +12,7 @@ from contract.config.tree import BusConfig, Config, EcuConfig, MpcConfig
 from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError, BusError, StillwakeError
 from contract.release import bundle
-from export.random_program import random_program
+from export.program.random_program import random_program
 from firmware_sim.bench import closed_loop
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.report import write_report

@@ -1,7 +1,7 @@
 """The loop with the C library: the commands of ONNX Runtime, and no library but the bundle's.
 
-Tolerances are those of the export gates (`export.parity`, `export.quantisation_gate`). On the bus the wire's resolution
-comes on top: two actions on either side of a rounding boundary part by one step of it.
+Tolerances are those of the export gates (`export.gates.parity`, `export.gates.quantisation`). On the bus the wire's
+resolution comes on top: two actions on either side of a rounding boundary part by one step of it.
 """
 
 import html
@@ -26,11 +26,11 @@ from contract.controller.host_library import OPTIMISED, compiler_version, host_c
 from contract.controller.onnx_session import Controller, ControllerError, OnnxController
 from contract.errors import LibraryError
 from contract.release import bundle
-from export.bundle_writer import write_release
-from export.c_release import write_c_release
-from export.onnx_weights import Precision
-from export.quantisation_gate import QuantisationLimits
-from export.random_program import random_program
+from export.gates.quantisation import QuantisationLimits
+from export.program.random_program import random_program
+from export.release.bundle import write_release
+from export.release.c_folder import write_c_release
+from export.to_onnx.weights import Precision
 from firmware_sim.bench.vehicle_node import PressureNode
 from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
 from firmware_sim.ecu.ecu import Ecu

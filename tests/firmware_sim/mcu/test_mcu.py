@@ -8,10 +8,10 @@ import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import McuError
-from export.c_library import c_library
-from export.c_release import RECORDED, int8_library, recorded_rows
-from export.program import ControllerProgram
-from export.random_program import random_program, random_window
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program, random_window
+from export.release.c_folder import RECORDED, int8_library, recorded_rows
+from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")

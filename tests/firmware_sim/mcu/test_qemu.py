@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from export.c_library import c_library
-from export.c_release import int8_library
-from export.random_program import random_program, random_window
+from export.program.random_program import random_program, random_window
+from export.release.c_folder import int8_library
+from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")

@@ -1,0 +1,1 @@
+"""What a lowering must pass before anything is written."""

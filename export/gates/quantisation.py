@@ -1,0 +1,99 @@
+"""What int8 weights cost the controller: the difference in actions, and the cost of acting on them.
+
+Bits do not matter here, behaviour does: both programs answer the same windows from the same warm start, and
+the quantised one's plan is priced by the float one's model.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from contract.errors import ExportError
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array
+from export.reference.model import encode
+from export.reference.mpc import Solution, control_step, evaluate
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuantisationLimits:
+    """What is accepted.
+
+    Attributes:
+        rms_action_error: on the commanded action a_t, in U_inf W. One step moves an action by up to about
+            iterations * lr (5e-3 at the paper's setting); the default is a fifth of that. The largest error is
+            reported but not limited: Adam follows the sign of a gradient, and wherever that is close to zero
+            the two programs may step apart at next to no cost.
+        max_cost_gap: on J, in units of Cd.
+    """
+
+    rms_action_error: float = 1e-3
+    max_cost_gap: float = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuantisationReport:
+    """Differences of the quantised from the float program over `cases` control steps.
+
+    Attributes:
+        max_action_error, rms_action_error: of the commanded action a_t, in U_inf W.
+        max_plan_error: of any action of a plan.
+        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both under the float program; positive
+            where the quantised plan is worse.
+    """
+
+    cases: int
+    max_action_error: float
+    rms_action_error: float
+    max_plan_error: float
+    max_cost_gap: float
+    mean_cost_gap: float
+
+
+Answer = Callable[[Array, Array, Array], Solution]
+"""A control step: window (L, S+1), previous plan (H,), mask of free actions (H,)."""
+
+
+def compare_quantised(
+    program: ControllerProgram, quantised: ControllerProgram, windows: Iterable[Array]
+) -> QuantisationReport:
+    """As `compare_answers`, with the reference on the quantised program."""
+    return compare_answers(program, partial(control_step, quantised), windows)
+
+
+def compare_answers(program: ControllerProgram, answer: Answer, windows: Iterable[Array]) -> QuantisationReport:
+    """Answer consecutive windows (L, S+1) with the float program and the other; the float plan is the warm start of
+    both. Raises ExportError if there are no windows."""
+    h = program.mpc.horizon
+    plan, free = np.zeros(h), np.ones(h)
+    weights = np.array(program.mpc.weights.as_tuple())
+    errors, gaps = [], []
+    for window in windows:
+        exact = control_step(program, window, plan, free)
+        rounded = answer(window, plan, free)
+        priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights)
+        errors.append(rounded.plan - exact.plan)
+        gaps.append(priced.cost - exact.cost)
+        plan = exact.plan
+    if not errors:
+        raise ExportError("quantisation gate: no windows to compare on")
+    error = np.array(errors)
+    return QuantisationReport(
+        cases=len(errors),
+        max_action_error=float(np.abs(error[:, 0]).max()),
+        rms_action_error=float(np.sqrt((error[:, 0] ** 2).mean())),
+        max_plan_error=float(np.abs(error).max()),
+        max_cost_gap=float(np.max(gaps)),
+        mean_cost_gap=float(np.mean(gaps)),
+    )
+
+
+def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:
+    """Raise ExportError, naming what was compared and the figure, if the report exceeds a limit."""
+    for figure in ("rms_action_error", "max_cost_gap"):
+        found, allowed = getattr(report, figure), getattr(limits, figure)
+        # Written so that a NaN fails.
+        if not found <= allowed:
+            raise ExportError(f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed")

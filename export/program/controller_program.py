@@ -1,0 +1,113 @@
+"""The controller as data: everything that a lowering needs to know, and nothing else."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from contract import sensors as sensor_facts
+from contract.config.tree import MpcConfig
+from contract.errors import ConfigError, ExportError
+from contract.release.bundle import Scaling
+from export.program.weights import FORCES, DecoderWeights, DynamicsWeights, EncoderWeights, State
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControllerProgram:
+    """Encoder, latent dynamics, force decoder and the optimiser's settings.
+
+    A program that exists is consistent: the gates below ran when it was built.
+
+    Attributes:
+        encoder, dynamics, decoder: the networks (paper, table 1).
+        scaling: scaled = (value - mean) / std of pressures and forces; actions are scaled a / action_std.
+        mpc: horizon H, iterations, learning rate, default cost weights.
+        action_limit: bound on |a|, in U_inf W.
+        sensors: names in the order of the window's columns.
+        window: L, control steps of history.
+    """
+
+    encoder: EncoderWeights
+    dynamics: DynamicsWeights
+    decoder: DecoderWeights
+    scaling: Scaling
+    mpc: MpcConfig
+    action_limit: float
+    sensors: tuple[str, ...]
+    window: int
+
+    def __post_init__(self) -> None:
+        _check_sensors(self)
+        _check_scaling(self.scaling, len(self.sensors))
+        for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
+            if latent != self.encoder.latent:
+                raise ExportError(f"{other}: latent size {latent}, but the encoder's is {self.encoder.latent}")
+        if self.encoder.inputs != len(self.sensors) + 1:
+            raise ExportError(
+                f"encoder.lstm.weight_ih_l0: {self.encoder.inputs} inputs, must be {len(self.sensors) + 1} "
+                f"(the sensors and the action)"
+            )
+        if self.window < 1:
+            raise ExportError(f"window = {self.window}: must be at least 1")
+        if not (np.isfinite(self.action_limit) and self.action_limit > 0):
+            raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
+
+    @classmethod
+    def from_state(
+        cls,
+        *,
+        encoder: State,
+        dynamics: State,
+        decoder: State,
+        scaling: Scaling,
+        mpc: MpcConfig,
+        action_limit: float,
+        sensors: tuple[str, ...],
+        window: int,
+    ) -> "ControllerProgram":
+        """Build a program from the tensors of the three trained networks, named as in their state dicts.
+
+        Raises:
+            ExportError: a tensor is missing, unknown, not finite or of the wrong shape, or the parts do not
+                fit each other; the message names it.
+        """
+        return cls(
+            encoder=EncoderWeights.from_state(encoder),
+            dynamics=DynamicsWeights.from_state(dynamics),
+            decoder=DecoderWeights.from_state(decoder),
+            scaling=scaling,
+            mpc=mpc,
+            action_limit=action_limit,
+            sensors=sensors,
+            window=window,
+        )
+
+    @property
+    def latent(self) -> int:
+        """n_z, the size of the latent state."""
+        return self.encoder.latent
+
+
+def _check_sensors(program: ControllerProgram) -> None:
+    if not program.sensors:
+        raise ExportError("sensors: at least one is needed")
+    try:
+        sensor_facts.indices(program.sensors)
+    except ConfigError as error:
+        raise ExportError(f"sensors: {error}") from error
+
+
+def _check_scaling(scaling: Scaling, sensors: int) -> None:
+    for name, size in (
+        ("pressure_mean", sensors),
+        ("pressure_std", sensors),
+        ("force_mean", FORCES),
+        ("force_std", FORCES),
+    ):
+        values = np.asarray(getattr(scaling, name), dtype=np.float64)
+        if values.shape != (size,):
+            raise ExportError(f"scaling.{name}: {len(values)} values, must be {size}")
+        if not np.isfinite(values).all() or (name.endswith("_std") and not (values > 0).all()):
+            rule = "positive and finite" if name.endswith("_std") else "finite"
+            raise ExportError(f"scaling.{name} = {values.tolist()}: must be {rule}")
+    if not (np.isfinite(scaling.action_std) and scaling.action_std > 0):
+        raise ExportError(f"scaling.action_std = {scaling.action_std}: must be positive and finite")

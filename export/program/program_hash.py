@@ -1,0 +1,28 @@
+"""One hash for a controller program, so that every lowering can say which program it is."""
+
+import hashlib
+import json
+from dataclasses import asdict
+
+import numpy as np
+
+from export.program.controller_program import ControllerProgram
+
+
+def program_sha256(program: ControllerProgram) -> str:
+    """SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
+    digest = hashlib.sha256()
+    tree = {name: asdict(getattr(program, name)) for name in ("encoder", "dynamics", "decoder", "scaling", "mpc")}
+    settings = {
+        **tree,
+        "action_limit": program.action_limit,
+        "sensors": program.sensors,
+        "window": program.window,
+    }
+    digest.update(json.dumps(settings, sort_keys=True, default=_fingerprint).encode())
+    return digest.hexdigest()
+
+
+def _fingerprint(value: object) -> str:
+    array = np.asarray(value, dtype="<f8")
+    return f"{array.shape} {hashlib.sha256(array.tobytes()).hexdigest()}"

@@ -1,0 +1,25 @@
+"""Encoder windows out of a recording, for gates, calibration and benchmarks."""
+
+import numpy as np
+
+from contract import sensors as sensor_facts
+from contract.errors import ExportError
+from contract.recording.dataset import Episode
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array
+
+
+def recorded_windows(program: ControllerProgram, episode: Episode, count: int) -> list[Array]:
+    """The episode's last `count` windows (L, S+1), consecutive ones, with rows (Cp_k, a_{k-1}).
+
+    The last ones, because a recording's start is a transient.
+
+    Raises:
+        ExportError: the episode is too short.
+    """
+    needed = program.window + count - 1
+    if count < 1 or len(episode) < needed:
+        raise ExportError(f"episode {episode.name}: {len(episode)} steps, {count} windows need {needed}")
+    pressure = episode.series["Cp"][:, sensor_facts.indices(program.sensors)]
+    rows = np.column_stack([pressure, episode.previous_action])[-needed:]
+    return [rows[i : i + program.window] for i in range(count)]

@@ -1,0 +1,78 @@
+"""The MPC's cost as separate, named terms with hand-written gradients (paper, equations 8-11), in float64.
+
+J = sum over terms of weight * term, everything in physical units. The terms depend on the predicted forces
+(Cd_k, Cl_k) at t+1 .. t+H, shape (H, 2), on the plan a_0 .. a_{H-1}, shape (H,), and on the action in force,
+a_{-1}:
+
+================  =======================================================
+drag_mean         mean Cd - Cd_ref
+drag_fluctuation  max Cd - min Cd
+lift              mean |Cl|
+lift_mean         (mean Cl)^2
+smoothness        sum over k = 0 .. H-2 of (a_{k+1} - a_k)^2 / (H - 1)
+effort            mean a^2
+rate              (a_0 - a_{-1})^2
+================  =======================================================
+
+Where a term has a kink, its gradient is the subgradient that PyTorch takes: ties of the maximum or minimum
+share it evenly, and |Cl| has slope 0 at 0.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+
+from contract.config.tree import CostWeights
+from export.program.weights import Array
+
+TERMS: Final = tuple(item.name for item in fields(CostWeights))
+"""Names of the terms in the order of every `weights` and `terms` array."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CostGradient:
+    """dJ/dforces (H, 2), and dJ/da (H,) with the forces held fixed."""
+
+    forces: Array
+    plan: Array
+
+
+def cost_terms(forces: Array, plan: Array, previous_action: float, drag_reference: float) -> Array:
+    """The unweighted terms, shape (7,), in the order of `TERMS`."""
+    cd, cl = forces[:, 0], forces[:, 1]
+    terms = {
+        "drag_mean": cd.mean() - drag_reference,
+        "drag_fluctuation": cd.max() - cd.min(),
+        "lift": np.abs(cl).mean(),
+        "lift_mean": cl.mean() ** 2,
+        "smoothness": (np.diff(plan) ** 2).mean(),
+        "effort": (plan**2).mean(),
+        "rate": (plan[0] - previous_action) ** 2,
+    }
+    return np.array([terms[name] for name in TERMS])
+
+
+def cost_gradient(forces: Array, plan: Array, previous_action: float, weights: Array) -> CostGradient:
+    """Gradient of J = weights . terms; `weights` is (7,) in the order of `TERMS`."""
+    weight = dict(zip(TERMS, weights, strict=True))
+    horizon = len(plan)
+    cd, cl = forces[:, 0], forces[:, 1]
+
+    d_cd = weight["drag_mean"] * np.full(horizon, 1.0 / horizon)
+    d_cd += weight["drag_fluctuation"] * (_share(cd == cd.max()) - _share(cd == cd.min()))
+
+    d_cl = weight["lift"] * np.sign(cl) / horizon
+    d_cl += weight["lift_mean"] * 2.0 * cl.mean() / horizon
+
+    d_plan = weight["effort"] * 2.0 * plan / horizon
+    increments = np.diff(plan)
+    d_plan[1:] += weight["smoothness"] * 2.0 * increments / (horizon - 1)
+    d_plan[:-1] -= weight["smoothness"] * 2.0 * increments / (horizon - 1)
+    d_plan[0] += weight["rate"] * 2.0 * (plan[0] - previous_action)
+
+    return CostGradient(forces=np.column_stack([d_cd, d_cl]), plan=d_plan)
+
+
+def _share(ties: np.typing.NDArray[np.bool_]) -> Array:
+    return ties / np.count_nonzero(ties)

@@ -1,0 +1,1 @@
+"""From a model folder to a release: lower, gate, write."""

@@ -1,0 +1,118 @@
+"""A program's numbers in the layout that the C sources expect (`export/to_c/sources/sw_weights.h`).
+
+Derived in float64 and rounded once: matrices centred where a norm follows, 1 / action_std folded into the action's row,
+both LSTM biases added up. Vectors are padded with zeros to whole registers.
+"""
+
+import numpy as np
+
+from contract.errors import ExportError
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Array
+from export.reference.mpc import ADAM_BETAS
+
+LANES = 16
+"""float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
+
+
+def float_arrays(program: ControllerProgram) -> dict[str, Array]:
+    """Every array of `sw_weights.h` by its C name, in float64.
+
+    Raises:
+        ExportError: a program without residual blocks in its decoder.
+    """
+    return {
+        **scaling_arrays(program),
+        **_encoder(program),
+        **_dynamics(program),
+        **_decoder(program),
+        **optimiser_arrays(program),
+    }
+
+
+def padded(values: Array) -> Array:
+    """Zeros after the last axis's end, up to a multiple of `LANES`."""
+    missing = -values.shape[-1] % LANES
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, missing)])
+
+
+def centred(values: Array) -> Array:
+    """C W or C b with C = I - 11^T / n: mean zero over the outputs, the first axis."""
+    return np.asarray(values - values.mean(axis=0))
+
+
+def scaling_arrays(program: ControllerProgram) -> dict[str, Array]:
+    """Scaling of the window and of the forces."""
+    scaling = program.scaling
+    return {
+        "sw_window_mean": np.array([*scaling.pressure_mean, 0.0]),
+        "sw_window_factor": 1.0 / np.array([*scaling.pressure_std, scaling.action_std]),
+        "sw_force_mean": np.array(scaling.force_mean),
+        "sw_force_std": np.array(scaling.force_std),
+    }
+
+
+def _encoder(program: ControllerProgram) -> dict[str, Array]:
+    weights = program.encoder
+    lstm = weights.lstm
+    both = np.concatenate([lstm.weight_input, lstm.weight_recurrent], axis=1)
+    return {
+        "sw_lstm_weight": _gates(both.T),
+        "sw_lstm_bias": _gates(lstm.bias_input + lstm.bias_recurrent),
+        "sw_encoder_gain": padded(weights.norm.weight),
+        "sw_encoder_offset": padded(weights.norm.bias),
+        "sw_head_weight": padded(weights.hidden.weight.T),
+        "sw_head_bias": padded(weights.hidden.bias),
+        "sw_latent_weight": padded(weights.output.weight),
+        "sw_latent_bias": weights.output.bias,
+    }
+
+
+def _gates(stacked: Array) -> Array:
+    """Four gates side by side along the last axis, each padded by itself."""
+    return np.concatenate([padded(gate) for gate in np.split(stacked, 4, axis=-1)], axis=-1)
+
+
+def _dynamics(program: ControllerProgram) -> dict[str, Array]:
+    weights = program.dynamics
+    by_input = centred(weights.input.weight).T.copy()
+    by_input[-1] /= program.scaling.action_std
+    return {
+        "sw_dyn1_weight": padded(by_input),
+        "sw_dyn1_bias": padded(centred(weights.input.bias)),
+        "sw_dyn1_gain": padded(weights.norm_in.weight),
+        "sw_dyn1_offset": padded(weights.norm_in.bias),
+        "sw_dyn2_weight": padded(centred(weights.hidden.weight).T),
+        "sw_dyn2_bias": padded(centred(weights.hidden.bias)),
+        "sw_dyn2_gain": padded(weights.norm_hidden.weight),
+        "sw_dyn2_offset": padded(weights.norm_hidden.bias),
+        "sw_dyn3_weight": padded(weights.output.weight),
+        "sw_dyn3_bias": weights.output.bias,
+    }
+
+
+def _decoder(program: ControllerProgram) -> dict[str, Array]:
+    weights = program.decoder
+    if not weights.blocks:
+        raise ExportError("decoder: no residual blocks, the C library needs at least one")
+    return {
+        "sw_decoder_weight": weights.input.weight,
+        "sw_decoder_bias": weights.input.bias,
+        "sw_block_weight": np.array([centred(block.linear.weight) for block in weights.blocks]),
+        "sw_block_bias": np.array([centred(block.linear.bias) for block in weights.blocks]),
+        "sw_block_gain": np.array([block.norm.weight for block in weights.blocks]),
+        "sw_block_offset": np.array([block.norm.bias for block in weights.blocks]),
+        "sw_force_weight": weights.output.weight,
+        "sw_force_bias": weights.output.bias,
+    }
+
+
+def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
+    """Adam's factors of every iteration, and the default cost weights."""
+    beta1, beta2 = ADAM_BETAS
+    number = np.arange(1, program.mpc.iterations + 1)
+    return {
+        "sw_adam_rate": program.mpc.learning_rate / (1.0 - beta1**number),
+        "sw_adam_unbias": 1.0 / np.sqrt(1.0 - beta2**number),
+        "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
+    }

@@ -1,0 +1,1 @@
+"""The program as one ONNX graph of standard operators."""

@@ -1,0 +1,80 @@
+"""`controller.onnx`: one control step in standard ONNX operators (interface: `contract.release.bundle`).
+
+Encoder, then a Scan over Adam's iterations whose body holds a Scan forwards and a Scan backwards over the
+horizon, then one more roll-out for the forces and the cost of the result. Written from the hand adjoint of
+`reference_mpc`; nothing is traced or unrolled, so the number of nodes does not depend on H or the iterations.
+"""
+
+from typing import Final
+
+import onnx
+
+from export.program.controller_program import ControllerProgram
+from export.reference.cost import TERMS
+from export.to_onnx.adam import lower_adam
+from export.to_onnx.cost import Cost
+from export.to_onnx.decoder import Decoder
+from export.to_onnx.dynamics import Dynamics
+from export.to_onnx.encoder import lower_encoder
+from export.to_onnx.graph_builder import Graph
+from export.to_onnx.weights import Precision, store_for
+
+INPUTS: Final = ("window", "plan", "free", "weights")
+OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
+
+
+def build_controller(program: ControllerProgram, precision: Precision) -> onnx.ModelProto:
+    """Lower a program to ONNX.
+
+    Args:
+        precision: "float32", or "int8" for int8 weights with float32 arithmetic.
+
+    Raises:
+        ExportError: an unknown precision, or a value that float32 cannot hold.
+    """
+    store = store_for(precision)
+    h = program.mpc.horizon
+    graph = Graph()
+    window = graph.input("window", (program.window, len(program.sensors) + 1))
+    plan = graph.input("plan", (h,))
+    free = graph.input("free", (h,))
+    weights = graph.default("weights", program.mpc.weights.as_tuple())
+
+    dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
+    cost = Cost(graph, program, weights, _previous_action(graph, program, window))
+    z = lower_encoder(graph, program, window, store)
+
+    def gradient(body: Graph, candidate: str) -> str:
+        rollout = dynamics.rollout(body, z, candidate)
+        forces, tapes = decoder.forward(body, rollout.latents)
+        local = cost.gradient(body, forces, candidate)
+        through_forces = decoder.adjoint(body, tapes, local.forces)
+        return body.op("Add", local.plan, dynamics.adjoint(body, rollout, through_forces))
+
+    new_plan = lower_adam(graph, program, _shifted(graph, plan, h), free, gradient)
+    forces, _ = decoder.forward(graph, dynamics.rollout(graph, z, new_plan).latents)
+    terms = cost.terms(graph, forces, new_plan)
+    for value, shape, name in zip(
+        (new_plan, forces, terms, cost.total(graph, terms)), ((h,), (h, 2), (len(TERMS),), ()), OUTPUTS, strict=True
+    ):
+        graph.output(value, shape, name)
+    return graph.model("stillwake_controller", f"LSTM-MPC control step, {precision} weights")
+
+
+def _previous_action(graph: Graph, program: ControllerProgram, window: str) -> str:
+    """a_{-1}, the last row's last column, as (1,)."""
+    last, column = program.window - 1, len(program.sensors)
+    corner = graph.op(
+        "Slice", window, graph.index([last, column]), graph.index([last + 1, column + 1]), graph.index([0, 1])
+    )
+    return graph.op("Reshape", corner, graph.index([1]))
+
+
+def _shifted(graph: Graph, plan: str, horizon: int) -> str:
+    start, end = graph.index([horizon - 1]), graph.index([horizon])
+    return graph.op(
+        "Concat",
+        graph.op("Slice", plan, graph.index([1]), end),
+        graph.op("Slice", plan, start, end),
+        axis=0,
+    )

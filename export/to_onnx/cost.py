@@ -1,0 +1,115 @@
+"""The cost terms and their gradient as ONNX nodes: `reference_cost`, with one matrix for all quadratic terms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from export.program.controller_program import ControllerProgram
+from export.reference.cost import TERMS
+from export.to_onnx.graph_builder import Graph
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostGradientNames:
+    """dJ/dforces (H, 2), and dJ/da (H,) with the forces held fixed."""
+
+    forces: str
+    plan: str
+
+
+class Cost:
+    """J for given weights (7,) and action in force (1,); both are values of the outermost graph."""
+
+    def __init__(self, graph: Graph, program: ControllerProgram, weights: str, previous_action: str) -> None:
+        self._horizon = program.mpc.horizon
+        self._previous_action = previous_action
+        self._weights = weights
+        # One value of shape (1,) per term.
+        pieces = graph.ops("Split", weights, graph.index([1] * len(TERMS)), outputs=len(TERMS))
+        self._weight = dict(zip(TERMS, pieces, strict=True))
+        self._drag_reference = graph.constant([program.mpc.drag_reference], "drag_reference")
+        self._prepare(graph)
+
+    def terms(self, graph: Graph, forces: str, plan: str) -> str:
+        """The unweighted terms, (7,)."""
+        cd, cl = self._drag_and_lift(graph, forces)
+        mean_lift = _reduce(graph, "ReduceMean", cl)
+        first = graph.op("Slice", plan, graph.index([0]), graph.index([1]))
+        terms = {
+            "drag_mean": graph.op("Sub", _reduce(graph, "ReduceMean", cd), self._drag_reference),
+            "drag_fluctuation": graph.op("Sub", _reduce(graph, "ReduceMax", cd), _reduce(graph, "ReduceMin", cd)),
+            "lift": _reduce(graph, "ReduceMean", graph.op("Abs", cl)),
+            "lift_mean": _square(graph, mean_lift),
+            "smoothness": _reduce(graph, "ReduceMean", _square(graph, self._increments(graph, plan))),
+            "effort": _reduce(graph, "ReduceMean", _square(graph, plan)),
+            "rate": _square(graph, graph.op("Sub", first, self._previous_action)),
+        }
+        return graph.op("Concat", *(terms[name] for name in TERMS), axis=0)
+
+    def total(self, graph: Graph, terms: str) -> str:
+        """J, a scalar."""
+        return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
+
+    def gradient(self, graph: Graph, forces: str, plan: str) -> CostGradientNames:
+        """As `reference_cost.cost_gradient`."""
+        cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
+        spread = graph.op("Sub", _share(graph, cd, "ReduceMax"), _share(graph, cd, "ReduceMin"))
+        d_cd = graph.op("Add", graph.op("Mul", spread, self._weight["drag_fluctuation"]), self._by_drag)
+        steady = graph.op("Mul", _reduce(graph, "ReduceMean", cl), self._by_mean_lift)
+        d_cl = graph.op("Add", graph.op("Mul", graph.op("Sign", cl), self._by_lift), steady)
+        through_plan = graph.op("Sub", graph.op("MatMul", self._curvature, plan), self._pull)
+        return CostGradientNames(forces=graph.op("Concat", d_cd, d_cl, axis=1), plan=through_plan)
+
+    def _prepare(self, graph: Graph) -> None:
+        """What the gradient needs of the weights and of the action in force, once a control step.
+
+        The terms in the actions are quadratic: their gradient is Q a - q, with D the matrix of increments and e_0 the
+        first unit vector,
+
+            Q = 2 w_smoothness D^T D / (H - 1) + 2 w_effort I / H + 2 w_rate e_0 e_0^T,    q = 2 w_rate a_{-1} e_0.
+        """
+        h = self._horizon
+        increments = np.diff(np.eye(h), axis=0)
+        first = np.eye(h)[0]
+        quadratic = {
+            "smoothness": 2.0 / (h - 1) * increments.T @ increments,
+            "effort": 2.0 / h * np.eye(h),
+            "rate": 2.0 * np.outer(first, first),
+        }
+        weighted = [
+            graph.op("Mul", graph.constant(matrix, f"curvature.{name}"), self._weight[name])
+            for name, matrix in quadratic.items()
+        ]
+        self._curvature = graph.op("Add", graph.op("Add", weighted[0], weighted[1]), weighted[2])
+        rate = graph.op("Mul", self._weight["rate"], self._previous_action)
+        self._pull = graph.op("Mul", graph.constant(2.0 * first, "first"), rate)
+        self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h]))
+        self._by_lift = graph.op("Mul", self._weight["lift"], graph.constant([1.0 / h]))
+        self._by_mean_lift = graph.op("Mul", self._weight["lift_mean"], graph.constant([2.0 / h]))
+
+    def _increments(self, graph: Graph, plan: str) -> str:
+        h = self._horizon
+        return graph.op(
+            "Sub",
+            graph.op("Slice", plan, graph.index([1]), graph.index([h])),
+            graph.op("Slice", plan, graph.index([0]), graph.index([h - 1])),
+        )
+
+    def _drag_and_lift(self, graph: Graph, forces: str) -> tuple[str, str]:
+        cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
+        column = graph.index([1])
+        return graph.op("Squeeze", cd, column), graph.op("Squeeze", cl, column)
+
+
+def _reduce(graph: Graph, kind: str, x: str) -> str:
+    return graph.op(kind, x, graph.index([0]), keepdims=1)
+
+
+def _square(graph: Graph, x: str) -> str:
+    return graph.op("Mul", x, x)
+
+
+def _share(graph: Graph, x: str, kind: str) -> str:
+    # 1 at the extreme value; a tie shares it evenly.
+    ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, kind, x)), to=1)
+    return graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))

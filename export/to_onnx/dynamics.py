@@ -1,0 +1,138 @@
+"""The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
+
+ONNX Runtime takes its time for any node, however small, so what the recursions do not need leaves the Scans and is
+computed for all H steps at once. Forwards that is the action's share of the first layer, and the residual's biases,
+without which the recursion runs,
+
+    s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
+
+Backwards everything leaves but three products. Both layer norms get centred inputs (`onnx_weights.centred`), so that
+the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) g r,
+
+    v = d diag(p) (I - xhat xhat^T / n).
+
+For both layers that goes into the matrix on their narrow side, so that from step to step there is left, with e the part
+of the adjoint that comes from later steps and d_k the sum of what the forces from k + 1 on say directly,
+
+    e <- e + (e + d_k) B_k W_2 A_k,    B = W_3 diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - ..) W_1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from export.program.controller_program import ControllerProgram
+from export.program.weights import Linear
+from export.to_onnx.graph_builder import Graph
+from export.to_onnx.weights import NormNames, Store, centred, centred_bias, transposed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollout:
+    """Values of a forward pass: latents (H, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm and ELU,
+    (H, 1, width)."""
+
+    latents: str
+    before: tuple[str, str]
+    after: tuple[str, str]
+
+
+class Dynamics:
+    """f_dyn in a graph: matrices prepared once, used by any number of roll-outs and adjoints."""
+
+    def __init__(self, graph: Graph, program: ControllerProgram, store: Store) -> None:
+        weights = program.dynamics
+        latent = weights.latent
+        self._latent, self._horizon = latent, program.mpc.horizon
+        first = centred(graph, store(graph, weights.input.weight, "dynamics.input.weight"))
+        second = centred(graph, store(graph, weights.hidden.weight, "dynamics.hidden.weight"))
+        third = store(graph, weights.output.weight, "dynamics.output.weight")
+        # Columns of the first layer: the latent state, then the action.
+        by_state = graph.op("Slice", first, graph.index([0]), graph.index([latent]), graph.index([1]))
+        by_action = graph.op("Slice", first, graph.index([latent]), graph.index([latent + 1]), graph.index([1]))
+        per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
+        self._by_action = graph.op("Mul", by_action, per_action)
+        self._by_action_row = transposed(graph, self._by_action)
+        self._forward = (transposed(graph, by_state), transposed(graph, second))
+        self._backward = second
+        self._output = third
+        first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
+        # b_1, and what k times b_3 does to the first layer, (H, 1, width).
+        steps = graph.constant(np.arange(self._horizon).reshape(-1, 1, 1), "steps")
+        per_step = graph.op("MatMul", self._output_bias, self._forward[0])
+        self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
+        self._norms = (
+            NormNames(graph, weights.norm_in, "dynamics.norm_in"),
+            NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden"),
+        )
+        self._column = graph.index([self._horizon, 1, 1])
+
+    def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
+        """Latent states under a plan (H,) in U_inf W, from z (1, n_z)."""
+        actions = graph.op("Reshape", plan, self._column)
+        drive = graph.op("Add", graph.op("Mul", actions, self._by_action_row), self._bias_by_step)
+
+        body = graph.body()
+        widths = [norm.width for norm in self._norms]
+        state = body.input("s", (1, self._latent))
+        driven = body.input("drive", (1, widths[0]))
+        u1 = body.op("Gemm", state, self._forward[0], driven)
+        h1 = body.op("Elu", self._norms[0].apply(body, u1))
+        u2 = body.op("Gemm", h1, self._forward[1], self._hidden_bias)
+        h2 = body.op("Elu", self._norms[1].apply(body, u2))
+        body.output(body.op("Gemm", h2, self._output, state, transB=1), (1, self._latent))
+        for value, width in ((u1, widths[0]), (h1, widths[0]), (u2, widths[1]), (h2, widths[1])):
+            body.output(value, (1, width))
+
+        _, u1s, h1s, u2s, h2s = graph.scan(body, states=[z], sequences=[drive])
+        rows = graph.op("Reshape", h2s, graph.index([self._horizon, widths[1]]))
+        changes = graph.op("Gemm", rows, self._output, self._output_bias, transB=1)
+        latents = graph.op("Add", graph.op("CumSum", changes, graph.index([0])), z)
+        return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
+
+    def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str) -> str:
+        """dJ/da_k through the latent states, (H,), from dJ/dz_{k+1} through the forces alone, (H, n_z)."""
+        h, widths = self._horizon, [norm.width for norm in self._norms]
+        xhat1, p1 = self._linearise(graph, 0, rollout)
+        xhat2, p2 = self._linearise(graph, 1, rollout)
+        along2 = self._along(graph, graph.op("Mul", p2, xhat2), self._output, widths[1])
+        into = graph.op("Sub", graph.op("Mul", p2, self._output), graph.op("Mul", along2, xhat2))
+        along1 = self._along(graph, xhat1, self._forward[0], widths[0])
+        out = graph.op("Mul", graph.op("Sub", self._forward[0], graph.op("Mul", along1, xhat1)), p1)
+        direct = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
+        directly = graph.op("MatMul", graph.op("Unsqueeze", direct, graph.index([1])), into)
+
+        body = graph.body()
+        later, own = body.input("later", (1, self._latent)), body.input("direct", (1, widths[1]))
+        b, a = body.input("into", (self._latent, widths[1])), body.input("out", (self._latent, widths[0]))
+        d1 = body.op("MatMul", body.op("Gemm", later, b, own), self._backward)
+        body.output(body.op("Gemm", d1, a, later, transB=1), (1, self._latent))
+        body.output(d1, (1, widths[0]))
+
+        zero = graph.constant([[0.0] * self._latent])
+        _, d1s = graph.scan(body, states=[zero], sequences=[directly, into, out], reverse=True)
+        t = graph.op("Mul", d1s, p1)
+        along = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
+        v1s = graph.op("Sub", t, graph.op("Mul", along, xhat1))
+        return graph.op("Reshape", graph.op("MatMul", v1s, self._by_action), graph.index([h]))
+
+    def _along(self, graph: Graph, rows: str, matrix: str, width: int) -> str:
+        """Products of rows (H, 1, n) with those of a matrix (n_z, n), over n: (H, n_z, 1)."""
+        flat = graph.op("Reshape", rows, graph.index([self._horizon, width]))
+        return graph.op("Unsqueeze", graph.op("Gemm", flat, matrix, transB=1, alpha=1.0 / width), graph.index([2]))
+
+    def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
+        norm = self._norms[layer]
+        xhat, inverse_std = norm.normalise(graph, rollout.before[layer])
+        # ELU' from ELU itself: 1 above zero, exp(x) = elu + 1 below.
+        zero, one = graph.constant(0.0), graph.constant(1.0)
+        slope = graph.op("Add", graph.op("Min", rollout.after[layer], zero), one)
+        return xhat, graph.op("Mul", graph.op("Mul", slope, norm.gain), inverse_std)
+
+
+def _biases(graph: Graph, first: Linear, second: Linear, third: Linear) -> tuple[str, str, str]:
+    return (
+        graph.constant(centred_bias(first.bias)[None], "dynamics.input.bias"),
+        graph.constant(centred_bias(second.bias)[None], "dynamics.hidden.bias"),
+        graph.constant(third.bias[None], "dynamics.output.bias"),
+    )

@@ -1,0 +1,127 @@
+"""A small writer of ONNX graphs: nodes by operator name, shared constants, Scan bodies that see what is outside."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from export.program.float32 import as_float32
+
+OPSET: Final = 18
+"""The oldest with LayerNormalization and axes as inputs of every reduction."""
+IR_VERSION: Final = 8
+
+
+class Graph:
+    """Collects nodes; every value is known by its name.
+
+    A body made by `body()` becomes the inside of a `scan`. It reads any value of the graphs around it by name,
+    and its constants are stored in the outermost graph. Equal constants are stored once.
+    """
+
+    def __init__(self, parent: "Graph | None" = None) -> None:
+        self._root: Graph = self if parent is None else parent._root
+        self._nodes: list[onnx.NodeProto] = []
+        self._inputs: list[onnx.ValueInfoProto] = []
+        self._outputs: list[onnx.ValueInfoProto] = []
+        if parent is None:
+            self._initializers: dict[str, onnx.TensorProto] = {}
+            self._stored: dict[tuple[str, tuple[int, ...], bytes], str] = {}
+            self._counter = 0
+
+    def input(self, name: str, shape: Sequence[int]) -> str:
+        """Declare a float32 input."""
+        name = name if self is self._root else self._root._unique(name)
+        self._inputs.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, shape))
+        return name
+
+    def output(self, value: str, shape: Sequence[int], name: str | None = None) -> None:
+        """Declare a value to be a float32 output, under another name if one is given."""
+        if name is not None:
+            # Only where needed: inside a Scan even an Identity costs its dispatch in every step.
+            self._nodes.append(helper.make_node("Identity", [value], [name]))
+        self._outputs.append(helper.make_tensor_value_info(name or value, TensorProto.FLOAT, shape))
+
+    def constant(self, values: npt.ArrayLike, name: str = "const") -> str:
+        """A float32 constant; raises ExportError if a value has no finite float32."""
+        return self._root._store(name, as_float32(values, name))
+
+    def index(self, values: Sequence[int]) -> str:
+        """An int64 constant: axes, starts, ends, shapes."""
+        return self._root._store("index", np.array(values, dtype=np.int64))
+
+    def stored(self, array: npt.NDArray[Any], name: str) -> str:
+        """A constant of any type, as it is."""
+        return self._root._store(name, array)
+
+    def default(self, name: str, values: npt.ArrayLike) -> str:
+        """An input that may be left out, and what it is then."""
+        array = np.asarray(values, dtype=np.float32)
+        self.input(name, array.shape)
+        self._initializers[name] = numpy_helper.from_array(array, name)
+        return name
+
+    def op(self, kind: str, *inputs: str, **attributes: Any) -> str:
+        """Add a node with one output; returns the output's name."""
+        return self.ops(kind, *inputs, outputs=1, **attributes)[0]
+
+    def ops(self, kind: str, *inputs: str, outputs: int, **attributes: Any) -> tuple[str, ...]:
+        """Add a node with several outputs."""
+        names = tuple(self._root._unique(kind.lower()) for _ in range(outputs))
+        self._nodes.append(helper.make_node(kind, list(inputs), list(names), **attributes))
+        return names
+
+    def body(self) -> "Graph":
+        """An empty Scan body within this graph."""
+        return Graph(parent=self)
+
+    def scan(
+        self, body: "Graph", *, states: Sequence[str], sequences: Sequence[str], reverse: bool = False
+    ) -> tuple[str, ...]:
+        """Run `body` over the first axis of `sequences`; returns the final states, then the stacked outputs.
+
+        The body's inputs are the states and then one slice of every sequence, its outputs the new states and
+        then what is to be stacked. In reverse, slices are taken and stacked from the last to the first.
+        """
+        stacked = len(body._outputs) - len(states)
+        directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
+        if stacked:
+            directions["scan_output_directions"] = [int(reverse)] * stacked
+        return self.ops(
+            "Scan",
+            *states,
+            *sequences,
+            outputs=len(body._outputs),
+            body=helper.make_graph(body._nodes, self._root._unique("body"), body._inputs, body._outputs),
+            num_scan_inputs=len(sequences),
+            **directions,
+        )
+
+    def model(self, name: str, doc: str) -> onnx.ModelProto:
+        """The finished model, after ONNX's own full check with shape inference."""
+        graph = helper.make_graph(self._nodes, name, self._inputs, self._outputs, list(self._initializers.values()))
+        model = helper.make_model(
+            graph,
+            opset_imports=[helper.make_opsetid("", OPSET)],
+            ir_version=IR_VERSION,
+            producer_name="stillwake",
+            doc_string=doc,
+        )
+        onnx.checker.check_model(model, full_check=True)
+        return model
+
+    def _unique(self, stem: str) -> str:
+        self._counter += 1
+        return f"{stem}_{self._counter}"
+
+    def _store(self, name: str, array: npt.NDArray[Any]) -> str:
+        key = (array.dtype.str, array.shape, array.tobytes())
+        if key not in self._stored:
+            self._stored[key] = self._unique(name)
+            self._initializers[self._stored[key]] = numpy_helper.from_array(
+                np.asarray(array, order="C"), self._stored[key]
+            )
+        return self._stored[key]

@@ -1,0 +1,71 @@
+"""Error feedback against what it promises: nearest rounding where inputs are independent, better products elsewhere."""
+
+import numpy as np
+import pytest
+
+from export.int8.error_feedback import DAMPING, quantise_on
+from export.int8.nearest import quantise_matrix
+
+
+def error(weight, matrix, inputs):
+    return np.sum(((weight - matrix.dequantised().astype(float)) @ inputs.T) ** 2, axis=1)
+
+
+def correlated(rng, count, width):
+    """A few directions carry nearly everything, as in a hidden layer."""
+    return rng.standard_normal((count, 3)) @ rng.standard_normal((3, width)) + 0.05 * rng.standard_normal(
+        (count, width)
+    )
+
+
+def test_independent_inputs_leave_nearest_rounding():
+    """With H a multiple of the identity no later column can take an error back."""
+    weight = np.random.default_rng(0).standard_normal((7, 5))
+    inputs = np.sqrt(5.0) * np.eye(5)
+    np.testing.assert_array_equal(quantise_on(weight, inputs).values, quantise_matrix(weight).values)
+
+
+def test_inputs_that_are_always_zero_leave_nearest_rounding():
+    weight = np.random.default_rng(1).standard_normal((4, 6))
+    np.testing.assert_array_equal(quantise_on(weight, np.zeros((9, 6))).values, quantise_matrix(weight).values)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_products_are_several_times_closer(seed):
+    rng = np.random.default_rng(seed)
+    weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
+    fed, nearest = (error(weight, of, inputs).sum() for of in (quantise_on(weight, inputs), quantise_matrix(weight)))
+    assert fed < 0.3 * nearest
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_last_column_is_the_best_there_is(seed):
+    """Nothing comes after it, so of all integers its one makes the least error, given the others: H by hand."""
+    rng = np.random.default_rng(seed)
+    weight, inputs = rng.standard_normal((50, 6)), correlated(rng, 300, 6)
+    weight[:, 0] = 4.0  # the column that sets the scales
+    found = quantise_on(weight, inputs)
+    h = inputs.T @ inputs / len(inputs)
+    h += DAMPING * np.trace(h) / 6 * np.eye(6)
+    left = weight - found.dequantised()
+
+    def damped(error):
+        return np.einsum("ri,ij,rj->r", error, h, error)
+
+    for change in (-1.0, 1.0):
+        other = left - change * np.eye(6)[-1] * found.scales[:, None]
+        assert np.all(damped(left) <= damped(other) * (1 + 1e-9))
+
+
+def test_rounding_again_changes_nothing():
+    rng = np.random.default_rng(3)
+    weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
+    fed = quantise_on(weight, inputs)
+    again = quantise_matrix(fed.dequantised().astype(float))
+    np.testing.assert_array_equal(again.values, fed.values)
+    np.testing.assert_allclose(again.scales, fed.scales, rtol=1e-6)
+
+
+def test_a_row_of_zeros_stays_zero():
+    weight = np.vstack([np.zeros(4), np.ones(4)])
+    assert not quantise_on(weight, np.random.default_rng(0).standard_normal((20, 4))).values[0].any()

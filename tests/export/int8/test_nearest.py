@@ -1,0 +1,94 @@
+"""Int8 weights: error at most half a step of each row, and an effective program that says what was kept."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.errors import ExportError
+from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_quantised
+from export.int8.nearest import quantise, quantise_matrix
+from export.program.random_program import random_program, random_window
+
+SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+matrices = arrays(np.float64, array_shapes(min_dims=2, max_dims=2, max_side=6), elements=st.floats(-1e6, 1e6, width=32))
+
+
+@given(weight=matrices)
+def test_no_weight_moves_by_more_than_half_a_step(weight):
+    found = quantise_matrix(weight)
+    assert found.values.dtype == np.int8 and found.scales.dtype == np.float32
+    assert (found.scales > 0).all() and np.abs(found.values.astype(int)).max() <= 127
+    # A little over half: the scale itself and the product are rounded to float32.
+    half_step = found.scales[:, None] * 0.5 + 2e-7 * np.abs(weight)
+    assert (np.abs(found.dequantised() - weight) <= half_step).all()
+
+
+@given(weight=matrices)
+def test_negated_rows_and_permuted_rows_quantise_alike(weight):
+    found = quantise_matrix(weight)
+    np.testing.assert_array_equal(quantise_matrix(-weight).values, -found.values)
+    np.testing.assert_array_equal(quantise_matrix(weight[::-1]).values, found.values[::-1])
+
+
+def test_each_row_has_its_own_scale_and_its_largest_weight_is_kept():
+    weight = np.array([[1.0, -0.5], [0.001, 0.0004], [0.0, 0.0]])
+    found = quantise_matrix(weight)
+    np.testing.assert_array_equal(found.values, [[127, -64], [127, 51], [0, 0]])
+    np.testing.assert_allclose(found.scales, [1 / 127, 0.001 / 127, 1.0], rtol=1e-6)
+
+
+def test_matrices_are_rounded_and_nothing_else_is():
+    program = random_program(0, model=SMALL)
+    rounded = quantise(program)
+    for pick in (
+        lambda p: p.encoder.lstm.weight_input,
+        lambda p: p.encoder.lstm.weight_recurrent,
+        lambda p: p.encoder.hidden.weight,
+        lambda p: p.encoder.output.weight,
+        lambda p: p.dynamics.input.weight,
+        lambda p: p.dynamics.hidden.weight,
+        lambda p: p.dynamics.output.weight,
+        lambda p: p.decoder.input.weight,
+        lambda p: p.decoder.blocks[1].linear.weight,
+        lambda p: p.decoder.output.weight,
+    ):
+        before, after = pick(program), pick(rounded)
+        assert 0 < np.abs(after - before).max() <= 0.51 * np.abs(before).max() / 127
+    for pick in (
+        lambda p: p.encoder.lstm.bias_input,
+        lambda p: p.encoder.norm.weight,
+        lambda p: p.dynamics.hidden.bias,
+        lambda p: p.decoder.blocks[0].norm.bias,
+    ):
+        np.testing.assert_array_equal(pick(rounded), pick(program))
+
+
+def test_report_of_a_program_against_itself_is_zero_and_against_its_rounding_is_not():
+    program = random_program(1, model=SMALL, mpc=MpcConfig(horizon=6))
+    rng = np.random.default_rng(0)
+    windows = [random_window(program, rng) for _ in range(5)]
+    same = compare_quantised(program, program, windows)
+    assert (same.max_plan_error, same.max_cost_gap, same.cases) == (0.0, 0.0, 5)
+    report = compare_quantised(program, quantise(program), windows)
+    assert 0 < report.rms_action_error <= report.max_action_error <= report.max_plan_error
+    assert report.mean_cost_gap <= report.max_cost_gap
+
+
+def test_gate_names_the_figure_that_is_too_large():
+    program = random_program(1, model=SMALL, mpc=MpcConfig(horizon=6))
+    windows = [random_window(program, np.random.default_rng(i)) for i in range(5)]
+    report = compare_quantised(program, quantise(program), windows)
+    check_quantisation(report, QuantisationLimits(rms_action_error=1.0, max_cost_gap=1.0))
+    with pytest.raises(ExportError, match="rms_action_error"):
+        check_quantisation(report, QuantisationLimits(rms_action_error=1e-12, max_cost_gap=1.0))
+    with pytest.raises(ExportError, match="max_cost_gap"):
+        check_quantisation(report, QuantisationLimits(rms_action_error=1.0, max_cost_gap=-1.0))
+
+
+def test_gate_refuses_to_pass_on_nothing():
+    program = random_program(1, model=SMALL)
+    with pytest.raises(ExportError, match="no windows"):
+        compare_quantised(program, program, [])

@@ -1,0 +1,141 @@
+"""The gates a model passes to become a program: each refusal names the tensor or value at fault."""
+
+import numpy as np
+import pytest
+
+from contract.config.tree import MpcConfig
+from contract.errors import ExportError
+from contract.release.bundle import Scaling
+from export.program.controller_program import ControllerProgram
+
+H, INPUTS, LATENT, WIDTH = 3, 3, 2, 4
+
+
+def parts():
+    """A complete set of arguments for `from_state`, small and all ones."""
+    encoder = {
+        "lstm.weight_ih_l0": (4 * H, INPUTS), "lstm.weight_hh_l0": (4 * H, H),
+        "lstm.bias_ih_l0": (4 * H,), "lstm.bias_hh_l0": (4 * H,),
+        "norm.weight": (H,), "norm.bias": (H,),
+        "hidden.weight": (5, H), "hidden.bias": (5,), "output.weight": (LATENT, 5), "output.bias": (LATENT,),
+    }  # fmt: skip
+    dynamics = {
+        "input.weight": (6, LATENT + 1), "input.bias": (6,), "norm_in.weight": (6,), "norm_in.bias": (6,),
+        "hidden.weight": (7, 6), "hidden.bias": (7,), "norm_hidden.weight": (7,), "norm_hidden.bias": (7,),
+        "output.weight": (LATENT, 7), "output.bias": (LATENT,),
+    }  # fmt: skip
+    decoder = {
+        "input.weight": (WIDTH, LATENT), "input.bias": (WIDTH,), "output.weight": (2, WIDTH), "output.bias": (2,),
+        "blocks.0.linear.weight": (WIDTH, WIDTH), "blocks.0.linear.bias": (WIDTH,),
+        "blocks.0.norm.weight": (WIDTH,), "blocks.0.norm.bias": (WIDTH,),
+    }  # fmt: skip
+    networks = {"encoder": encoder, "dynamics": dynamics, "decoder": decoder}
+    return {
+        **{network: {name: np.ones(shape) for name, shape in shapes.items()} for network, shapes in networks.items()},
+        "scaling": Scaling(
+            pressure_mean=(0.0, 0.0),
+            pressure_std=(1.0, 1.0),
+            action_std=0.05,
+            force_mean=(1.0, 0.0),
+            force_std=(0.1, 0.5),
+        ),
+        "mpc": MpcConfig(),
+        "action_limit": 0.075,
+        "sensors": ("base_0", "base_9"),
+        "window": 4,
+    }
+
+
+def test_a_consistent_set_is_accepted_with_the_widths_of_its_arrays():
+    program = ControllerProgram.from_state(**parts())
+    assert program.latent == LATENT
+    assert program.dynamics.hidden.weight.shape == (7, 6)
+    assert len(program.decoder.blocks) == 1
+    assert program.encoder.hidden.weight.dtype == np.float64
+
+
+def test_weights_are_copies_that_cannot_be_written():
+    arguments = parts()
+    program = ControllerProgram.from_state(**arguments)
+    arguments["dynamics"]["output.bias"][:] = 9.0
+    assert program.dynamics.output.bias[0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        program.dynamics.output.bias[0] = 2.0
+
+
+@pytest.mark.parametrize("network", ["encoder", "dynamics", "decoder"])
+def test_every_tensor_is_needed_and_checked(network):
+    for name, tensor in parts()[network].items():
+        missing = parts()
+        del missing[network][name]
+        with pytest.raises(ExportError, match=rf"{network}\.{name}: tensor is missing"):
+            ControllerProgram.from_state(**missing)
+        longer = parts()
+        longer[network][name] = np.ones((tensor.shape[0] + 1, *tensor.shape[1:]))
+        with pytest.raises(ExportError, match="must be"):
+            ControllerProgram.from_state(**longer)
+        poisoned = parts()
+        poisoned[network][name].flat[-1] = np.nan
+        with pytest.raises(ExportError, match=rf"{network}\.{name}: nan at .*must be finite"):
+            ControllerProgram.from_state(**poisoned)
+
+
+def test_an_unknown_tensor_is_not_silently_dropped():
+    arguments = parts()
+    arguments["dynamics"]["gate.weight"] = np.ones((2, 2))
+    with pytest.raises(ExportError, match=r"dynamics\.gate\.weight: unknown tensor"):
+        ControllerProgram.from_state(**arguments)
+
+
+def test_a_second_lstm_layer_is_refused():
+    arguments = parts()
+    arguments["encoder"]["lstm.weight_ih_l1"] = np.ones((4 * H, H))
+    with pytest.raises(ExportError, match="weight_ih_l1"):
+        ControllerProgram.from_state(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
+        ({"sensors": ("base_0", "roof_1")}, "roof_1"),
+        ({"sensors": ()}, "at least one"),
+        ({"window": 0}, "window = 0"),
+        ({"action_limit": float("inf")}, "action_limit = inf"),
+        ({"action_limit": -0.075}, r"action_limit = -0\.075"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(change, message):
+    with pytest.raises(ExportError, match=message):
+        ControllerProgram.from_state(**{**parts(), **change})
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("pressure_std", (1.0, 0.0)),
+        ("pressure_mean", (float("nan"), 0.0)),
+        ("action_std", 0.0),
+        ("force_std", (0.1, -1.0)),
+        ("force_mean", (1.0,)),
+    ],
+)
+def test_scaling_that_cannot_scale_is_refused(field, value):
+    arguments = parts()
+    arguments["scaling"] = Scaling(**{**vars(arguments["scaling"]), field: value})
+    with pytest.raises(ExportError, match=rf"scaling\.{field}"):
+        ControllerProgram.from_state(**arguments)
+
+
+def test_networks_with_different_latent_sizes_are_refused():
+    arguments = parts()
+    arguments["decoder"]["input.weight"] = np.ones((WIDTH, LATENT + 1))
+    with pytest.raises(ExportError, match="decoder: latent size 3, but the encoder's is 2"):
+        ControllerProgram.from_state(**arguments)
+
+
+def test_an_encoder_for_other_sensors_is_refused():
+    arguments = parts()
+    arguments["encoder"]["lstm.weight_ih_l0"] = np.ones((4 * H, INPUTS + 2))
+    with pytest.raises(ExportError, match=r"lstm\.weight_ih_l0: 5 inputs, must be 3"):
+        ControllerProgram.from_state(**arguments)

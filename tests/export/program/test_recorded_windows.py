@@ -1,0 +1,42 @@
+"""Windows cut from a recording: the right columns, the right action beside each row, the right end."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from contract import sensors
+from contract.config.tree import ModelConfig
+from contract.errors import ExportError
+from contract.recording.dataset import UNITS, Episode
+from export.program.random_program import random_program
+from export.program.recorded_windows import recorded_windows
+
+PROGRAM = random_program(0, model=ModelConfig(window=3, lstm_width=2, dynamics_width=4, decoder_width=4))
+
+
+def episode(steps: int) -> Episode:
+    series = {name: np.zeros(steps) for name in UNITS}
+    series["Cp"] = 100.0 * np.arange(steps)[:, None] + np.arange(sensors.COUNT)
+    series["action"] = 0.001 * np.arange(steps)
+    return Episode(name="chirp", role="test", series=series, initial_action=-0.05, provenance={})
+
+
+def test_rows_pair_pressures_with_the_action_before_them():
+    *_, last = recorded_windows(PROGRAM, episode(6), 2)
+    # upper_39, lower_39, base_0, base_9 are sensors 39, 79, 80, 89.
+    np.testing.assert_array_equal(last[-1, :4], [539, 579, 580, 589])
+    np.testing.assert_allclose(last[:, -1], [0.002, 0.003, 0.004])
+
+
+def test_windows_are_consecutive_and_reach_back_to_the_action_in_force_at_the_start():
+    windows = recorded_windows(PROGRAM, episode(6), 4)
+    assert windows[0][0, -1] == -0.05
+    for earlier, later in pairwise(windows):
+        np.testing.assert_array_equal(earlier[1:], later[:-1])
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_an_episode_that_is_too_short_is_refused(count):
+    with pytest.raises(ExportError, match="episode chirp: 6 steps"):
+        recorded_windows(PROGRAM, episode(6), count)

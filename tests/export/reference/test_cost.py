@@ -1,0 +1,53 @@
+"""Cost terms against their definitions worked by hand, gradients against central differences."""
+
+import numpy as np
+import pytest
+
+from contract.config.tree import CostWeights
+from export.reference.cost import TERMS, cost_gradient, cost_terms
+
+
+def test_terms_of_a_small_example_by_hand():
+    forces = np.array([[1.0, -0.4], [1.2, 0.2], [1.1, 0.5]])
+    plan = np.array([0.02, 0.05, 0.01])
+    terms = dict(zip(TERMS, cost_terms(forces, plan, previous_action=0.05, drag_reference=1.051), strict=True))
+    assert terms == pytest.approx(
+        {
+            "drag_mean": 1.1 - 1.051,
+            "drag_fluctuation": 0.2,
+            "lift": 1.1 / 3,
+            "lift_mean": 0.1**2,
+            "smoothness": (0.03**2 + 0.04**2) / 2,
+            "effort": (0.02**2 + 0.05**2 + 0.01**2) / 3,
+            "rate": 0.03**2,
+        }
+    )
+
+
+def test_terms_have_the_order_of_the_weights():
+    named = CostWeights(**{name: float(i) for i, name in enumerate(TERMS)})
+    assert named.as_tuple() == tuple(range(7))
+
+
+@pytest.mark.parametrize("term", range(7))
+def test_gradient_of_each_term_alone(term):
+    rng = np.random.default_rng(term)
+    forces, plan = rng.normal(size=(6, 2)), rng.uniform(-0.07, 0.07, 6)
+    weights = np.eye(7)[term]
+    found = cost_gradient(forces, plan, 0.01, weights)
+    e = 1e-6
+    for array, slope in ((forces, found.forces), (plan, found.plan)):
+        for i in np.ndindex(array.shape):
+            kept = array[i]
+            array[i] = kept + e
+            above = weights @ cost_terms(forces, plan, 0.01, 1.0)
+            array[i] = kept - e
+            below = weights @ cost_terms(forces, plan, 0.01, 1.0)
+            array[i] = kept
+            assert slope[i] == pytest.approx((above - below) / (2 * e), abs=1e-8)
+
+
+def test_reference_drag_shifts_the_cost_and_nothing_else():
+    forces, plan = np.ones((4, 2)), np.zeros(4)
+    low, high = (cost_terms(forces, plan, 0.0, reference) for reference in (0.0, 1.051))
+    np.testing.assert_allclose(low - high, np.eye(7)[0] * 1.051, atol=1e-15)

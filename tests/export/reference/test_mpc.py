@@ -1,0 +1,174 @@
+"""Properties of the control step that hold whatever the networks are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program, random_window
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear
+from export.reference.model import encode
+from export.reference.mpc import control_step, evaluate, gradient, optimise, project, rollout, shift
+
+SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+HORIZON = 6
+actions = st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array)
+masks = st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array)
+
+
+def small(seed: int = 0, **mpc: object) -> ControllerProgram:
+    return random_program(seed, model=SMALL, mpc=MpcConfig(horizon=HORIZON, **mpc))
+
+
+def a_window(program: ControllerProgram, seed: int = 0) -> np.ndarray:
+    return random_window(program, np.random.default_rng(seed))
+
+
+@settings(max_examples=30, deadline=None)
+@given(plan=actions, free=masks, rate=st.floats(1e-4, 0.2), seed=st.integers(0, 5))
+def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, seed):
+    program = small(seed, iterations=3, learning_rate=rate)
+    found = control_step(program, a_window(program, seed), plan, free).plan
+    assert np.abs(found).max() <= program.action_limit
+    np.testing.assert_array_equal(found[free == 0], shift(plan)[free == 0])
+
+
+def test_shift_moves_one_step_and_repeats_the_last():
+    np.testing.assert_array_equal(shift(np.array([1.0, 2.0, 3.0])), [2.0, 3.0, 3.0])
+
+
+@given(plan=st.lists(st.floats(-1e3, 1e3), min_size=1).map(np.array), limit=st.floats(1e-3, 10.0))
+def test_projection_is_the_nearest_point_and_idempotent(plan, limit):
+    found = project(plan, limit)
+    assert np.abs(found).max() <= limit
+    np.testing.assert_array_equal(project(found, limit), found)
+    inside = np.abs(plan) <= limit
+    np.testing.assert_array_equal(found[inside], plan[inside])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_one_small_iteration_lowers_the_cost_by_what_its_gradient_promises(seed):
+    """Adam's first step is -lr sign(g), so J must fall by lr |g|_1 to first order in lr."""
+    lr = 1e-8
+    program = small(seed, iterations=1, learning_rate=lr)
+    rng = np.random.default_rng(seed)
+    z, plan = rng.normal(size=3), rng.uniform(-0.05, 0.05, HORIZON)
+    weights = np.array(program.mpc.weights.as_tuple())
+    free = np.array([0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
+    g = gradient(program, z, plan, 0.02, weights) * free
+    moved = optimise(program, z, plan, 0.02, free, weights)
+    gain = evaluate(program, z, plan, 0.02, weights).cost - evaluate(program, z, moved, 0.02, weights).cost
+    assert gain == pytest.approx(lr * np.abs(g).sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_plan_is_not_worse_than_the_warm_start_by_more_than_adams_reach(seed):
+    """No action moves further than iterations * lr (a little more for Adam's momentum), so J cannot rise by more
+    than that times the largest |g|_1 on the way; and most plans must be better."""
+    program = small(seed)
+    rng = np.random.default_rng(seed)
+    weights = np.array(program.mpc.weights.as_tuple())
+    reach = 1.5 * program.mpc.iterations * program.mpc.learning_rate
+    better = 0
+    for _ in range(10):
+        z, plan = rng.normal(size=3), rng.uniform(-0.07, 0.07, HORIZON)
+        found = optimise(program, z, plan, 0.0, np.ones(HORIZON), weights)
+        assert np.abs(found - plan).max() <= reach
+        rise = evaluate(program, z, found, 0.0, weights).cost - evaluate(program, z, plan, 0.0, weights).cost
+        ends = [np.abs(gradient(program, z, p, 0.0, weights)).sum() for p in (plan, found)]
+        assert rise <= reach * max(ends)
+        better += rise < 0
+    assert better >= 8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_many_iterations_reach_the_optimum_of_an_independent_optimiser(seed):
+    """On smooth terms, against SciPy's L-BFGS-B with numerical gradients of the cost alone."""
+    goal = CostWeights(drag_fluctuation=0.0, lift=0.0, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
+    program = small(seed, iterations=400, learning_rate=2e-3, weights=goal)
+    z = encode(program, a_window(program, seed))
+    weights = np.array(goal.as_tuple())
+
+    def cost(plan):
+        return evaluate(program, z, plan, 0.01, weights).cost
+
+    start, limit = np.zeros(HORIZON), program.action_limit
+    best = minimize(cost, start, method="L-BFGS-B", bounds=[(-limit, limit)] * HORIZON)
+    found = cost(optimise(program, z, start, 0.01, np.ones(HORIZON), weights))
+    assert found - best.fun <= 1e-3 * (cost(start) - best.fun) + 1e-9
+
+
+def test_a_step_depends_on_nothing_but_its_arguments():
+    program = small()
+    window, plan, free = a_window(program), np.full(HORIZON, 0.01), np.ones(HORIZON)
+    first = control_step(program, window, plan, free)
+    control_step(program, a_window(program, 5), -plan, free)
+    again = control_step(program, window, plan, free)
+    np.testing.assert_array_equal(again.plan, first.plan)
+    assert again.cost == first.cost
+
+
+def test_reported_forces_and_cost_belong_to_the_returned_plan():
+    program = small(2)
+    window = a_window(program)
+    found = control_step(program, window, np.zeros(HORIZON), np.ones(HORIZON))
+    weights = np.array(program.mpc.weights.as_tuple())
+    priced = evaluate(program, encode(program, window), found.plan, window[-1, -1], weights)
+    np.testing.assert_array_equal(priced.forces, found.forces)
+    assert found.cost == pytest.approx(weights @ found.terms, abs=1e-15)
+
+
+def test_first_forces_are_those_one_step_ahead():
+    """An action at t acts on the forces at t+1, which is row 0: nothing earlier, nothing at t itself."""
+    program = small(1)
+    z = np.zeros(3)
+    plan = np.zeros(HORIZON)
+    plan[2] = 0.05
+    difference = np.abs(rollout(program, z, plan) - rollout(program, z, np.zeros(HORIZON))).max(axis=1)
+    assert (difference[:3] == 0).all() and (difference[3:] > 0).all()
+
+
+def test_the_mirror_image_of_a_program_answers_with_the_mirror_image():
+    """Reflection in y = 0 swaps upper and lower sensors and turns the signs of actions and lift. A program with
+    its weights reflected must answer reflected windows with the negative plan: the MPC itself prefers no side."""
+    program = small(3)
+    swap = np.array([1, 0, 3, 2])  # upper_39 <-> lower_39, base_0 <-> base_9
+    mirrored = _mirrored(program, swap)
+    window = a_window(program, 3)
+    reflected = np.column_stack([window[:, swap], -window[:, -1]])
+    plan, free = np.linspace(-0.05, 0.07, HORIZON), np.ones(HORIZON)
+    straight = control_step(program, window, plan, free)
+    turned = control_step(mirrored, reflected, -plan, free)
+    np.testing.assert_allclose(turned.plan, -straight.plan, atol=1e-12)
+    np.testing.assert_allclose(turned.forces, straight.forces * [1.0, -1.0], atol=1e-12)
+    assert turned.cost == pytest.approx(straight.cost, abs=1e-12)
+
+
+def _mirrored(program: ControllerProgram, swap: np.ndarray) -> ControllerProgram:
+    encoder: EncoderWeights = program.encoder
+    dynamics: DynamicsWeights = program.dynamics
+    decoder: DecoderWeights = program.decoder
+    columns = encoder.lstm.weight_input
+    lstm = replace(encoder.lstm, weight_input=np.column_stack([columns[:, :-1][:, swap], -columns[:, -1]]))
+    by_action = np.append(np.ones(program.latent), -1.0)
+    lift = np.array([1.0, -1.0])
+    scaling = replace(
+        program.scaling,
+        pressure_mean=tuple(np.array(program.scaling.pressure_mean)[swap]),
+        pressure_std=tuple(np.array(program.scaling.pressure_std)[swap]),
+    )
+    return replace(
+        program,
+        encoder=replace(encoder, lstm=lstm),
+        dynamics=replace(dynamics, input=replace(dynamics.input, weight=dynamics.input.weight * by_action)),
+        decoder=replace(
+            decoder,
+            output=Linear(weight=decoder.output.weight * lift[:, None], bias=decoder.output.bias * lift),
+        ),
+        scaling=scaling,
+    )

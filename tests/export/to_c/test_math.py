@@ -1,0 +1,80 @@
+"""The C library's own functions against NumPy's, within the bounds that `sw_math.h` states."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from contract.controller.host_library import compile_c, host_compiler
+from export.to_c.library import hand_written
+
+SHIM = b"""
+#include "sw_math.h"
+void apply(int which, int count, const float *x, float *y);
+void apply(int which, int count, const float *x, float *y)
+{
+    for (int i = 0; i < count; i++) {
+        y[i] = which == 0   ? sw_exp(x[i])
+               : which == 1 ? sw_logistic(x[i])
+               : which == 2 ? sw_tanh(x[i])
+               : which == 3 ? sw_inverse_sqrt(x[i])
+                            : sw_sqrt(x[i]);
+    }
+}
+"""
+EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)
+
+
+@pytest.fixture(scope="module", params=["-O0", "-O3"])
+def apply(request, tmp_path_factory):
+    """One of the functions over an array of float32, compiled with and without optimisation."""
+    path = tmp_path_factory.mktemp("math") / "math.so"
+    contents = {"shim.c": SHIM, "sw_math.h": hand_written("float32")["sw_math.h"]}
+    compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", request.param))
+    library = ctypes.CDLL(str(path))
+
+    def run(which: int, x: np.ndarray) -> np.ndarray:
+        x = np.ascontiguousarray(x, dtype=np.float32)
+        y = np.empty_like(x)
+        pointer = ctypes.POINTER(ctypes.c_float)
+        library.apply(which, len(x), x.ctypes.data_as(pointer), y.ctypes.data_as(pointer))
+        return y.astype(np.float64)
+
+    return run
+
+
+def spread(low: float, high: float) -> np.ndarray:
+    """A million float32 between the two."""
+    return np.linspace(low, high, 1_000_000).astype(np.float32)
+
+
+def test_exp(apply):
+    x = spread(-87.0, 88.0)
+    np.testing.assert_allclose(apply(EXP, x), np.exp(x.astype(np.float64)), rtol=1.5e-7, atol=0)
+    near = spread(-0.4, 0.4)
+    np.testing.assert_allclose(apply(EXP, near), np.exp(near.astype(np.float64)), rtol=1.5e-7, atol=0)
+
+
+def test_exp_of_zero_is_one_and_beyond_its_range_it_stays(apply):
+    np.testing.assert_array_equal(apply(EXP, [0.0]), [1.0])
+    far = apply(EXP, [-1e30, -np.inf, -100.0, 100.0, 1e30, np.inf])
+    np.testing.assert_array_equal(far[:3], apply(EXP, [-87.0] * 3))
+    np.testing.assert_array_equal(far[3:], apply(EXP, [88.0] * 3))
+    assert np.isfinite(far).all() and far[0] < 2e-38
+
+
+def test_logistic_and_tanh(apply):
+    x = np.concatenate([spread(-30.0, 30.0), [-1e9, 1e9, 0.0]]).astype(np.float32)
+    exact = x.astype(np.float64)
+    half = 0.5 * exact
+    np.testing.assert_allclose(apply(LOGISTIC, x), 0.5 * (1 + np.tanh(half)), rtol=0, atol=1.5e-7)
+    np.testing.assert_allclose(apply(TANH, x), np.tanh(exact), rtol=0, atol=3e-7)
+
+
+def test_roots(apply):
+    x = np.exp(spread(np.log(1.2e-38), np.log(1e38)).astype(np.float64)).astype(np.float32)
+    exact = np.sqrt(x.astype(np.float64))
+    np.testing.assert_allclose(apply(INVERSE_SQRT, x), 1 / exact, rtol=3e-7, atol=0)
+    np.testing.assert_allclose(apply(SQRT, x), exact, rtol=3e-7, atol=0)
+    # Below the normal numbers the root is taken as 0, which is off by less than 1.1e-19.
+    np.testing.assert_array_equal(apply(SQRT, [0.0, 1e-45, 1e-39]), 0.0)

@@ -1,0 +1,120 @@
+"""The form of the graph: interface, operators, size. What it computes is tested in tests/parity."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto
+
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.errors import ExportError
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program
+from export.to_onnx.control_step import build_controller
+
+SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+
+
+def nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
+    for node in graph.node:
+        yield node
+        for attribute in node.attribute:
+            if attribute.HasField("g"):
+                yield from nodes(attribute.g)
+
+
+def shapes(values: object) -> dict[str, tuple[int, ...]]:
+    return {value.name: tuple(d.dim_value for d in value.type.tensor_type.shape.dim) for value in values}
+
+
+@pytest.fixture(scope="module", params=["float32", "int8"])
+def paper_model(request):
+    return build_controller(random_program(0), request.param)
+
+
+def test_interface_is_the_bundles(paper_model):
+    assert shapes(paper_model.graph.input) == {"window": (32, 5), "plan": (25,), "free": (25,), "weights": (7,)}
+    assert shapes(paper_model.graph.output) == {"new_plan": (25,), "forces": (25, 2), "terms": (7,), "cost": ()}
+    assert "weights" in {initializer.name for initializer in paper_model.graph.initializer}
+
+
+def test_only_standard_operators_of_an_opset_that_onnxruntime_1_20_knows(paper_model):
+    assert [(entry.domain, entry.version) for entry in paper_model.opset_import] == [("", 18)]
+    assert paper_model.ir_version <= 10
+    for node in nodes(paper_model.graph):
+        assert node.domain == ""
+        assert onnx.defs.get_schema(node.op_type, 18).support_level == onnx.defs.OpSchema.SupportType.COMMON
+
+
+def test_nothing_is_unrolled():
+    def count(**mpc: int) -> int:
+        program = random_program(0, model=SMALL, mpc=MpcConfig(**mpc))
+        return sum(1 for _ in nodes(build_controller(program, "float32").graph))
+
+    assert count(horizon=5, iterations=2) == count(horizon=50, iterations=20)
+    assert count(horizon=5, iterations=2) < 300
+
+
+def test_dequantisation_happens_outside_the_scans():
+    graph = build_controller(random_program(0, model=SMALL), "int8").graph
+    outside = sum(node.op_type == "DequantizeLinear" for node in graph.node)
+    # LSTM 2, encoder 2, dynamics 3, decoder 2 and one a block.
+    assert outside == 9 + SMALL.decoder_blocks
+    assert sum(node.op_type == "DequantizeLinear" for node in nodes(graph)) == outside
+
+
+def test_int8_stores_every_matrix_in_a_byte_a_weight():
+    program = random_program(0)
+    whole, small = (build_controller(program, precision) for precision in ("float32", "int8"))
+    matrices = [t for t in small.graph.initializer if t.data_type == TensorProto.INT8 and len(t.dims) >= 2]
+    weights = sum(int(np.prod(t.dims)) for t in matrices)
+    assert weights == _count_weights(program)
+    floats = [t for t in small.graph.initializer if t.data_type == TensorProto.FLOAT and len(t.dims) == 2]
+    # Rows of biases, and the cost's three quadratic forms; no matrix of the networks is left.
+    assert [t.dims for t in floats if min(t.dims) > 1] == 3 * [[program.mpc.horizon] * 2]
+    assert small.ByteSize() < whole.ByteSize() / 3
+    assert whole.ByteSize() < 600_000
+
+
+def _count_weights(program: ControllerProgram) -> int:
+    encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
+    layers = [encoder.hidden, encoder.output, dynamics.input, dynamics.hidden, dynamics.output]
+    layers += [decoder.input, decoder.output, *(block.linear for block in decoder.blocks)]
+    lstm = encoder.lstm.weight_input.size + encoder.lstm.weight_recurrent.size
+    return lstm + sum(layer.weight.size for layer in layers)
+
+
+def test_the_same_program_gives_the_same_bytes():
+    one, two = (build_controller(random_program(5, model=SMALL), "int8").SerializeToString() for _ in range(2))
+    assert one == two
+
+
+def test_an_unknown_precision_is_refused():
+    with pytest.raises(ExportError, match="'int4': must be one of float32, int8"):
+        build_controller(random_program(0, model=SMALL), "int4")
+
+
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+def test_values_that_float32_cannot_hold_are_refused(precision):
+    program = random_program(0, model=SMALL)
+    hidden = program.dynamics.hidden
+    for layer in (
+        replace(hidden, weight=np.full_like(hidden.weight, 1e300)),
+        replace(hidden, bias=np.linspace(-1e39, 1e39, len(hidden.bias))),
+    ):
+        broken = replace(program, dynamics=replace(program.dynamics, hidden=layer))
+        with pytest.raises(ExportError, match=r"dynamics\.hidden\.(weight|bias).*too large for float32"):
+            build_controller(broken, precision)
+    tiny = replace(program.scaling, pressure_std=(1e-60, 1.0, 1.0, 1.0))
+    with pytest.raises(ExportError, match="window_std: a value is too large"):
+        build_controller(replace(program, scaling=tiny), precision)
+
+
+def test_int8_weights_go_straight_into_arithmetic():
+    """onnxruntime 1.20 aborts where a per-row DequantizeLinear feeds an operator that only rearranges."""
+    graph = build_controller(random_program(0, model=SMALL), "int8").graph
+    weights = {node.output[0] for node in graph.node if node.op_type == "DequantizeLinear"}
+    consumers = {node.op_type for node in nodes(graph) if weights & set(node.input)}
+    assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "Mul", "ReduceMean"}
