@@ -26,8 +26,8 @@ from contract import sensors
 from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
-from wake.develop import develop
-from wake.truck_wake import Sample, TruckWake
+from wake.truck.develop import develop
+from wake.truck.truck_wake import Sample, TruckWake
 
 Array = npt.NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from contract import sensors
 from contract.results import versions, write_result
-from wake.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.truck_wake import Sample, TruckWake, developed_state
 
 FREQUENCIES = (0.18, 0.19, 0.20, 0.21)
 LEADS = (0, 12)

@@ -35,7 +35,7 @@ from wake.openfoam.measurements import Instruments, read_all
 from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.process import LOG
-from wake.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.truck_wake import Sample, TruckWake, developed_state
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 FOLDER: Final = ROOT / "runs" / "openfoam"

@@ -26,9 +26,9 @@ from threadpoolctl import threadpool_limits
 
 from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
-from wake import kernels, poisson
-from wake.develop import develop
-from wake.truck_wake import TruckWake
+from wake.solver import kernels, poisson
+from wake.truck.develop import develop
+from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from wake.truck_wake import Sample
+from wake.truck.truck_wake import Sample
 
 
 class Plant(Protocol):

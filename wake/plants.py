@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from contract.config.tree import Config
-from wake.pictures import Pictured
+from wake.pictures.drawing import Pictured
 from wake.plant import Plant
-from wake.truck_wake import TruckWake, developed_state
+from wake.truck.truck_wake import TruckWake, developed_state
 
 PlantName = Literal["stillwake", "openfoam"]
 

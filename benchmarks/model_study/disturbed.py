@@ -16,8 +16,8 @@ from train.model import Encoder, WakeModel
 from train.model_store import load
 from train.robustness import Fault, bias, dead, drift, noise, sliding_error
 from train.windows import Rows, prepare, unit_steps
-from wake.episode_plan import EpisodePlan
-from wake.recorder import record
+from wake.recording.episode_plan import EpisodePlan
+from wake.recording.recorder import record
 
 NOISE: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """Global deviations (paper, appendix B)."""

@@ -24,7 +24,7 @@ from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_log import Row, RunLog
 from firmware_sim.runs.statistics import latency, reduction_percent, regimes
-from wake.pictures import vorticity_figure
+from wake.pictures.drawing import vorticity_figure
 from wake.plants import LivePlant, open_plant
 
 SERIES: Final = "series.npz"

@@ -23,7 +23,7 @@ def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
 
 
 class BundlePolicy:
-    """Follows `wake.feedback.Policy`. Commands zero until the window is full, then the first action of each plan.
+    """Follows `wake.recording.feedback.Policy`: zero until the window is full, then the first action of each plan.
 
     The memory holds the number of rows seen, the window of rows (Cp_k, a_{k-1}), and the last plan as it came out:
     the graph shifts it, so that its first action, the one that exploration changed, is not used again.

@@ -13,7 +13,7 @@ from contract.errors import ConfigError
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
-    from wake.truck_wake import TruckWake
+    from wake.truck.truck_wake import TruckWake
 
 USUAL_DURATION: Final = 25.0
 """t_c: five shedding cycles."""
@@ -78,8 +78,8 @@ def mean(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Mean flow behind the truck with streamlines; prints the length of the recirculation bubble and mean forces."""
-    from wake.fields import bubble_length, mean_flow
-    from wake.pictures import check_suffix, mean_figure, save_figure
+    from wake.pictures.drawing import check_suffix, mean_figure, save_figure
+    from wake.pictures.fields import bubble_length, mean_flow
 
     check_suffix(output)
     config = load_config(config_file, overrides)
@@ -93,7 +93,8 @@ def mean(
         flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
     save_figure(output, mean_figure(wake, flow, _time(config, len(actions) - skip)))
     measured = wake.surface.measure(flow.flat)
-    console.print(f"bubble length {bubble_length(wake.grid, flow):.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
+    length = bubble_length(wake.grid, flow)
+    console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
     console.print(f"wrote {output}")
 
 
@@ -118,9 +119,9 @@ def animate(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Run the wake and write it as a moving picture: without control, forced, or replaying recorded actions."""
-    from wake.animation import animate as write_animation
-    from wake.animation import check_target
-    from wake.pictures import WakePicture
+    from wake.pictures.animation import animate as write_animation
+    from wake.pictures.animation import check_target
+    from wake.pictures.drawing import WakePicture
 
     check_target(output)
     config = load_config(config_file, overrides)
@@ -138,7 +139,7 @@ def animate(
 
 
 def _still(output: Path, field: Field, state: Path | None, sensors: str, config: Config) -> None:
-    from wake.pictures import WakePicture, check_suffix, save_figure
+    from wake.pictures.drawing import WakePicture, check_suffix, save_figure
 
     check_suffix(output)
     wake = _start(config, state)
@@ -151,7 +152,7 @@ def _names(listed: str) -> tuple[str, ...] | None:
 
 
 def _start(config: Config, state: Path | None) -> "TruckWake":
-    from wake.truck_wake import TruckWake, developed_state, load_state
+    from wake.truck.truck_wake import TruckWake, developed_state, load_state
 
     start = developed_state() if state is None else load_state(state)
     wake = TruckWake(config.flow)
@@ -197,7 +198,7 @@ def _actions(
 def _signal(
     config: Config, steps: int, forcing: Forcing, amplitude: float | None, frequency: float, seed: int
 ) -> npt.NDArray[np.float64]:
-    from wake.forcing import SIGNALS, sine
+    from wake.recording.forcing import SIGNALS, sine
 
     if forcing == "sine":
         height = config.flow.action_limit if amplitude is None else amplitude

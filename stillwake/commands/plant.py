@@ -17,8 +17,8 @@ def develop(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Start the flow from rest and let the wake establish itself: how the shipped start was made."""
-    from wake.develop import develop as develop_wake
-    from wake.truck_wake import TruckWake, save_state
+    from wake.truck.develop import develop as develop_wake
+    from wake.truck.truck_wake import TruckWake, save_state
 
     wake = TruckWake(load_config(config_file, overrides).flow)
     with progress_bar("t_c") as bar:
@@ -35,7 +35,7 @@ def steady(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
-    from wake.steady import write_steady
+    from wake.truck.steady import write_steady
 
     flow = load_config(config_file, overrides).flow
     with progress_bar("decades") as bar:

@@ -91,8 +91,8 @@ def _record_forced(
     seed: int,
     processes: Mapping[str, Any],
 ) -> None:
-    from wake.episode_plan import EpisodePlan, paper_plans
-    from wake.recorder import record as record_dataset
+    from wake.recording.episode_plan import EpisodePlan, paper_plans
+    from wake.recording.recorder import record as record_dataset
 
     if paper:
         _refuse_given(lengths, "does not go with --paper, which says how much to record")
@@ -123,8 +123,8 @@ def _record_round(
     output: Path, config: Config, bundle: Path, settings: Mapping[str, Any], processes: Mapping[str, Any]
 ) -> None:
     from firmware_sim.ecu.bundle_policy import BundlePolicy, check_flow
-    from wake.controlled_plan import ControlledRound
-    from wake.controlled_recording import record_round
+    from wake.recording.controlled_plan import ControlledRound
+    from wake.recording.controlled_recording import record_round
 
     release = open_release(bundle, None)
     check_flow(release, config.flow)

@@ -253,7 +253,7 @@ def test_a_run_and_its_report(cli, tmp_path, random_release):
 BOOTSTRAP = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from wake import recorder
+from wake.recording import recorder
 recorder.record.__kwdefaults__["block_steps"] = 8
 import stillwake.__main__
 stillwake.__main__.main()

@@ -5,8 +5,8 @@ import pytest
 
 from contract import sensors
 from contract.config.tree import FlowConfig
-from wake import episode_job, recorder
-from wake.truck_wake import Sample, State, TruckWake, developed_state
+from wake.recording import episode_job, recorder
+from wake.truck.truck_wake import Sample, State, TruckWake, developed_state
 
 
 @pytest.fixture(scope="session")

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from contract import sensors
 from contract.errors import PlantError
-from wake import jets
 from wake.openfoam.case import FORCES, PRESSURES, WAKE
 from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.sensing import sensor_weights
-from wake.truck_wake import Sample
+from wake.truck import jets
+from wake.truck.truck_wake import Sample
 
 Array = npt.NDArray[np.float64]
 

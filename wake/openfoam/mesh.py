@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.grid import graded_faces
+from wake.solver.grid import graded_faces
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]

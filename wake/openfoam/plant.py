@@ -1,8 +1,8 @@
 """The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
 
-It is used like `wake.truck_wake.TruckWake`, with two differences. A run has a longest duration, because icoFoam wants
-to know its instants in advance; and a state can only be taken at the end of a control period, where icoFoam writes its
-fields.
+It is used like `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because icoFoam
+wants to know its instants in advance; and a state can only be taken at the end of a control period, where icoFoam
+writes its fields.
 """
 
 import shutil
@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from wake.grid import Grid, truck_grid
 from wake.openfoam import case, fields, jets
 from wake.openfoam.coupling import PATIENCE_S, JetPipes
 from wake.openfoam.measurements import Follower, Instruments, Readings
@@ -22,7 +21,8 @@ from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.process import IcoFoam, require_installed
 from wake.openfoam.start import between
 from wake.openfoam.state import FoamState, put, read_fields
-from wake.truck_wake import Sample
+from wake.solver.grid import Grid, truck_grid
+from wake.truck.truck_wake import Sample
 
 Array = npt.NDArray[np.float64]
 

@@ -4,10 +4,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator, RegularGridInterpolator
 
-from wake.grid import truck_grid
 from wake.openfoam.mesh import Mesh
-from wake.solver import Flow
-from wake.truck_wake import State
+from wake.solver.grid import truck_grid
+from wake.solver.navier_stokes import Flow
+from wake.truck.truck_wake import State
 
 Array = npt.NDArray[np.float64]
 

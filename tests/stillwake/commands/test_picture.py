@@ -16,7 +16,7 @@ from contract.recording import dataset
 from firmware_sim.runs import run_log
 from stillwake.commands import picture as stillwake_pictures
 from stillwake.shipped import RECORDING
-from wake.truck_wake import TruckWake, developed_state
+from wake.truck.truck_wake import TruckWake, developed_state
 
 PATH = RECORDING
 

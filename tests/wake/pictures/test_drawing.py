@@ -1,0 +1,132 @@
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+from contract import sensors
+from contract.errors import ConfigError
+from contract.geometry import LENGTH
+from wake.pictures.drawing import (
+    BLOWING,
+    FIELD_COLOURS,
+    SENSOR_COLOURS,
+    SENSOR_RANGE,
+    SUCKING,
+    WakePicture,
+    jet_arrow,
+    mean_figure,
+    save_figure,
+    vorticity_figure,
+)
+from wake.truck.truck_wake import State, TruckWake
+
+Pixels = npt.NDArray[np.uint8]
+
+
+def colour_at(picture: WakePicture, pixels: Pixels, x: float, y: float) -> npt.NDArray[np.float64]:
+    """The colour (3,) in [0, 1] drawn at a place in W."""
+    column, row = picture.figure.axes[0].transData.transform((x, y))
+    return pixels[pixels.shape[0] - 1 - int(row), int(column)] / 255.0
+
+
+def count(pixels: Pixels, colour: str) -> int:
+    wanted = 255.0 * np.array(mpl.colors.to_rgb(colour))
+    return int((np.abs(pixels - wanted) < 3.0).all(axis=2).sum())
+
+
+def halves(picture: WakePicture, pixels: Pixels) -> tuple[Pixels, Pixels]:
+    """Above and below the axis of symmetry, behind the base and clear of the slots' own marks."""
+    column, row = picture.figure.axes[0].transData.transform((LENGTH + 0.15, 0.0))
+    behind = pixels[:, int(column) : int(column) + 60]
+    return behind[: pixels.shape[0] - int(row)], behind[pixels.shape[0] - int(row) :]
+
+
+def test_vorticity_is_red_where_it_turns_to_the_left(wake: TruckWake) -> None:
+    grid = wake.grid
+    for sign in (1.0, -1.0):
+        wake.flow.u[:-1, 1:-1] = -sign * grid.yc
+        wake.flow.v[1:-1] = sign * grid.xc[:, None]
+        picture = WakePicture(wake)
+        drawn = colour_at(picture, picture.pixels(), 13.0, 1.5)
+        # Vorticity +-2 on a scale of +-4; one step of an 8-bit colour map.
+        expected = mpl.colormaps[FIELD_COLOURS](0.5 + 0.25 * sign)[:3]
+        assert drawn == pytest.approx(expected, abs=0.02)
+
+
+def test_sensors_take_the_colour_of_their_pressure_and_the_truck_is_filled(wake: TruckWake) -> None:
+    wake.flow.flat[:] = 0.0
+    wake.flow.p[:] = -0.2
+    names = ("upper_10", "lower_20", "base_4")
+    picture = WakePicture(wake, "vorticity", names)
+    pixels = picture.pixels()
+    share = (-0.4 - SENSOR_RANGE[0]) / (SENSOR_RANGE[1] - SENSOR_RANGE[0])
+    for x, y in sensors.positions()[sensors.indices(names)]:
+        drawn = colour_at(picture, pixels, x, y)
+        assert drawn == pytest.approx(mpl.colormaps[SENSOR_COLOURS](share)[:3], abs=0.02)
+    assert colour_at(picture, pixels, 0.5 * LENGTH, 0.0) == pytest.approx((0.82, 0.82, 0.82), abs=0.01)
+
+
+def test_pressure_is_drawn_on_a_scale_about_zero(wake: TruckWake) -> None:
+    wake.flow.flat[:] = 0.0
+    wake.flow.p[:] = 0.25
+    picture = WakePicture(wake, "pressure")
+    expected = mpl.colormaps[FIELD_COLOURS](0.75)[:3]
+    assert colour_at(picture, picture.pixels(), 13.0, 1.5) == pytest.approx(expected, abs=0.02)
+
+
+def test_blowing_and_sucking_are_told_apart_and_grow_with_the_action(wake: TruckWake) -> None:
+    state = wake.state()
+    # The picture of a wake this long resolves an arrow only at some width.
+    picture = WakePicture(wake, width=2200)
+    orange, purple = [], []
+    for action in (0.0, 0.03, 0.075, -0.075):
+        wake.reset(State(flat=state.flat, substep=0, action=action))
+        above, below = halves(picture, picture.pixels())
+        orange.append((count(above, BLOWING), count(below, BLOWING)))
+        purple.append((count(above, SUCKING), count(below, SUCKING)))
+    assert orange[0] == purple[0] == (0, 0)
+    assert 0 < orange[1][0] < orange[2][0] and orange[1][1] == orange[2][1] == 0
+    assert 0 < purple[1][1] < purple[2][1] and purple[1][0] == purple[2][0] == 0
+    assert orange[3][0] == purple[3][1] == 0 and min(orange[3][1], purple[3][0]) > 0
+
+
+def test_arrows_start_at_the_base_when_blowing_and_end_there_when_sucking() -> None:
+    blowing, sucking = jet_arrow(0.5, 1), jet_arrow(-0.5, -1)
+    assert blowing[3] == pytest.approx((LENGTH + 0.5, 0.475))
+    assert sucking[3] == pytest.approx((LENGTH, -0.475))
+    for arrow in (blowing, sucking):
+        assert arrow[:, 0].min() == pytest.approx(LENGTH) and arrow[:, 0].max() == pytest.approx(LENGTH + 0.5)
+
+
+def test_every_picture_of_a_run_has_the_same_size(wake: TruckWake) -> None:
+    picture = WakePicture(wake, width=900)
+    first = picture.pixels()
+    wake.advance(0.075)
+    second = picture.pixels()
+    assert first.shape == second.shape == (279, 900, 3)
+    # What does not belong to the flow stays where it is: the colour bars' columns.
+    assert np.array_equal(first[:, -120:], second[:, -120:]) and not np.array_equal(first, second)
+
+
+def test_figures_are_written_in_the_format_they_are_named_after(wake: TruckWake, tmp_path: Path) -> None:
+    figure = vorticity_figure(wake, ("base_0",), title="one")
+    for name, head in (("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")):
+        save_figure(tmp_path / name, figure)
+        assert (tmp_path / name).read_bytes().startswith(head)
+
+
+def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake: TruckWake, tmp_path: Path) -> None:
+    wake.flow.u[:-1, 1:-1] = wake.grid.xf[:, None] - LENGTH - 1.25
+    figure = mean_figure(wake, wake.flow, 10.0)
+    assert "bubble 1.25 W" in figure.axes[0].get_title()
+    save_figure(tmp_path / "a.png", figure)
+    assert Image.open(tmp_path / "a.png").size == (1100, 506)
+
+
+def test_another_format_is_refused(wake: TruckWake, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"a\.bmp: must be a file ending in \.png, \.pdf, \.svg"):
+        save_figure(tmp_path / "a.bmp", vorticity_figure(wake))
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+
+from contract import sensors
+from contract.errors import PlantError
+from contract.geometry import LENGTH
+from wake.pictures.fields import Raster, TimeMean, bubble_length, mean_flow, velocity
+from wake.solver.grid import Grid
+from wake.solver.navier_stokes import Flow
+from wake.truck.truck_wake import TruckWake
+
+
+def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
+    """A flow with these functions of x and y on its faces and in its cells."""
+    flow = Flow.zeros(grid.shape)
+    flow.u[:-1, 1:-1] = u(grid.xf[:, None], grid.yc[None, :])
+    flow.v[1:-1] = v(grid.xc[:, None], grid.yf[None, :])
+    flow.p[:-1] = p(grid.xc[:, None], grid.yc[None, :])
+    return flow
+
+
+def test_vorticity_of_solid_body_rotation_is_twice_its_rate(wake: TruckWake) -> None:
+    wake.flow.flat[:] = filled(wake.grid, lambda x, y: -0.7 * y + 0.0 * x, lambda x, y: 0.7 * x + 0.0 * y).flat
+    # Differences of a linear field are exact; what remains is rounding over the smallest cells.
+    assert wake.vorticity() == pytest.approx(np.full((wake.grid.shape[0] - 1, wake.grid.shape[1] - 1), 1.4), abs=1e-10)
+
+
+def test_vorticity_of_taylor_green_vortices(wake: TruckWake) -> None:
+    grid = wake.grid
+    flow = filled(grid, lambda x, y: np.sin(x) * np.cos(y), lambda x, y: -np.cos(x) * np.sin(y))
+    wake.flow.flat[:] = flow.flat
+    near = np.ix_(np.flatnonzero((grid.xf[1:-1] > 0) & (grid.xf[1:-1] < 15)), np.flatnonzero(abs(grid.yf[1:-1]) < 1.2))
+    exact = 2.0 * np.sin(grid.xf[1:-1, None]) * np.sin(grid.yf[None, 1:-1])
+    # Central differences over cells of at most 0.09 W: dx^2 / 24 for each term, and as much from stretching.
+    assert wake.vorticity()[near] == pytest.approx(exact[near], abs=2e-3)
+
+
+def test_velocity_in_the_cell_centres(wake: TruckWake) -> None:
+    grid = wake.grid
+    u, v = velocity(filled(grid, lambda x, y: 2.0 * x + y, lambda x, y: x - 3.0 * y))
+    x, y = grid.xc[:, None], grid.yc[None, :]
+    assert u == pytest.approx(2.0 * x + y, abs=1e-12)
+    assert v == pytest.approx(x - 3.0 * y, abs=1e-12)
+
+
+def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake: TruckWake) -> None:
+    wake.advance(0.05)
+    flow = wake.flow
+    mirrored = Flow.zeros(wake.grid.shape)
+    mirrored.u[:], mirrored.v[:], mirrored.p[:] = flow.u[:, ::-1], -flow.v[:, ::-1], flow.p[:, ::-1]
+    mean = TimeMean(wake.grid.shape)
+    mean.add(flow)
+    mean.add(mirrored)
+    u, v = velocity(mean.flow())
+    assert np.array_equal(u, u[:, ::-1]) and np.array_equal(v, -v[:, ::-1])
+    measured = wake.surface.measure(mean.flow().flat)
+    # One pair of base sensors lies 1e-5 W off its mirror image, as in the paper.
+    assert measured.Cp == pytest.approx(measured.Cp[sensors.mirror_permutation()], abs=1e-5)
+    # The force is linear in the flow: half of drag and its mirror image, lift against its own.
+    assert measured.Cd == pytest.approx(wake.sample().Cd, abs=1e-10)
+    assert measured.Cl == pytest.approx(0.0, abs=1e-10)
+
+
+def test_a_mean_leaves_out_what_it_is_told_to(wake: TruckWake) -> None:
+    start, calls = wake.state(), []
+    mean = mean_flow(wake, np.array([0.01, 0.02, 0.03]), 1, lambda done, total: calls.append((done, total)))
+    wake.reset(start)
+    wake.advance(0.01)
+    flows = []
+    for action in (0.02, 0.03):
+        wake.advance(action)
+        flows.append(wake.flow.flat.copy())
+    assert mean.flat == pytest.approx(0.5 * (flows[0] + flows[1]), abs=1e-14)
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_mean_of_nothing_is_refused(wake: TruckWake) -> None:
+    with pytest.raises(PlantError, match="0 instants"):
+        mean_flow(wake, np.zeros(0))
+
+
+@pytest.mark.parametrize("length", [0.37, 2.0])
+def test_bubble_length_is_where_backward_flow_ends(wake: TruckWake, length: float) -> None:
+    # Backward flow ahead of the truck does not count, nor what happens off the axis.
+    flow = filled(
+        wake.grid, lambda x, y: x - LENGTH - length + 100.0 * abs(y) * (x < LENGTH), lambda x, y: 0.0 * x * y
+    )  # Half a cell off the axis the linear field is met exactly.
+    assert bubble_length(wake.grid, flow) == pytest.approx(length, abs=1e-9)
+
+
+def test_no_backward_flow_no_bubble(wake: TruckWake) -> None:
+    flow = filled(wake.grid, lambda x, y: 1.0 + 0.0 * x * y, lambda x, y: 0.0 * x * y)
+    assert bubble_length(wake.grid, flow) == 0.0
+
+
+def test_a_raster_keeps_linear_fields(wake: TruckWake) -> None:
+    grid = wake.grid
+    raster = Raster.of(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
+    pixels = raster(3.0 * grid.xc[:, None] - grid.yc[None, :])
+    assert pixels.shape == (10, 50)
+    # Pixels of 0.2 W, row 0 at the bottom.
+    assert (raster.x[0], raster.y[0]) == pytest.approx((0.1, -0.9))
+    assert pixels == pytest.approx(3.0 * raster.x[None, :] - raster.y[:, None], abs=1e-10)

@@ -1,0 +1,323 @@
+"""Recording under a controller: the exploration, what the controller is told, rounds, and continuing without a seam."""
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.config.tree import Config, FlowConfig, ForcingConfig
+from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.recording.dataset import Dataset, read
+from contract.release.bundle import load
+from firmware_sim.ecu.bundle_policy import BundlePolicy
+from wake.recording import recorder
+from wake.recording.blocks import EpisodeBlocks
+from wake.recording.controlled_plan import ControlledRound
+from wake.recording.controlled_recording import record_round
+from wake.recording.episode_plan import EpisodePlan
+from wake.recording.feedback import Policy
+from wake.recording.forcing import exploration
+
+ROOT = Path(__file__).resolve().parents[3]
+FLOW = FlowConfig()
+LIMIT = FLOW.action_limit
+
+
+class Killed(BaseException):
+    """Stands for a signal: not an Exception, so nothing may swallow it."""
+
+
+class Integrator:
+    """Its command depends on all that it has ever seen."""
+
+    gain = 0.02
+
+    def start(self) -> np.ndarray:
+        return np.zeros(2)
+
+    def step(self, memory: np.ndarray, Cp: np.ndarray, action: float) -> tuple[float, np.ndarray]:
+        memory = 0.95 * memory + (Cp[17], action)
+        return self.gain * float(memory[0] + memory[1]), memory
+
+
+class Witness(Integrator):
+    """Also keeps what it was shown."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[np.ndarray, float]] = []
+
+    def step(self, memory: np.ndarray, Cp: np.ndarray, action: float) -> tuple[float, np.ndarray]:
+        self.seen.append((Cp.copy(), action))
+        return super().step(memory, Cp, action)
+
+
+class Eager(Integrator):
+    gain = 10.0
+
+
+def a_round(**changes: Any) -> ControlledRound:
+    return ControlledRound(**{"episodes": 2, "steps": 8, "bundle": "none", "bundle_digest": "0" * 64, **changes})
+
+
+def recorded(
+    output: Path, wanted: ControlledRound | None = None, policy: Callable[[], Policy] = Integrator, **arguments: Any
+) -> Dataset:
+    wanted = a_round() if wanted is None else wanted
+    record_round(output, wanted, Config(), policy, **{"block_steps": 3, **arguments})
+    return read(output)
+
+
+def equal(a: Dataset, b: Dataset) -> bool:
+    return [x.name for x in a.episodes] == [y.name for y in b.episodes] and all(
+        np.array_equal(x.series[name], y.series[name])
+        for x, y in zip(a.episodes, b.episodes, strict=True)
+        for name in x.series
+    )
+
+
+@pytest.mark.parametrize("time", [0.4, 1.0, 3.0])
+def test_exploration_has_the_variance_and_the_memory_it_should(time: float) -> None:
+    n, rms = 400_000, 0.15
+    x = exploration(n, ForcingConfig(exploration_time=time), FLOW, np.random.default_rng(3), rms=rms) / LIMIT
+    # Independent samples that tell as much: n (1 - r^2) / (1 + r^2), 27,000 at least; four standard errors.
+    r = np.exp(-0.2 / time)
+    few = n * (1 - r**2) / (1 + r**2)
+    assert x.mean() == pytest.approx(0.0, abs=4 * rms * np.sqrt((1 + r) / (1 - r) / n))
+    assert x.std() == pytest.approx(rms, rel=4 / np.sqrt(2 * few))
+    for lag in (1, 2, 5, 10):
+        # Of an Ornstein-Uhlenbeck process: exp(-lag / time).
+        assert np.corrcoef(x[:-lag], x[lag:])[0, 1] == pytest.approx(np.exp(-0.2 * lag / time), abs=4 / np.sqrt(few))
+    # Gaussian: 4.55 % beyond two standard deviations.
+    assert np.mean(np.abs(x) > 2 * rms) == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / few))
+
+
+def test_exploration_is_stationary_from_the_first_step_on() -> None:
+    runs = np.array([exploration(4, ForcingConfig(), FLOW, np.random.default_rng(i), rms=0.5) for i in range(3000)])
+    # Four standard errors of a standard deviation from 3000 values.
+    assert runs.std(axis=0) / LIMIT == pytest.approx(np.full(4, 0.5), rel=4 / np.sqrt(6000))
+
+
+@given(seed=st.integers(0, 2**32 - 1), steps=st.integers(1, 60), more=st.integers(0, 60))
+def test_exploration_is_a_function_of_seed_and_step(seed: int, steps: int, more: int) -> None:
+    longer = exploration(steps + more, ForcingConfig(), FLOW, np.random.default_rng(seed), rms=0.2)
+    assert np.array_equal(
+        exploration(steps, ForcingConfig(), FLOW, np.random.default_rng(seed), rms=0.2), longer[:steps]
+    )
+
+
+def test_no_two_episodes_explore_alike() -> None:
+    wanted = [a_round(), a_round(seed=2), a_round(role="controlled")]
+    plans = [plan for item in wanted for number in (1, 2) for plan in item.plans(number)]
+    signals = np.array([plan.signal(Config()) for plan in plans])
+    assert len(np.unique(signals, axis=0)) == len(plans) == 12
+    assert np.array_equal(signals, [plan.signal(Config()) for plan in plans])
+    many = a_round(episodes=24).plans(1)
+    # Every control step of a shedding cycle once.
+    assert sorted(plan.lead for plan in many) == list(range(24))
+    assert [p.lead for p in many] != [p.lead for p in a_round(episodes=24).plans(2)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"exploration": -0.1}, "exploration = -0.1: must be finite and at least 0"),
+        ({"exploration": np.nan}, "exploration = nan"),
+        ({"role": "test"}, "role = 'test': must be one of train, controlled"),
+        ({"seed": -1}, "seed = -1"),
+        ({"episodes": 0}, "episodes = 0"),
+        ({"steps": 0}, "steps = 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(changes: dict[str, Any], named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        a_round(**changes)
+
+
+@pytest.mark.usefixtures("cheap_plant")
+class TestOnACheapPlant:
+    def test_the_controller_is_told_what_acted_and_what_was_measured(self, tmp_path: Path) -> None:
+        witness = Witness()
+        episode = recorded(tmp_path / "a.h5", a_round(episodes=1, steps=20), lambda: witness).episodes[0]
+        assert [action for _, action in witness.seen] == episode.previous_action.tolist()
+        # Stored in 16 bits.
+        assert np.array([Cp for Cp, _ in witness.seen]) == pytest.approx(episode.series["Cp"], abs=2**-14)
+
+    def test_what_acts_is_command_and_exploration_cut_to_the_limit(self, tmp_path: Path, oscillator: type) -> None:
+        for policy in (Integrator(), Eager()):
+            wanted = a_round(episodes=1, steps=40)
+            actions = recorded(tmp_path / f"{policy.gain}.h5", wanted, lambda p=policy: p).episodes[0].series["action"]
+            plan, plant, sums, expected = wanted.plans(1)[0], oscillator(), np.zeros(2), []
+            for _ in range(plan.lead):
+                plant.advance(0.0)
+            for noise in plan.signal(Config()):
+                sample = plant.sample()
+                sums = 0.95 * sums + (sample.Cp[17], sample.action)
+                expected.append(min(max(policy.gain * sums.sum() + noise, -LIMIT), LIMIT))
+                plant.advance(expected[-1])
+            assert actions.tolist() == expected
+        # The last one saturates, and never beyond the limit.
+        assert np.abs(actions).max() == LIMIT and np.mean(np.abs(actions) == LIMIT) > 0.5
+
+    def test_without_exploration_the_controller_is_alone(self, tmp_path: Path) -> None:
+        witness = Witness()
+        witness.gain = 0.0
+        episode = recorded(tmp_path / "a.h5", a_round(episodes=1, exploration=0.0), lambda: witness).episodes[0]
+        assert not episode.series["action"].any()
+
+    def test_provenance_tells_who_drove(self, tmp_path: Path) -> None:
+        wanted = a_round(bundle="mine", bundle_digest="ab" * 32, exploration=0.2, seed=4, role="controlled")
+        first, second = recorded(tmp_path / "a.h5", wanted).episodes
+        facts = {"forcing_signal": "controlled", "round": 1, "bundle": "mine", "bundle_digest": "ab" * 32,
+                 "exploration": 0.2, "seed": 4}  # fmt: skip
+        for number, episode in enumerate((first, second)):
+            assert facts.items() <= episode.provenance.items()
+            assert (episode.provenance["episode"], episode.role) == (number, "controlled")
+            assert "onnxruntime" in episode.provenance["versions"]
+        assert first.provenance["lead_steps"] != second.provenance["lead_steps"]
+        assert first.provenance["forcing"]["exploration_time"] == 1.0
+
+    def test_a_second_call_adds_a_round_that_repeats_nothing(self, tmp_path: Path) -> None:
+        output = tmp_path / "a.h5"
+        recorder.record(output, [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
+        begun = read(output)
+        one = recorded(output)
+        two = recorded(output)
+        names = ["training_5", "controlled_1_0", "controlled_1_1", "controlled_2_0", "controlled_2_1"]
+        assert [episode.name for episode in two.episodes] == names
+        assert equal(Dataset(episodes=two.episodes[:1]), begun)
+        assert equal(Dataset(episodes=two.episodes[:3]), one)
+        actions = np.array([episode.series["action"] for episode in two.episodes[1:]])
+        assert len(np.unique(actions, axis=0)) == 4
+        assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+    def test_training_leaves_what_is_held_out(self, tmp_path: Path) -> None:
+        recorded(tmp_path / "a.h5", a_round(role="controlled"))
+        found = recorded(tmp_path / "a.h5")
+        assert [episode.name for episode in found.with_role("train")] == ["controlled_2_0", "controlled_2_1"]
+
+    @pytest.mark.parametrize("policy", ["integrator", "shipped"])
+    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path, policy: str) -> None:
+        release = load(ROOT / "firmware_sim/data/bundle")
+        # The shipped controller's window takes 32 steps to fill: its plan is stopped as it goes on, too.
+        wanted = a_round(steps=44 if policy == "shipped" else 8)
+        arguments: dict[str, Any] = {
+            "policy": partial(BundlePolicy, release) if policy == "shipped" else Integrator,
+            "block_steps": 11 if policy == "shipped" else 3,
+        }
+        whole = recorded(tmp_path / "whole.h5", wanted, **arguments)
+        calls = 0
+
+        def stop(name: str, steps: int, total: int) -> None:
+            nonlocal calls
+            calls += 1
+            # The first two calls announce the episodes.
+            if calls > 2:
+                calls = 0
+                raise Killed
+
+        stopped = tmp_path / "stopped.h5"
+        stops = 0
+        while not stopped.exists():
+            try:
+                recorded(stopped, wanted, progress=stop, **arguments)
+            except Killed:
+                stops += 1
+        assert stops >= 6
+        assert equal(read(stopped), whole)
+
+    def test_a_forgotten_memory_would_show(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        whole = recorded(tmp_path / "whole.h5")
+        remembered = EpisodeBlocks.end
+        monkeypatch.setattr(EpisodeBlocks, "end", lambda blocks: (remembered(blocks)[0], np.zeros(2)))
+
+        def stop(name: str, steps: int, total: int) -> None:
+            if steps == 3:
+                raise Killed
+
+        with pytest.raises(Killed):
+            recorded(tmp_path / "a.h5", progress=stop)
+        assert not equal(recorded(tmp_path / "a.h5"), whole)
+
+    def test_it_may_be_killed_before_any_change_on_disk(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        recorder.record(tmp_path / "begun.h5", [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
+        begun = (tmp_path / "begun.h5").read_bytes()
+        (tmp_path / "whole.h5").write_bytes(begun)
+        wanted = a_round(episodes=1, steps=5)
+        whole = recorded(tmp_path / "whole.h5", wanted)
+        number, killed = 1, True
+        while killed:
+            output = tmp_path / f"{number}.h5"
+            output.write_bytes(begun)
+            with monkeypatch.context() as patch:
+                _kill_before_operation(patch, number)
+                try:
+                    recorded(output, wanted)
+                    killed = False
+                except Killed:
+                    # Old or new, never anything between.
+                    assert output.read_bytes() == begun or equal(read(output), whole)
+            if output.with_name(output.name + ".parts").exists() or output.read_bytes() == begun:
+                recorded(output, wanted)
+            assert equal(read(output), whole), f"killed before operation {number}"
+            assert not output.with_name(output.name + ".parts").exists()
+            number += 1
+        assert number > 15
+
+    def test_another_flow_is_refused_before_anything_is_recorded(self, tmp_path: Path) -> None:
+        output = tmp_path / "a.h5"
+        recorder.record(output, [EpisodePlan(forcing="none", steps=2, seed=0)], Config())
+        other = Config(flow=FlowConfig(substeps=40))
+        with pytest.raises(DatasetError, match=r"none_0 was recorded with flow\.substeps = 30, .* has 40"):
+            record_round(output, a_round(), other, Integrator)
+        assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+    def test_parts_of_another_controller_are_refused(self, tmp_path: Path) -> None:
+        with pytest.raises(Killed):
+            recorded(tmp_path / "a.h5", progress=_kill_after_a_block)
+        with pytest.raises(StillwakeError, match=r"unfinished recording with other settings \(plans\)"):
+            recorded(tmp_path / "a.h5", a_round(bundle_digest="1" * 64))
+
+
+def test_side_by_side_under_the_shipped_release_gives_the_same(tmp_path: Path) -> None:
+    release = load(ROOT / "firmware_sim/data/bundle")
+    # A step longer than the window, so that the controller has its say twice; and a seed whose leads are 1 and 0 steps.
+    wanted = a_round(steps=release.manifest.window + 1, exploration=0.1, seed=22)
+    one, two = (
+        recorded(tmp_path / f"{n}.h5", wanted, partial(BundlePolicy, release), workers=n, block_steps=17)
+        for n in (1, 2)
+    )
+    assert equal(one, two)
+    for plan, episode in zip(wanted.plans(1), one.episodes, strict=True):
+        alone = plan.signal(Config())
+        silent = release.manifest.window - 1
+        assert np.array_equal(episode.series["action"][:silent], alone[:silent])
+        assert not np.isclose(episode.series["action"][silent:], alone[silent:]).any()
+
+
+def _kill_after_a_block(name: str, done: int, total: int) -> None:
+    if done:
+        raise Killed
+
+
+def _kill_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """Be killed before the operation of that number that changes the disk."""
+    count = 0
+
+    def watched(original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count == number:
+                raise Killed
+            return original(*arguments, **options)
+
+        return call
+
+    for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
+        monkeypatch.setattr(owner, name, watched(getattr(owner, name)))

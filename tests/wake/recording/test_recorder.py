@@ -1,0 +1,232 @@
+"""The recorder's bookkeeping, on a plant that costs nothing; `test_recording_processes.py` has the real one."""
+
+import errno
+import json
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contract.config.tree import Config
+from contract.errors import StillwakeError
+from contract.recording.dataset import Dataset, read
+from wake.recording import recorder
+from wake.recording.episode_plan import EpisodePlan, paper_plans
+from wake.recording.recorder import record
+from wake.solver.grid import truck_grid
+from wake.truck.truck_wake import TruckWake
+
+PLANS = [
+    EpisodePlan(forcing="training", steps=7, seed=5, lead=2),
+    EpisodePlan(forcing="none", steps=2, seed=0),
+]
+
+
+class Killed(BaseException):
+    """Stands for a signal: not an Exception, so nothing may swallow it."""
+
+
+@pytest.fixture(autouse=True)
+def every_plant_is_cheap(cheap_plant: None) -> None:
+    pass
+
+
+def recorded(output: Path, plans: list[EpisodePlan] = PLANS, **arguments: Any) -> Dataset:
+    record(output, plans, Config(), block_steps=3, **arguments)
+    return read(output)
+
+
+def equal(a: Dataset, b: Dataset) -> bool:
+    return all(
+        np.array_equal(x.series[name], y.series[name])
+        for x, y in zip(a.episodes, b.episodes, strict=True)
+        for name in x.series
+    )
+
+
+def test_samples_follow_the_timing_convention(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wake: TruckWake) -> None:
+    monkeypatch.undo()
+    monkeypatch.setattr(recorder, "TruckWake", lambda config: wake)
+    first = wake.sample()
+    episode = recorded(tmp_path / "a.h5", [EpisodePlan(forcing="training", steps=5, seed=5)]).episodes[0]
+    series = episode.series
+    assert series["t"] == pytest.approx(0.2 * np.arange(5))
+    assert series["Cd"][0] == pytest.approx(first.Cd, abs=2**-15)  # stored in 16 bits
+    # Sample k is taken before a_k acts: the reaction to the jets' momentum still shows a_{k-1}.
+    assert series["Cd_momentum"][1:] == pytest.approx(-4 * 1.2 / 0.05 * series["action"][:-1] ** 2, abs=2**-15)
+    assert episode.initial_action == 0.0
+
+
+def test_a_lead_passes_before_the_first_sample(tmp_path: Path, oscillator: type) -> None:
+    plan, plant = EpisodePlan(forcing="none", steps=4, seed=0, lead=6), oscillator()
+    expected = [plant.advance(0.0) for _ in range(9)][5:]
+    series = recorded(tmp_path / "a.h5", [plan]).episodes[0].series
+    assert series["t"].tolist() == [sample.t for sample in expected]
+    assert series["Cl"] == pytest.approx([sample.Cl for sample in expected], abs=2**-15)
+
+
+def test_provenance_tells_how_each_episode_was_made(tmp_path: Path) -> None:
+    first, second = (episode.provenance for episode in recorded(tmp_path / "a.h5").episodes)
+    assert (first["seed"], first["lead_steps"], first["forcing_signal"]) == (5, 2, "training")
+    assert (second["seed"], second["lead_steps"], second["forcing_signal"]) == (0, 0, "none")
+    assert first["forcing"]["base_frequency"] == 0.2 and first["flow"]["reynolds"] == 500.0
+    assert first["grid"] == list(truck_grid().shape) and len(first["start_sha256"]) == 64
+    assert {"python", "numpy", "numba", "scipy", "stillwake"} <= first["versions"].keys()
+
+
+@pytest.mark.parametrize("done", range(0, 10, 3))
+def test_a_stopped_recording_continues_without_a_seam(tmp_path: Path, done: int) -> None:
+    stopped = tmp_path / "stopped.h5"
+
+    def stop(name: str, steps: int, total: int) -> None:
+        if steps >= min(done, total):
+            raise Killed
+
+    with pytest.raises(Killed):
+        recorded(stopped, progress=stop)
+    assert not stopped.exists()
+    assert equal(recorded(stopped), recorded(tmp_path / "whole.h5"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["stopped.h5", "whole.h5"]
+
+
+def _stop_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> Callable[[], int]:
+    """Be killed before the operation of that number that changes the disk; how many there have been."""
+    count = 0
+
+    def watched(original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count == number:
+                raise Killed
+            return original(*arguments, **options)
+
+        return call
+
+    for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
+        monkeypatch.setattr(owner, name, watched(getattr(owner, name)))
+    return lambda: count
+
+
+def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: type) -> None:
+    plans = [EpisodePlan(forcing="training", steps=5, seed=5, lead=2)]
+    whole = recorded(tmp_path / "whole.h5", plans)
+    number, killed = 1, True
+    while killed:
+        output = tmp_path / f"{number}.h5"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(recorder, "TruckWake", oscillator)
+            operations = _stop_before_operation(patch, number)
+            killed = False
+            try:
+                recorded(output, plans)
+            except Killed:
+                killed = True
+        assert not killed or operations() >= number
+        if not output.exists():
+            recorded(output, plans)
+        assert equal(read(output), whole), f"killed before operation {number}"
+        number += 1
+    assert number > 20
+
+
+def test_a_full_disk_is_named_and_costs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    output, written = tmp_path / "a.h5", 0
+
+    def fsync(descriptor: int) -> None:
+        nonlocal written
+        written += 1
+        if written > 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", fsync)
+        with pytest.raises(StillwakeError, match=r"cannot write .*training_5/000003\.npz: No space left on device"):
+            recorded(output)
+    kept = sorted(path.name for path in (tmp_path / "a.h5.parts" / "training_5").iterdir())
+    assert kept == ["000000.npz", "000000.state.npz", "000003.state.npz"]
+    progress: list[tuple[str, int]] = []
+    resumed = recorded(output, progress=lambda name, done, total: progress.append((name, done)))
+    assert progress[0] == ("training_5", 3)
+    assert equal(resumed, recorded(tmp_path / "whole.h5"))
+
+
+def test_only_the_last_states_are_kept(tmp_path: Path) -> None:
+    most = 0
+
+    def count(name: str, done: int, total: int) -> None:
+        nonlocal most
+        most = max(most, len(list(tmp_path.glob("a.h5.parts/training_5/*.state.npz"))))
+
+    recorded(tmp_path / "a.h5", [EpisodePlan(forcing="training", steps=30, seed=5)], progress=count)
+    assert most == 2
+
+
+def test_parts_of_another_recording_are_refused_by_what_differs(tmp_path: Path) -> None:
+    with pytest.raises(Killed):
+        recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 3 else None)
+    with pytest.raises(StillwakeError, match=r"other settings \(block_steps\)"):
+        record(tmp_path / "a.h5", PLANS, Config(), block_steps=4)
+    label = tmp_path / "a.h5.parts" / "task.json"
+    label.write_text(json.dumps(json.loads(label.read_text()) | {"start_sha256": "0"}))
+    with pytest.raises(StillwakeError, match=r"other settings \(start_sha256\)"):
+        recorded(tmp_path / "a.h5")
+
+
+def test_parts_without_a_block_bind_nobody(tmp_path: Path) -> None:
+    with pytest.raises(Killed):
+        recorded(tmp_path / "a.h5", progress=_kill)
+    record(tmp_path / "a.h5", PLANS, Config(), block_steps=4)
+    assert equal(read(tmp_path / "a.h5"), recorded(tmp_path / "whole.h5"))
+
+
+def test_parts_of_unknown_origin_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.h5.parts" / "training_5").mkdir(parents=True)
+    with pytest.raises(StillwakeError, match="unknown recording"):
+        recorded(tmp_path / "a.h5")
+
+
+def test_a_damaged_block_is_named(tmp_path: Path) -> None:
+    with suppress(Killed):
+        recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 6 else None)
+    block = tmp_path / "a.h5.parts" / "training_5" / "000000.npz"
+    block.write_bytes(block.read_bytes()[:100])
+    with pytest.raises(StillwakeError, match=r"000000\.npz: damaged block"):
+        recorded(tmp_path / "a.h5")
+
+
+def test_a_second_call_takes_over_and_the_first_stops(tmp_path: Path) -> None:
+    output = tmp_path / "a.h5"
+
+    def interrupt(name: str, done: int, total: int) -> None:
+        if done == 3 and not output.exists():
+            recorded(output)
+
+    with pytest.raises(StillwakeError, match="taken over"):
+        recorded(output, progress=interrupt)
+    assert equal(read(output), recorded(tmp_path / "whole.h5"))
+
+
+def test_an_unwritable_place_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StillwakeError, match="cannot write"):
+        recorded(tmp_path / "file" / "a.h5")
+
+
+def test_the_papers_data_set() -> None:
+    plans = paper_plans()
+    steps = {role: sum(plan.steps for plan in plans if plan.role == role) for role in ("train", "test", "extended")}
+    assert steps == {"train": 52_500, "test": 10_000, "extended": 10_000}
+    assert [plan.name for plan in plans if plan.role == "test"] == ["chirp_0"]
+    training = [plan for plan in plans if plan.forcing == "training"]
+    assert len({plan.seed for plan in training}) == len({plan.lead for plan in training}) == len(training) == 10
+    # One shedding cycle of the uncontrolled wake takes 1 / 0.207 t_c.
+    assert max(plan.lead for plan in training) * 0.2 < 1 / 0.207
+
+
+def _kill(*_: object) -> None:
+    raise Killed

@@ -1,0 +1,117 @@
+"""The recorder among real processes, with the real plant: killed, interrupted, side by side."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from contract.config.tree import Config
+from contract.recording.dataset import Dataset, read
+from wake.recording.episode_plan import EpisodePlan
+from wake.recording.recorder import record
+
+ROOT = Path(__file__).resolve().parents[3]
+PLANS = (EpisodePlan(forcing="training", steps=9, seed=5, lead=1), EpisodePlan(forcing="none", steps=4, seed=0))
+BLOCK_STEPS = 2
+RECORD = f"""
+from pathlib import Path
+import sys
+from contract.config.tree import Config
+from wake.recording.episode_plan import EpisodePlan
+from wake.recording.recorder import record
+record(Path(sys.argv[1]), {PLANS!r}, Config(), block_steps={BLOCK_STEPS},
+       progress=lambda name, done, total: print(name, done, flush=True))
+"""
+# Shells start background jobs deaf to Ctrl-C, and a test may run in one.
+COMMAND = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import stillwake.__main__
+stillwake.__main__.main()
+"""
+
+
+def equal(a: Dataset, b: Dataset) -> bool:
+    return all(
+        np.array_equal(x.series[name], y.series[name])
+        for x, y in zip(a.episodes, b.episodes, strict=True)
+        for name in x.series
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Recorded in this process, in one go."""
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    record(path, PLANS, Config(), block_steps=BLOCK_STEPS)
+    return read(path)
+
+
+def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path: Path, whole: Dataset) -> None:
+    output, rng, kills = tmp_path / "a.h5", np.random.default_rng(), 0
+    while not output.exists():
+        with subprocess.Popen(
+            [sys.executable, "-c", RECORD, output], cwd=ROOT, stdout=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stdout is not None
+            if kills < 2:
+                # Both episodes are announced first; then somewhere in the next two blocks.
+                for _ in range(3):
+                    process.stdout.readline()
+                time.sleep(rng.uniform(0.0, 0.8))
+                process.kill()
+                kills += 1
+            process.stdout.read()
+        assert output.exists() or process.returncode == -signal.SIGKILL
+    assert equal(read(output), whole)
+
+
+def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path: Path, whole: Dataset) -> None:
+    output, notices, victims = tmp_path / "a.h5", [], []
+
+    def kill_one(name: str, done: int, total: int) -> None:
+        if done and not victims:
+            workers = [p for p in psutil.Process().children(recursive=True) if "spawn_main" in " ".join(p.cmdline())]
+            victims.append(workers[0])
+            workers[0].kill()
+
+    record(output, PLANS, Config(), block_steps=BLOCK_STEPS, workers=2, progress=kill_one, notice=notices.append)
+    assert equal(read(output), whole)
+    assert any("was lost" in line for line in notices)
+    assert not (tmp_path / "a.h5.parts").exists()
+
+
+def _command(*arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", COMMAND, "record", *map(str, arguments), "--workers", "2"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+
+
+def test_ctrl_c_ends_the_workers_too(tmp_path: Path) -> None:
+    with _command(tmp_path / "a.h5") as process:
+        workers: list[psutil.Process] = []
+        while len(workers) < 2 and process.poll() is None:
+            time.sleep(0.1)
+            children = psutil.Process(process.pid).children(recursive=True)
+            workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate()
+    assert (process.returncode, err) == (130, "stopped\n")
+    assert "wrote" not in out and not (tmp_path / "a.h5").exists()
+    assert psutil.wait_procs(workers, timeout=20)[1] == []
+
+
+def test_a_workers_error_is_one_line(tmp_path: Path) -> None:
+    steps = ("--training", 20, "--chirp", 0, "--uncontrolled", 20)
+    with _command(tmp_path / "a.h5", *steps, "--set", "flow.substeps=3") as process:
+        err = process.communicate()[1]
+    assert process.returncode == 1
+    assert err.startswith("error: dt = 0.0667") and err.count("\n") == 1
+    assert not (tmp_path / "a.h5").exists()

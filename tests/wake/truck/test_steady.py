@@ -1,0 +1,86 @@
+"""The steady symmetric wake on a coarse grid."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stillwake.__main__
+from contract.config.tree import FlowConfig
+from contract.errors import PlantError
+from contract.geometry import LENGTH
+from wake.truck import steady
+from wake.truck.truck_wake import TruckWake, load_state
+
+
+@pytest.fixture(scope="module")
+def coarse() -> TruckWake:
+    return TruckWake(FlowConfig(substeps=10), refinement=0.5)
+
+
+@pytest.fixture(scope="module")
+def settled(coarse: TruckWake) -> steady.SteadyWake:
+    return steady.settle(coarse, tolerance=3e-3)
+
+
+@pytest.fixture
+def plant(coarse: TruckWake, settled: steady.SteadyWake) -> TruckWake:
+    coarse.reset(settled.state)
+    return coarse
+
+
+def test_it_is_steady_and_symmetric_to_the_bit(plant: TruckWake, settled: steady.SteadyWake) -> None:
+    u, v, p = plant.flow.u, plant.flow.v, plant.flow.p
+    assert np.array_equal(u, u[:, ::-1])
+    assert np.array_equal(v, -v[:, ::-1])
+    assert np.array_equal(p, p[:, ::-1])
+    # Five more periods, a unit of time, without taking the even part; rates only fall.
+    for _ in range(5):
+        later = plant.advance(0.0)
+    assert abs(later.Cd + later.Cd_slot - settled.sample.Cd - settled.sample.Cd_slot) < 3e-3
+    velocities = plant.flow.u.size + plant.flow.v.size
+    assert np.abs(plant.flow.flat - settled.state.flat)[:velocities].max() < 3e-3
+
+
+def test_without_shedding_a_third_of_the_drag_is_gone(settled: steady.SteadyWake) -> None:
+    # The shedding wake has 1.0 to 1.08 on every grid and in OpenFOAM, a base Cp of -0.44 to -0.49.
+    assert 0.55 < settled.sample.Cd < 0.75
+    assert -0.25 < settled.figures()["base_Cp"] < -0.1
+    assert settled.recirculation_length > 4.0
+    assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("turn", "length"), [(3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)])
+def test_recirculation_ends_where_the_axis_turns_downstream(plant: TruckWake, turn: float, length: float) -> None:
+    speed = plant.grid.xf - LENGTH - turn
+    plant.flow.u[:-1] = speed[:, None]
+    assert steady.recirculation_length(plant) == pytest.approx(length, abs=1e-9)
+
+
+def test_a_wake_that_does_not_settle_is_an_error(coarse: TruckWake) -> None:
+    with pytest.raises(PlantError, match=r"not steady after 0\.4 t_c: max \|du/dt\| = .* must be below 1e-09"):
+        steady.settle(coarse, tolerance=1e-9, longest=0.4)
+
+
+def test_the_command_writes_state_and_figures(
+    plant: TruckWake, settled: steady.SteadyWake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def settle(wake: TruckWake, progress) -> steady.SteadyWake:
+        progress(0.2, 30.0)
+        progress(0.4, 1e-9)
+        return settled
+
+    monkeypatch.setattr(steady, "TruckWake", lambda config: plant)
+    monkeypatch.setattr(steady, "settle", settle)
+    monkeypatch.setattr(sys, "argv", ["stillwake", "steady", f"{tmp_path}/s.npz", "--json", f"{tmp_path}/s.json"])
+    with pytest.raises(SystemExit) as stop:
+        stillwake.__main__.main()
+    assert not stop.value.code
+    assert re.search(r"recirculation_length\D+\d\.\d", capsys.readouterr().out)
+    assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.state.flat)
+    written = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
+    assert written["figures"] == settled.figures()
+    assert written["facts"]["grid"] == list(plant.grid.shape)

@@ -1,0 +1,89 @@
+"""Sensors and forces against pressure fields with a known integral (Gauss's theorem on the truck's outline)."""
+
+import numpy as np
+import pytest
+
+from contract import sensors
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from wake.solver.navier_stokes import Flow
+from wake.truck import jets, surface
+from wake.truck.body import signed_distance
+from wake.truck.surface import Measured
+from wake.truck.truck_wake import TruckWake
+
+AREA = LENGTH * 2 * HALF_WIDTH - 2 * (1 - np.pi / 4) * LEADING_EDGE_RADIUS**2
+
+
+def _measure(wake: TruckWake, constant: float, slope_x: float = 0.0, slope_y: float = 0.0) -> Measured:
+    """Measured quantities for a linear kinematic pressure.
+
+    The velocity slope * distance^2 / (2 nu) rests on the wall, has no shear there, and balances the pressure gradient.
+    """
+    grid, flow = wake.grid, Flow.zeros(wake.grid.shape)
+    flow.p[:-1] = constant + slope_x * grid.xc[:, None] + slope_y * grid.yc
+    balance = wake.config.reynolds / 2.0
+    flow.u[:-1, 1:-1] = balance * slope_x * signed_distance(grid.xf[:, None], grid.yc) ** 2
+    flow.v[1:-1, :] = balance * slope_y * signed_distance(grid.xc[:, None], grid.yf) ** 2
+    return wake.surface.measure(flow.flat)
+
+
+def test_sensors_read_a_linear_pressure_exactly(shared_wake: TruckWake) -> None:
+    measured = _measure(shared_wake, 0.3, 0.1, -0.7)
+    x, y = sensors.positions().T
+    # What is left is the balancing velocity's square of the distance, interpolated linearly between rows.
+    assert measured.Cp == pytest.approx(2 * (0.3 + 0.1 * x - 0.7 * y), abs=1e-7)
+
+
+def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake: TruckWake) -> None:
+    measured = _measure(shared_wake, 1.0)
+    slots = 2 * 2 * JET_WIDTH
+    assert measured.Cd == pytest.approx(slots, abs=1e-4)  # the arc's quadrature
+    assert measured.slots.Cd_pressure == pytest.approx(-slots, abs=1e-12)
+    assert measured.slots.Cd_viscous == 0.0
+    assert measured.Cl == pytest.approx(0.0, abs=1e-12)
+    assert (measured.slots.Cp_upper, measured.slots.Cp_lower) == pytest.approx((2.0, 2.0), abs=1e-12)
+
+
+def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> None:
+    # -Integral p n dS = -grad p * area, and a force coefficient is twice the kinematic force. The balancing
+    # velocity is interpolated on the corners, and the slots' pressure is taken half a cell before them.
+    along = _measure(shared_wake, 0.0, 1.0, 0.0)
+    assert along.Cd + along.slots.Cd_pressure == pytest.approx(-2 * AREA, rel=3e-4)
+    across = _measure(shared_wake, 0.0, 0.0, 1.0)
+    assert across.Cl == pytest.approx(-2 * AREA, rel=1e-4)
+
+
+def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = wake.surface.measure(wake.flow.flat)
+    monkeypatch.setattr(surface, "_ARC_POINTS", 2 * surface._ARC_POINTS)
+    viscosity = 1.0 / wake.config.reynolds
+    finer = surface.Surface(wake.grid, wake.boundary, viscosity, jets.slot_profile(wake.grid))
+    fine = finer.measure(wake.flow.flat)
+    # Far below what the grid itself leaves open.
+    assert fine.Cd == pytest.approx(coarse.Cd, abs=1e-4)
+    assert fine.Cl == pytest.approx(coarse.Cl, abs=1e-4)
+
+
+def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake: TruckWake) -> None:
+    # Along x alone, momentum holds p + u^2 - 2 nu du/dx constant.
+    grid, nu, at_face, slope, total = shared_wake.grid, 1.0 / shared_wake.config.reynolds, 1.5, -20.0, 0.4
+    flow = Flow.zeros(grid.shape)
+    flow.u[:-1, 1:-1] = (at_face + slope * (grid.xf - LENGTH))[:, None]
+    flow.p[:-1] = (total - (at_face + slope * (grid.xc - LENGTH)) ** 2)[:, None]
+    slots = shared_wake.surface.measure(flow.flat).slots
+    Cp = 2 * (total - at_face**2)
+    assert (slots.Cp_upper, slots.Cp_lower) == pytest.approx((Cp, Cp), rel=1e-12)
+    assert slots.Cd_pressure == pytest.approx(-Cp * 2 * JET_WIDTH, rel=1e-12)
+    # A normal stress of 2 nu du/dx on two slots; a force coefficient is twice the kinematic force.
+    assert slots.Cd_viscous == pytest.approx(2 * 2 * nu * slope * 2 * JET_WIDTH, rel=1e-9)
+
+
+def test_wall_shear_of_a_known_layer(shared_wake: TruckWake) -> None:
+    grid, nu = shared_wake.grid, 1.0 / shared_wake.config.reynolds
+    flow = Flow.zeros(grid.shape)
+    above = np.maximum(np.abs(grid.yc) - HALF_WIDTH, 0.0)
+    flow.u[:, 1:-1] = (3.0 * above - above**2)[None, :]
+    flow.u[: grid.front + 20] = 0.0  # only the straight sides count here
+    measured = shared_wake.surface.measure(flow.flat)
+    length = LENGTH - grid.xf[grid.front + 20]
+    assert measured.Cd == pytest.approx(2 * 2 * nu * 3.0 * length, rel=0.01)

@@ -1,0 +1,93 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.errors import PlantError
+from wake.truck.truck_wake import TruckWake, developed_state, load_state, save_state
+
+
+def test_restart_continues_to_the_bit(wake: TruckWake, tmp_path: Path) -> None:
+    wake.advance(0.05)
+    wake.advance_to(11)  # in the middle of a period, a ramp just finished
+    save_state(tmp_path / "state.npz", wake)
+    straight = [wake.advance(-0.02), wake.advance(0.07)]
+    wake.reset(load_state(tmp_path / "state.npz"))
+    again = [wake.advance(-0.02), wake.advance(0.07)]
+    for a, b in zip(straight, again, strict=True):
+        for item in dataclasses.fields(a):
+            assert np.array_equal(getattr(a, item.name), getattr(b, item.name)), item.name
+
+
+def test_a_command_at_once_is_a_full_period(wake: TruckWake) -> None:
+    whole = wake.advance(0.03)
+    wake.reset(developed_state())
+    wake.advance_to(1, 0.03)
+    split = wake.advance_to(wake.config.substeps, 0.03)
+    # The ramp is the same line; its points differ by rounding.
+    assert split.Cl == pytest.approx(whole.Cl, abs=1e-10)
+    assert split.action == whole.action == 0.03
+
+
+def test_a_late_command_leaves_the_jets_alone_until_it_comes(wake: TruckWake) -> None:
+    wake.advance(0.05)
+    held = wake.advance_to(20)
+    assert held.action == 0.05
+    assert wake.advance_to(wake.config.substeps, -0.05).action == -0.05
+
+
+def test_shedding_is_established_near_the_known_frequency(wake: TruckWake) -> None:
+    cl = np.array([wake.advance(0.0).Cl for _ in range(130)])
+    up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
+    crossings = up - cl[up] / (cl[up + 1] - cl[up])
+    strouhal = 1.0 / (np.diff(crossings).mean() * wake.config.control_period)
+    # OpenFOAM on two meshes: 0.193 and 0.198; the paper: about 0.2.
+    assert strouhal == pytest.approx(0.2, abs=0.005)
+    # OpenFOAM: 0.97 and 1.10.
+    assert 0.95 < cl.std() < 1.15
+
+
+def test_vortices_leave_through_the_outlet(wake: TruckWake) -> None:
+    """An outlet whose velocity is copied from upstream allows no transverse flow there, and shakes the pressure."""
+    inside = int(np.searchsorted(wake.grid.xc, 22.0))
+    columns = []
+    for _ in range(25):
+        wake.advance(0.0)
+        columns.append(np.abs(wake.flow.v[[inside + 1, -2]]).max(axis=1))
+    upstream, last = np.array(columns).max(axis=0)
+    assert upstream > 0.1
+    assert last > 0.5 * upstream
+
+
+def test_jets_push_the_lift_the_way_they_blow(wake: TruckWake) -> None:
+    start = wake.state()
+    blown = [wake.advance(0.075).Cl for _ in range(3)]
+    wake.reset(start)
+    sucked = [wake.advance(-0.075).Cl for _ in range(3)]
+    assert abs(blown[-1] - sucked[-1]) > 0.1
+
+
+@pytest.mark.parametrize("action", [float("nan"), float("inf"), 0.0751, -1.0])
+def test_impossible_actions_are_refused(wake: TruckWake, action: float) -> None:
+    with pytest.raises(PlantError, match="within"):
+        wake.advance(action)
+
+
+def test_a_state_of_another_grid_is_refused(wake: TruckWake) -> None:
+    state = developed_state()
+    with pytest.raises(PlantError, match="this grid needs"):
+        wake.reset(dataclasses.replace(state, flat=state.flat[:-1]))
+    broken = state.flat.copy()
+    broken[5] = np.nan
+    with pytest.raises(PlantError, match="not finite"):
+        wake.reset(dataclasses.replace(state, flat=broken))
+
+
+def test_a_damaged_state_file_is_one_clear_error(tmp_path: Path) -> None:
+    path = tmp_path / "state.npz"
+    with pytest.raises(PlantError, match="not a flow state"):
+        load_state(path)
+    path.write_bytes(b"PK\x03\x04 nonsense")
+    with pytest.raises(PlantError, match="not a flow state"):
+        load_state(path)

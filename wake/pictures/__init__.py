@@ -1,0 +1,1 @@
+"""Pictures of the flow, still and moving."""

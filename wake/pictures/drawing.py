@@ -1,0 +1,226 @@
+"""Pictures of the flow around the truck, its jets and its sensors."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.ticker import MultipleLocator
+
+from contract import sensors
+from contract.atomic import replacing
+from contract.config.tree import FlowConfig
+from contract.errors import ConfigError
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from wake.pictures.fields import Raster, View, bubble_length, pressure, velocity
+from wake.solver.grid import Grid
+from wake.solver.navier_stokes import Flow
+from wake.truck.truck_wake import Sample, TruckWake
+
+Array = npt.NDArray[np.float64]
+Kind = Literal["vorticity", "pressure"]
+
+VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
+NEAR_WAKE: Final[View] = (6.8, 12.0, -1.2, 1.2)
+
+FIELD_COLOURS: Final = "RdBu_r"
+"""Diverging and symmetric about zero."""
+SENSOR_COLOURS: Final = "viridis"
+BLOWING: Final = "#ff7f0e"
+SUCKING: Final = "#8e44ad"
+SENSOR_RANGE: Final = (-0.9, 0.1)
+"""Ends of the colour scale of wall Cp: what the sensors of the uncontrolled truck see."""
+
+_LEVEL: Final[dict[Kind, float]] = {"vorticity": 4.0, "pressure": 1.0}
+_LABEL: Final[dict[Kind, str]] = {
+    "vorticity": r"vorticity  $\omega_z W / U_\infty$",
+    "pressure": "$C_p$, also at the sensors",
+}
+_FULL_JET: Final = 1.0
+"""Length in W of the arrow that stands for the action's bound."""
+_SUFFIXES: Final = (".png", ".pdf", ".svg")
+
+
+class Pictured(Protocol):
+    """What a picture needs of a plant."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def config(self) -> FlowConfig: ...
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+
+    def sample(self) -> Sample:
+        """Measure now."""
+
+    def vorticity(self) -> Array:
+        """In the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
+
+
+class WakePicture:
+    """One figure of fixed size that shows a plant as it is now, drawn again and again.
+
+    A field in colour, the truck, arrows where the jets blow or suck, and the sensors' Cp. The colour scales stay.
+
+    Args:
+        wake: the plant.
+        kind: vorticity, or Cp in the flow.
+        sensor_names: the sensors coloured by their Cp; the others are small dots. None colours all.
+        width: of the picture in pixels.
+    """
+
+    def __init__(
+        self, wake: Pictured, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
+    ) -> None:
+        self._wake = wake
+        self._flow = wake.flow if isinstance(wake, TruckWake) else None
+        self._kind: Kind = kind
+        if kind == "pressure" and self._flow is None:
+            raise ConfigError("the pressure in the flow can be drawn of the project's own solver only")
+        self._chosen = sensors.indices(sensors.NAMES if sensor_names is None else sensor_names)
+        grid, level = wake.grid, _LEVEL[kind]
+        nodes = (grid.xf[1:-1], grid.yf[1:-1]) if kind == "vorticity" else (grid.xc, grid.yc)
+        self._raster = Raster.of(*nodes, VIEW, width)
+        # In the pressure picture one scale serves the flow and its sensors.
+        colours, limits = (FIELD_COLOURS, (-level, level)) if kind == "pressure" else (SENSOR_COLOURS, SENSOR_RANGE)
+        dots = 4.0 if len(self._chosen) > sensors.COUNT // 2 else 6.0
+        self.figure, axes = _figure(10.0, 3.1, width / 10.0, VIEW)
+        self._image = axes.imshow(
+            np.zeros((len(self._raster.y), width)), cmap=FIELD_COLOURS, vmin=-level, vmax=level, extent=VIEW,
+            origin="lower", interpolation="bilinear",
+        )  # fmt: skip
+        _add_truck(axes)
+        places = sensors.positions()
+        axes.plot(*places.T, ".", color="0.35", markersize=1.5, zorder=4)
+        self._dots = axes.scatter(
+            places[self._chosen, 0], places[self._chosen, 1], c=np.zeros(len(self._chosen)), s=dots**2, cmap=colours,
+            norm=Normalize(*limits), edgecolors="black", linewidths=0.4, zorder=5, clip_on=False,
+        )  # fmt: skip
+        self._jets = {
+            side: Polygon(jet_arrow(0.0, side), closed=True, edgecolor="black", linewidth=0.5, zorder=6)
+            for side in (1, -1)
+        }
+        for arrow in self._jets.values():
+            axes.add_patch(arrow)
+        self._title = axes.set_title(" ", family="monospace", loc="left")
+        bars: Any = {"ax": axes, "fraction": 0.02, "pad": 0.012, "extend": "both"}
+        if kind == "vorticity":
+            self.figure.colorbar(self._dots, label="$C_p$ at the sensors", **bars)
+        self.figure.colorbar(self._image, label=_LABEL[kind], **bars)
+
+    def update(self, title: str | None = None) -> Figure:
+        """Show the plant's present state, under a title or under its time, wall drag and action."""
+        sample = self._wake.sample()
+        field = self._wake.vorticity() if self._kind == "vorticity" or self._flow is None else pressure(self._flow)
+        self._image.set_data(self._raster(field))
+        self._dots.set_array(sample.Cp[self._chosen])
+        for side, arrow in self._jets.items():
+            share = side * sample.action / self._wake.config.action_limit
+            arrow.set_xy(jet_arrow(share, side))
+            arrow.set_facecolor(BLOWING if share > 0 else SUCKING)
+            arrow.set_visible(abs(share) > 1e-3)
+        numbers = f"t = {sample.t:.1f} W/U∞".ljust(18) + f"Cd = {sample.Cd:.3f}  action = {sample.action:+.3f}"
+        self._title.set_text(numbers if title is None else title)
+        return self.figure
+
+    def pixels(self, title: str | None = None) -> npt.NDArray[np.uint8]:
+        """The present state as (height, width, 3)."""
+        self.update(title)
+        canvas: Any = self.figure.canvas
+        canvas.draw()
+        # The layout is found once: it is slow, and must not shift from frame to frame.
+        self.figure.set_layout_engine("none")
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def vorticity_figure(wake: Pictured, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
+    """Vorticity around the truck now, with these sensors or all of them coloured by Cp."""
+    return WakePicture(wake, "vorticity", highlight or None).update(title)
+
+
+def mean_figure(wake: TruckWake, mean: Flow, duration: float) -> Figure:
+    """A mean flow behind the truck: u in colour, streamlines, the edge of backward flow, and the bubble's length.
+
+    Args:
+        wake: the plant that the mean is of.
+        mean: from `wake.pictures.fields.TimeMean`.
+        duration: that it was taken over, t_c; for the title.
+    """
+    figure, axes = _figure(10.0, 4.6, 110.0, NEAR_WAKE)
+    raster = Raster.of(wake.grid.xc, wake.grid.yc, NEAR_WAKE, 900)
+    u, v = (raster(component) for component in velocity(mean))
+    inside = (raster.x < LENGTH)[None, :] & (np.abs(raster.y) < HALF_WIDTH)[:, None]
+    u[inside] = v[inside] = np.nan
+    image = axes.imshow(
+        u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=NEAR_WAKE, origin="lower", interpolation="bilinear"
+    )
+    axes.streamplot(
+        raster.x, raster.y, u, v, color=(1.0, 1.0, 1.0, 0.75), linewidth=0.7, arrowsize=0.7, density=(2.0, 1.5)
+    )
+    axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
+    _add_truck(axes)
+    length = bubble_length(wake.grid, mean)
+    if length > 0.0:
+        axes.annotate(
+            "", xy=(LENGTH, 0.0), xytext=(LENGTH + length, 0.0), zorder=6,
+            arrowprops={"arrowstyle": "<->", "color": "white", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0},
+        )  # fmt: skip
+    axes.set_title(f"mean over {duration:.0f} $W/U_\\infty$:  bubble {length:.2f} W   (red: $u = 0$)")
+    figure.colorbar(image, ax=axes, label=r"mean $u / U_\infty$", fraction=0.022, pad=0.012, extend="both")
+    return figure
+
+
+def check_suffix(path: Path) -> None:
+    """Raises ConfigError for a name that says no known format."""
+    if path.suffix.lower() not in _SUFFIXES or path.is_dir():
+        raise ConfigError(f"{path}: must be a file ending in {', '.join(_SUFFIXES)}")
+
+
+def save_figure(path: Path, figure: Figure) -> None:
+    """Write in the format that the name says, whole or not at all; raises as `check_suffix`."""
+    check_suffix(path)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:].lower())
+
+
+def outline() -> Array:
+    """Points of the truck's outline, (n, 2)."""
+    angle = np.linspace(np.pi, 0.5 * np.pi, 16)
+    r = LEADING_EDGE_RADIUS
+    arc = np.column_stack([r + r * np.cos(angle), HALF_WIDTH - r + r * np.sin(angle)])
+    upper = np.vstack([arc, [[LENGTH, HALF_WIDTH]]])
+    return np.vstack([upper, upper[::-1] * (1.0, -1.0)])
+
+
+def jet_arrow(share: float, side: int) -> Array:
+    """Outline of the arrow at the upper (side 1) or lower (-1) slot, (7, 2): away from the base for blowing
+    (share > 0), towards it for sucking; its length is the share of the action's bound.
+    """
+    length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
+    neck = max(length - 2.0 * head, 0.5 * length)
+    x = np.array([0.0, neck, neck, length, neck, neck, 0.0])
+    y = np.array([shaft, shaft, head, 0.0, -head, -shaft, -shaft])
+    return np.column_stack([LENGTH + (x if share >= 0 else length - x), side * (HALF_WIDTH - 0.5 * JET_WIDTH) + y])
+
+
+def _figure(width: float, height: float, dpi: float, view: View) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot(xlim=view[:2], ylim=view[2:], aspect="equal", xlabel="x / W", ylabel="y / W")
+    axes.xaxis.set_major_locator(MultipleLocator(2.0 if view[1] - view[0] > 10.0 else 0.5))
+    return figure, axes
+
+
+def _add_truck(axes: Axes) -> None:
+    axes.add_patch(Polygon(outline(), closed=True, facecolor="0.82", edgecolor="0.15", linewidth=0.8, zorder=3))
+    for side in (1.0, -1.0):
+        slot = side * np.array([HALF_WIDTH - JET_WIDTH, HALF_WIDTH])
+        axes.plot([LENGTH, LENGTH], slot, color=BLOWING, linewidth=2.0, solid_capstyle="butt", zorder=4)

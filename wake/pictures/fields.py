@@ -1,0 +1,121 @@
+"""What a flow shows: fields in the cell centres, their mean over time, the recirculation bubble, pixels of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+from contract.errors import PlantError
+from contract.geometry import LENGTH
+from wake.solver.grid import Grid
+from wake.solver.navier_stokes import Flow
+from wake.truck.truck_wake import TruckWake
+
+Array = npt.NDArray[np.float64]
+View = tuple[float, float, float, float]
+"""Shown part of the domain: x and y limits in W."""
+
+
+def velocity(flow: Flow) -> tuple[Array, Array]:
+    """u and v in the cell centres, (nx, ny) each; units U_inf."""
+    u, v = flow.u[:-1, 1:-1], flow.v[1:-1]
+    return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
+
+
+def pressure(flow: Flow) -> Array:
+    """Cp in the cell centres, (nx, ny)."""
+    return np.asarray(2.0 * flow.p[:-1])
+
+
+class TimeMean:
+    """The mean of flows on one grid.
+
+    A flow's buffer holds u, v and p, and wall pressures and forces are linear in it, so the mean buffer yields their
+    means too.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._sum = Flow.zeros(shape)
+        self._shape = shape
+        self._count = 0
+
+    def add(self, flow: Flow) -> None:
+        self._sum.flat[:] += flow.flat
+        self._count += 1
+
+    def flow(self) -> Flow:
+        """The mean of what was added; raises PlantError if that was nothing."""
+        if self._count == 0:
+            raise PlantError("mean over 0 instants: at least 1 is needed")
+        return Flow.of(self._sum.flat / self._count, self._shape)
+
+
+def mean_flow(
+    wake: TruckWake,
+    actions: Array,
+    skip: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Flow:
+    """Run the plant from its present state under the actions, one a control period, and average its flow at the
+    control periods' ends, without the first `skip`. `progress` is called with (periods done, in all).
+    """
+    mean = TimeMean(wake.grid.shape)
+    for k, action in enumerate(actions):
+        wake.advance(float(action))
+        if k >= skip:
+            mean.add(wake.flow)
+        progress(k + 1, len(actions))
+    return mean.flow()
+
+
+def bubble_length(grid: Grid, flow: Flow) -> float:
+    """Length of a mean flow's recirculation bubble in W: from the base to where u on the axis y = 0 turns positive
+    for good. Zero if nothing on the axis flows back.
+    """
+    # The axis is a row of faces; u lies half a cell above and below it, one padding column further on.
+    above = grid.shape[1] // 2 + 1
+    u, x = flow.u[grid.rear : -1, above - 1 : above + 1].mean(axis=1), grid.xf[grid.rear :]
+    backward = np.flatnonzero(u < 0.0)
+    if backward.size == 0:
+        return 0.0
+    last = slice(int(backward[-1]), int(backward[-1]) + 2)
+    # From below zero to above: the only order np.interp takes. A bubble that reaches the outlet ends there.
+    return float(np.interp(0.0, u[last], x[last])) - LENGTH
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Raster:
+    """Linear interpolation from the nodes of a tensor grid to square pixels.
+
+    Attributes:
+        x, y: pixel centres, (width,) and (height,), both rising.
+        across, up: weights of the nodes for every pixel, (width, len(nodes_x)) and (height, len(nodes_y)).
+    """
+
+    x: Array
+    y: Array
+    across: csr_array
+    up: csr_array
+
+    @classmethod
+    def of(cls, nodes_x: Array, nodes_y: Array, view: View, width: int) -> "Raster":
+        """`width` pixels across `view`; beyond the outermost nodes their value holds."""
+        size = (view[1] - view[0]) / width
+        x = np.asarray(view[0] + size * (np.arange(width) + 0.5), dtype=np.float64)
+        y = np.asarray(view[2] + size * (np.arange(round((view[3] - view[2]) / size)) + 0.5), dtype=np.float64)
+        return cls(x=x, y=y, across=_weights(nodes_x, x), up=_weights(nodes_y, y))
+
+    def __call__(self, field: Array) -> Array:
+        """(len(nodes_x), len(nodes_y)) to (height, width), row 0 at the bottom."""
+        return np.asarray(self.up @ (self.across @ field).T)
+
+
+def _weights(nodes: Array, at: Array) -> csr_array:
+    at = np.clip(at, nodes[0], nodes[-1])
+    right = np.clip(np.searchsorted(nodes, at), 1, len(nodes) - 1)
+    share = (at - nodes[right - 1]) / (nodes[right] - nodes[right - 1])
+    rows = np.arange(len(at))
+    places = (np.concatenate([rows, rows]), np.concatenate([right - 1, right]))
+    return csr_array((np.concatenate([1.0 - share, share]), places), shape=(len(at), len(nodes)))

@@ -1,0 +1,151 @@
+"""One episode of a recording: what a process needs to know to record it, block by block."""
+
+import hashlib
+import platform
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.config.tree import Config
+from contract.errors import StillwakeError
+from contract.recording.dataset import UNITS, Episode
+from contract.results import versions
+from wake.recording.blocks import EpisodeBlocks, Series
+from wake.recording.controlled_plan import ControlledPlan
+from wake.recording.episode_plan import EpisodePlan
+from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
+from wake.solver.grid import truck_grid
+from wake.truck.truck_wake import Sample, TruckWake, developed_state
+
+Array = npt.NDArray[np.float64]
+Plan = EpisodePlan | ControlledPlan
+Progress = Callable[[str, int, int], None]
+"""Called with (episode, steps done, steps in all)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeJob:
+    """What it takes to record one episode, in this process or in another that sees the same folder.
+
+    Attributes:
+        parts: folder of the recording's unfinished work.
+        owner: of the call of `record` that this belongs to; work stops when another one has taken the folder over.
+        setting: what every sample depends on; see `setting_of`.
+        policy: makes the controller; without one, the plan's signal is all that drives the jets.
+    """
+
+    parts: Path
+    owner: str
+    plan: Plan
+    config: Config
+    block_steps: int
+    setting: Mapping[str, Any]
+    policy: PolicyFactory = NoFeedback
+
+    @property
+    def blocks(self) -> EpisodeBlocks:
+        return EpisodeBlocks(folder=self.parts / self.plan.name, steps=self.plan.steps, block_steps=self.block_steps)
+
+    def run(self, wake: TruckWake | None = None, progress: Progress = lambda name, done, total: None) -> None:
+        """Record what is missing; `wake` is built if not given.
+
+        Raises:
+            StillwakeError: if the folder is not to be seen from here, a block cannot be written, this process has
+                other versions or another start than the one that began the recording, or another call took over.
+            PlantError: if the flow diverges.
+        """
+        if not self._is_owner():
+            raise StillwakeError(
+                f"{self.parts} is not to be seen from {platform.node()}: it must lie on a shared folder"
+            )
+        mine = setting_of(self.config, self.plan.packages)
+        if mine != self.setting:
+            raise StillwakeError(f"{platform.node()} would record with other {differing(mine, self.setting)}")
+        plan, blocks = self.plan, self.blocks
+        if blocks.finished == plan.steps:
+            return
+        wake = TruckWake(self.config.flow) if wake is None else wake
+        signal, policy = plan.signal(self.config), self.policy()
+        first = blocks.finished
+        if first:
+            state, memory = blocks.end()
+            sample = wake.reset(state)
+        else:
+            memory = policy.start()
+            sample = wake.reset(developed_state())
+            for _ in range(plan.lead):
+                sample = wake.advance(0.0)
+        while first < plan.steps:
+            if not self._is_owner():
+                raise StillwakeError(f"{self.parts}: stopped, or taken over by another call")
+            block = signal[first : first + self.block_steps]
+            series, sample, memory = _advance(wake, sample, policy, memory, block)
+            blocks.add(series, wake.state(), memory)
+            first += len(block)
+            progress(plan.name, first, plan.steps)
+
+    def episode(self) -> Episode:
+        """The finished episode."""
+        return Episode(
+            name=self.plan.name,
+            role=self.plan.role,
+            series=self.blocks.series(),
+            initial_action=0.0 if self.plan.lead else developed_state().action,
+            provenance={**self.setting, **self.plan.provenance},
+        )
+
+    def _is_owner(self) -> bool:
+        try:
+            return owner_file(self.parts).read_text() == self.owner
+        except OSError:
+            return False
+
+
+def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages`, too."""
+    start = files("wake").joinpath("data/developed.npz").read_bytes()
+    return {
+        "flow": asdict(config.flow),
+        "forcing": asdict(config.forcing),
+        "grid": list(truck_grid().shape),
+        "start": "wake/data/developed.npz",
+        "start_sha256": hashlib.sha256(start).hexdigest(),
+        "versions": {
+            "python": platform.python_version(),
+            **versions("stillwake", "numpy", "numba", "scipy", *packages),
+        },
+    }
+
+
+def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
+    return ", ".join(sorted(key for key in a.keys() | b.keys() if a.get(key) != b.get(key)))
+
+
+def owner_file(parts: Path) -> Path:
+    return parts / "owner"
+
+
+def _advance(
+    wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
+) -> tuple[Series, Sample, Array]:
+    """Samples of a block that begins with `sample`, the one after it, and the policy's memory then.
+
+    What acts is the policy's command plus the signal, cut to the action limit; the policy sees it as the action in
+    force one step later.
+    """
+    rows: list[Sample] = []
+    actions = np.empty(len(signal))
+    limit = wake.config.action_limit
+    for k, added in enumerate(signal):
+        rows.append(sample)
+        command, memory = policy.step(memory, sample.Cp, sample.action)
+        actions[k] = np.clip(command + added, -limit, limit)
+        sample = wake.advance(float(actions[k]))
+    series = {name: np.array([getattr(row, name) for row in rows]) for name in UNITS}
+    # A sample knows the action in force when it was taken; a recording holds the one commanded then.
+    return series | {"action": actions}, sample, memory

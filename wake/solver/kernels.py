@@ -1,0 +1,217 @@
+"""Compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
+
+Central differences on the staggered grid, second order on smoothly stretched grids; the convective term interpolates
+with equal weights, so that it neither makes nor destroys kinetic energy (Verstappen and Veldman, J. Comput. Phys.
+187, 2003). It is written in advective form, which equals the flux form on a divergence-free field; on the stages of a
+Runge-Kutta step, which are not projected, the flux form would count each divergence twice and halve the stable step.
+Arrays are padded: u is (nx + 2, ny + 2) and v is (nx + 2, ny + 1), with one layer beyond the edges along
+which the component is tangential and one behind the outlet; p is (nx + 1, ny), its last column mirrored behind the
+outlet with the other sign. Runs (i, j0, j1) of unpadded indices name the faces to treat, so that the loops
+over j hold no branch.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+Spacing = tuple[Array, Array, Array, Array]
+"""dx, dxc, dy, dyc of a `wake.solver.grid.Grid`."""
+Ghosts = tuple[Index, Index, Index, Array]
+"""Target, start, source and weight of a `wake.solver.boundary.GhostMap`."""
+
+
+@njit(cache=True, fastmath={"contract"})
+def _u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
+    """q = a q + du/dt on the open u-faces, the pressure p's gradient included.
+
+    Rows are sliced to start at the run, and the x- and y-terms take a loop each: with indices that could be negative,
+    or more arrays than it can prove distinct, the compiler does not vectorise.
+    """
+    dx, dxc, dy, dyc = spacing
+    half_rdy, nu_rdy, rdyc = 0.5 / dy, nu / dy, 1.0 / dyc
+    along = np.empty_like(dy)
+    for r in range(runs.shape[0]):
+        i, j0, n = runs[r, 0], runs[r, 1], runs[r, 2] - runs[r, 1]
+        inner, wide = slice(j0 + 1, j0 + n + 1), slice(j0, j0 + n + 2)
+        rdxc = 1.0 / dxc[i]
+        quarter = 0.25 * rdxc
+        diff_w, diff_e = nu / dx[i - 1] * rdxc, nu / dx[i] * rdxc
+        um, uw, ue = u[i, inner], u[i - 1, inner], u[i + 1, inner]
+        pw, pe = p[i - 1, j0 : j0 + n], p[i, j0 : j0 + n]
+        for k in range(n):
+            east, west = ue[k] - um[k], um[k] - uw[k]
+            along[k] = (
+                diff_e * east
+                - diff_w * west
+                - quarter * ((2.0 * um[k] + east) * east + (2.0 * um[k] - west) * west)
+                - (pe[k] - pw[k]) * rdxc
+            )
+        left, right = 0.5 * dx[i - 1] * rdxc, 0.5 * dx[i] * rdxc
+        qi, uy, vw, ve = q[i, inner], u[i, wide], v[i, j0 : j0 + n + 1], v[i + 1, j0 : j0 + n + 1]
+        hy, ny, cy = half_rdy[j0 : j0 + n], nu_rdy[j0 : j0 + n], rdyc[j0 : j0 + n + 1]
+        for k in range(n):
+            north, south = uy[k + 2] - uy[k + 1], uy[k + 1] - uy[k]
+            v_north = left * vw[k + 1] + right * ve[k + 1]
+            v_south = left * vw[k] + right * ve[k]
+            across = ny[k] * (north * cy[k + 1] - south * cy[k]) - hy[k] * (v_north * north + v_south * south)
+            qi[k] = a * qi[k] + along[k] + across
+
+
+@njit(cache=True, fastmath={"contract"})
+def _v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
+    """q = a q + dv/dt on the open v-faces, the pressure p's gradient included; loops as in `_u_rate`."""
+    dx, dxc, dy, dyc = spacing
+    rdy, rdyc = 1.0 / dy, 1.0 / dyc
+    # Shares of the rows below and above a v-face in the flow through its cell's sides.
+    below, above = 0.5 * dy[:-1] * rdyc[1:-1], 0.5 * dy[1:] * rdyc[1:-1]
+    along = np.empty_like(dyc)
+    for r in range(runs.shape[0]):
+        i, j0, n = runs[r, 0], runs[r, 1], runs[r, 2] - runs[r, 1]
+        inner, wide = slice(j0, j0 + n), slice(j0 - 1, j0 + n + 1)
+        half_rdx = 0.5 / dx[i]
+        diff_w, diff_e = nu / dxc[i] / dx[i], nu / dxc[i + 1] / dx[i]
+        vy, pi, cy, my = v[i + 1, wide], p[i, j0 - 1 : j0 + n], rdyc[inner], rdy[j0 - 1 : j0 + n]
+        for k in range(n):
+            north, south = vy[k + 2] - vy[k + 1], vy[k + 1] - vy[k]
+            along[k] = cy[k] * (
+                nu * (north * my[k + 1] - south * my[k])
+                - 0.25 * ((vy[k + 2] + vy[k + 1]) * north + (vy[k + 1] + vy[k]) * south)
+                - (pi[k + 1] - pi[k])
+            )
+        vm, vw, ve = v[i + 1, inner], v[i, inner], v[i + 2, inner]
+        uw, ue = u[i, j0 : j0 + n + 1], u[i + 1, j0 : j0 + n + 1]
+        lo, hi, qi = below[j0 - 1 : j0 + n - 1], above[j0 - 1 : j0 + n - 1], q[i + 1, inner]
+        for k in range(n):
+            along[k] += (diff_e - half_rdx * (lo[k] * ue[k] + hi[k] * ue[k + 1])) * (ve[k] - vm[k])
+        for k in range(n):
+            across = (diff_w + half_rdx * (lo[k] * uw[k] + hi[k] * uw[k + 1])) * (vm[k] - vw[k])
+            qi[k] = a * qi[k] + along[k] - across
+
+
+@njit(cache=True, fastmath={"contract"})
+def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
+    """field += scale q on the open faces."""
+    for r in range(runs.shape[0]):
+        i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
+        fi, qi = field[i, j0:j1], q[i, j0:j1]
+        for k in range(fi.shape[0]):
+            fi[k] += scale * qi[k]
+
+
+@njit(cache=True)
+def _fill_ghosts(flat: Array, target: Index, start: Index, source: Index, weight: Array) -> None:
+    for k in range(target.shape[0]):
+        total = 0.0
+        for e in range(start[k], start[k + 1]):
+            total += weight[e] * flat[source[e]]
+        flat[target[k]] = total
+
+
+@njit(cache=True)
+def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
+    """The padding: slip sides and outflow for u, inflow and outflow for v."""
+    nx, ny = u.shape[0] - 2, u.shape[1] - 2
+    for j in range(ny):
+        u[nx + 1, j + 1] = u[nx, j + 1]
+    for i in range(nx + 1):
+        u[i, 0] = u[i, 1]
+        u[i, ny + 1] = u[i, ny]
+    for j in range(ny + 1):
+        v[0, j] = 2.0 * inflow_v[j] - v[1, j]
+        v[nx + 1, j] = v[nx, j]
+
+
+@njit(cache=True)
+def fill_walls(u: Array, v: Array, u_ghosts: Ghosts, v_ghosts: Ghosts) -> None:
+    """No slip on the body."""
+    _fill_ghosts(u.reshape(-1), *u_ghosts)
+    _fill_ghosts(v.reshape(-1), *v_ghosts)
+
+
+@njit(cache=True)
+def clear_walls(u: Array, v: Array, u_ghosts: Ghosts, v_ghosts: Ghosts) -> None:
+    """Ghosts carry no flow in the mass balance."""
+    u_flat, v_flat = u.reshape(-1), v.reshape(-1)
+    for k in u_ghosts[0]:
+        u_flat[k] = 0.0
+    for k in v_ghosts[0]:
+        v_flat[k] = 0.0
+
+
+@njit(cache=True)
+def stage(
+    u: Array,
+    v: Array,
+    p: Array,
+    qu: Array,
+    qv: Array,
+    a: float,
+    step: float,
+    nu: float,
+    spacing: Spacing,
+    u_runs: Index,
+    v_runs: Index,
+    u_ghosts: Ghosts,
+    v_ghosts: Ghosts,
+    inflow_u: Array,
+    inflow_v: Array,
+    rear: int,
+    slot_rows: Index,
+    slot_velocity: Array,
+) -> None:
+    """One Runge-Kutta stage: q = a q + rate, velocity += step q, then every boundary condition at its end."""
+    _u_rate(qu, a, u, v, p, nu, spacing, u_runs)
+    _v_rate(qv, a, u, v, p, nu, spacing, v_runs)
+    _add_scaled(u, qu, step, u_runs, 0, 1)
+    _add_scaled(v, qv, step, v_runs, 1, 0)
+    for j in range(len(inflow_u)):
+        u[0, j + 1] = inflow_u[j]
+    for k in range(len(slot_rows)):
+        u[rear, slot_rows[k] + 1] = slot_velocity[k]
+    fill_edges(u, v, inflow_v)
+    fill_walls(u, v, u_ghosts, v_ghosts)
+
+
+@njit(cache=True, fastmath={"contract"})
+def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
+    """b = net outflow of each fluid cell; solid cells keep their zero."""
+    for r in range(runs.shape[0]):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        width, height = dx[i], dy[j0:j1]
+        uw, ue, vi, bi = u[i, j0 + 1 : j1 + 1], u[i + 1, j0 + 1 : j1 + 1], v[i + 1, j0 : j1 + 1], b[i, j0:j1]
+        for k in range(j1 - j0):
+            bi[k] = (ue[k] - uw[k]) * height[k] + (vi[k + 1] - vi[k]) * width
+
+
+@njit(cache=True, fastmath={"contract"})
+def correct(
+    u: Array, v: Array, p: Array, phi: Array, dt: float, dxc: Array, dyc: Array, u_runs: Index, v_runs: Index
+) -> None:
+    """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
+    nx, ny = phi.shape
+    for r in range(u_runs.shape[0]):
+        i, j0, j1 = u_runs[r, 0], u_runs[r, 1], u_runs[r, 2]
+        if i == nx:
+            continue
+        rd = 1.0 / dxc[i]
+        ui, pw, pe = u[i, j0 + 1 : j1 + 1], phi[i - 1, j0:j1], phi[i, j0:j1]
+        for k in range(j1 - j0):
+            ui[k] -= (pe[k] - pw[k]) * rd
+    rd = 1.0 / dxc[nx]
+    for j in range(ny):
+        u[nx, j + 1] += phi[nx - 1, j] * rd
+    rdyc = 1.0 / dyc
+    for r in range(v_runs.shape[0]):
+        i, j0, j1 = v_runs[r, 0], v_runs[r, 1], v_runs[r, 2]
+        vi, pi, c = v[i + 1, j0:j1], phi[i, j0 - 1 : j1], rdyc[j0:j1]
+        for k in range(j1 - j0):
+            vi[k] -= (pi[k + 1] - pi[k]) * c[k]
+    rdt = 1.0 / dt
+    for i in range(nx):
+        pi, fi = p[i], phi[i]
+        for j in range(ny):
+            pi[j] += fi[j] * rdt
+    for j in range(ny):
+        p[nx, j] = -p[nx - 1, j]

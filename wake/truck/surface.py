@@ -1,0 +1,207 @@
+"""Sensors and forces as linear functionals of the flow.
+
+Each measured quantity is a fixed weighted sum of u, v and p, so one sparse product per control step yields all of
+them. Along the normal, wall pressure continues a parabola through two points in the flow whose slope on the wall is the
+one that the momentum balance of fluid at rest demands: at the rounded corners, where the boundary layer holds up a
+pressure that falls steeply outside it, a straight line would give 1 % too little drag. Wall shear follows from the
+velocity with no slip on the wall. Forces are per unit of rho U_inf^2 W / 2.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+from contract import sensors
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH, WAKE_PROBE
+from wake.solver.boundary import Boundary
+from wake.solver.grid import Grid, bilinear
+from wake.solver.navier_stokes import Flow
+from wake.truck.slot_faces import SlotFaces, SlotLoad
+
+Array = npt.NDArray[np.float64]
+Terms = defaultdict[int, float]
+
+_ARC_POINTS: Final = 64
+"""Quadrature points on each rounded corner; a test holds that doubling them hardly moves the force."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measured:
+    """Functionals of a flow at one instant.
+
+    Attributes:
+        Cp: at the 90 sensors.
+        Cd, Cl: wall force, pressure and viscous, without the slot faces.
+        slots: what the flow does to the slot faces.
+        Uy_probe: transverse velocity at the wake probe.
+    """
+
+    Cp: Array
+    Cd: float
+    Cl: float
+    slots: SlotLoad
+    Uy_probe: float
+
+
+class Surface:
+    """The functionals of one grid."""
+
+    def __init__(self, grid: Grid, boundary: Boundary, viscosity: float, slot_profile: Array) -> None:
+        self._grid = grid
+        self._boundary = boundary
+        self._viscosity = viscosity
+        self._slots = SlotFaces(grid, viscosity, slot_profile)
+        nx, ny = grid.shape
+        self._u_start, self._v_start = 0, (nx + 2) * (ny + 2)
+        self._p_start = self._v_start + (nx + 2) * (ny + 1)
+        rows = [
+            self._wall_pressure(x, y, *normal) for (x, y), normal in zip(sensors.positions(), _normals(), strict=True)
+        ]
+        rows += self._wall_force(viscosity)
+        rows.append(self._sample(WAKE_PROBE[0], WAKE_PROBE[1], "v"))
+        self._matrix = _sparse(rows, self._p_start + (nx + 1) * ny)
+
+    def measure(self, flat: Array) -> Measured:
+        """Evaluate on the flow's buffer."""
+        values = self._matrix @ flat
+        cp, rest = values[: sensors.COUNT], values[sensors.COUNT :]
+        return Measured(
+            Cp=cp,
+            Cd=float(rest[0]),
+            Cl=float(rest[1]),
+            slots=self._slots.measure(Flow.of(flat, self._grid.shape)),
+            Uy_probe=float(rest[2]),
+        )
+
+    def _index(self, component: str, i: int, j: int) -> int:
+        ny = self._grid.shape[1]
+        if component == "u":
+            return self._u_start + i * (ny + 2) + j + 1
+        if component == "v":
+            return self._v_start + (i + 1) * (ny + 1) + j
+        return self._p_start + i * ny + j
+
+    def _axes(self, component: str) -> tuple[Array, Array]:
+        grid = self._grid
+        return grid.xf if component == "u" else grid.xc, grid.yf if component == "v" else grid.yc
+
+    def _sample(self, px: float, py: float, component: str) -> Terms:
+        """A field at a point in the flow."""
+        terms: Terms = defaultdict(float)
+        for (i, j), w in bilinear(*self._axes(component), px, py):
+            terms[self._index(component, i, j)] += w
+        return terms
+
+    def _flow_points(self, x: float, y: float, nx: float, ny: float, component: str) -> list[tuple[float, Terms]]:
+        """The two nearest usable points along the normal at (x, y): (distance, field there)."""
+        usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
+        xs, ys = self._axes(component)
+        spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
+        found: list[tuple[float, Terms]] = []
+        distance = 0.5 * spacing
+        while len(found) < 2:
+            entries = bilinear(xs, ys, x + distance * nx, y + distance * ny)
+            if all(usable[face] for face, _ in entries):
+                terms: Terms = defaultdict(float)
+                for face, w in entries:
+                    terms[self._index(component, *face)] += w
+                found.append((distance, terms))
+                distance += spacing
+            else:
+                distance += 0.0625 * spacing
+        return found
+
+    def _wall_pressure(self, x: float, y: float, nx: float, ny: float) -> Terms:
+        """Cp on the wall."""
+        (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, "p")
+        scale = 2.0 / (d2 * d2 - d1 * d1)
+        slope = self._wall_pressure_slope(x, y, nx, ny)
+        return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
+
+    def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
+        """Normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at rest)."""
+        terms: Terms = defaultdict(float)
+        for factor, component in ((nx, "u"), (ny, "v")):
+            if abs(factor) > 1e-9:
+                (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
+                scale = 2.0 * self._viscosity * factor / (d2 - d1)
+                _add(terms, -scale / d1, first)
+                _add(terms, scale / d2, second)
+        return terms
+
+    def _wall_shear(self, x: float, y: float, nx: float, ny: float, component: str) -> Terms:
+        """Normal derivative of a velocity component on a no-slip wall, second order."""
+        (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
+        scale = 1.0 / (d1 * d2 * (d2 - d1))
+        return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second))
+
+    def _wall_force(self, viscosity: float) -> tuple[Terms, Terms]:
+        drag: Terms = defaultdict(float)
+        lift: Terms = defaultdict(float)
+        for x, y, nx, ny, length in self._wall_elements():
+            pressure = self._wall_pressure(x, y, nx, ny)
+            _add(drag, -nx * length, pressure)
+            _add(lift, -ny * length, pressure)
+            # On a no-slip wall the viscous traction is nu du/dn, tangential because the flow is solenoidal.
+            if abs(ny) > 1e-9:
+                _add(drag, 2.0 * viscosity * length, self._wall_shear(x, y, nx, ny, "u"))
+            if abs(nx) > 1e-9:
+                _add(lift, 2.0 * viscosity * length, self._wall_shear(x, y, nx, ny, "v"))
+        return drag, lift
+
+    def _wall_elements(self) -> list[tuple[float, float, float, float, float]]:
+        """(x, y, nx, ny, length) over the outline without the slots."""
+        grid, r = self._grid, LEADING_EDGE_RADIUS
+        flat = HALF_WIDTH - r
+        elements = []
+        for y, dy in _strips(grid.yf, -flat, flat):
+            elements.append((0.0, y, -1.0, 0.0, dy))
+        for y, dy in _strips(grid.yf, -HALF_WIDTH + JET_WIDTH, HALF_WIDTH - JET_WIDTH):
+            elements.append((LENGTH, y, 1.0, 0.0, dy))
+        for x, dx in _strips(grid.xf, r, LENGTH):
+            elements += [(x, HALF_WIDTH, 0.0, 1.0, dx), (x, -HALF_WIDTH, 0.0, -1.0, dx)]
+        step = 0.5 * np.pi / _ARC_POINTS
+        for angle in (np.arange(_ARC_POINTS) + 0.5) * step:
+            nx, ny = -float(np.cos(angle)), float(np.sin(angle))
+            elements += [(r + r * nx, s * (flat + r * ny), nx, s * ny, r * step) for s in (1.0, -1.0)]
+        return elements
+
+
+def _normals() -> list[tuple[float, float]]:
+    return [(0.0, 1.0)] * sensors.PER_SIDE + [(0.0, -1.0)] * sensors.PER_SIDE + [(1.0, 0.0)] * sensors.ON_BASE
+
+
+def _cell_size(faces: Array, at: float) -> float:
+    """Size of the cell around a point; of the larger neighbour on a face, so that mirror images agree."""
+    first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
+    return float(np.diff(faces[first : last + 1]).max())
+
+
+def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
+    """Midpoints and lengths of the grid's intervals between start and end, the first and last cut to fit."""
+    inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
+    edges = np.concatenate([[start], inside, [end]])
+    return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]
+
+
+def _add(target: Terms, factor: float, terms: Terms) -> None:
+    for index, weight in terms.items():
+        target[index] += factor * weight
+
+
+def _combine(*parts: tuple[float, Terms]) -> Terms:
+    out: Terms = defaultdict(float)
+    for factor, terms in parts:
+        _add(out, factor, terms)
+    return out
+
+
+def _sparse(rows: list[Terms], columns: int) -> csr_array:
+    start = np.cumsum([0, *(len(row) for row in rows)])
+    index = np.concatenate([np.fromiter(row.keys(), np.int64) for row in rows])
+    weight = np.concatenate([np.fromiter(row.values(), np.float64) for row in rows])
+    return csr_array((weight, index, start), shape=(len(rows), columns))

@@ -1,0 +1,295 @@
+"""The plant: the truck's wake with its jets, stepped one control period at a time.
+
+Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
+force to the newly commanded one until t_{k+1}. A command that arrives late starts its ramp late and still ends at
+t_{k+1}; `advance_to` lets a co-simulation say when it arrived.
+"""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.atomic import replacing
+from contract.config.tree import FlowConfig
+from contract.errors import PlantError
+from wake.solver import boundary, stability
+from wake.solver.grid import truck_grid
+from wake.solver.navier_stokes import Flow, FlowSolver
+from wake.truck import jets
+from wake.truck.body import signed_distance
+from wake.truck.surface import Surface
+
+Array = npt.NDArray[np.float64]
+
+STATE_SCHEMA: Final = "stillwake-flow/2"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sample:
+    """What the plant shows at one instant; forces per unit of rho U_inf^2 W / 2.
+
+    Attributes:
+        t: time in t_c.
+        Cp: at the 90 sensors, relative to the outlet.
+        Cd, Cl: wall force without the slot faces.
+        Cd_slot_pressure, Cd_slot_viscous: pressure and viscous force on the slot faces.
+        Cd_momentum: reaction to the momentum the jets carry, negative for thrust.
+        jet_power: power the jets hand to the flow, per unit of rho U_inf^3 W / 2.
+        Uy_probe: transverse velocity at (10, 0).
+        action: jet flow rate in force at this instant.
+    """
+
+    t: float
+    Cp: Array
+    Cd: float
+    Cl: float
+    Cd_slot_pressure: float
+    Cd_slot_viscous: float
+    Cd_momentum: float
+    jet_power: float
+    Uy_probe: float
+    action: float
+
+    @property
+    def Cd_slot(self) -> float:
+        """Force on the slot faces."""
+        return self.Cd_slot_pressure + self.Cd_slot_viscous
+
+    @property
+    def Cd_net(self) -> float:
+        """Wall, slot and momentum together: what the vehicle's axle would feel."""
+        return self.Cd + self.Cd_slot + self.Cd_momentum
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """The plant a state was made on; the clock is None where an old file does not tell."""
+
+    shape: tuple[int, int]
+    reynolds: float
+    control_period: float | None = None
+    substeps: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Everything that decides the future: the flow, the substep count since t = 0 and the jet.
+
+    A state that knows its origin is only taken by a plant of the same kind.
+    """
+
+    flat: Array
+    substep: int
+    action: float
+    origin: Origin | None = None
+
+
+class TruckWake:
+    """The flow around the truck.
+
+    Args:
+        config: Reynolds number, control period, substeps and action bound.
+        refinement: divides every grid spacing; 1 is the grid all shipped data was recorded on.
+
+    Raises:
+        PlantError: if the time step is bound to diverge on this grid.
+    """
+
+    def __init__(self, config: FlowConfig | None = None, refinement: float = 1.0) -> None:
+        self.config = FlowConfig() if config is None else config
+        self.grid = truck_grid(refinement)
+        self.boundary = boundary.build(self.grid, signed_distance)
+        profile = jets.slot_profile(self.grid)
+        viscosity = 1.0 / self.config.reynolds
+        stability.check_step(
+            self.grid,
+            self.boundary.fluid,
+            viscosity,
+            jet_speed=self.config.action_limit * float(np.abs(profile).max()),
+            period=self.config.control_period,
+            substeps=self.config.substeps,
+        )
+        self.solver = FlowSolver(self.grid, self.boundary, viscosity, slot_profile=profile)
+        self.surface = Surface(self.grid, self.boundary, viscosity, profile)
+        self.flow = Flow.zeros(self.grid.shape)
+        self._substep = 0
+        self._action = 0.0
+
+    @property
+    def description(self) -> str:
+        """Solver, grid and time step in a few words."""
+        nx, ny = self.grid.shape
+        return f"stillwake, {nx} x {ny} cells, dt 1/{1.0 / self.dt:g}"
+
+    @property
+    def dt(self) -> float:
+        """Time step in t_c."""
+        return self.config.control_period / self.config.substeps
+
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+        return self._substep * self.dt
+
+    @property
+    def substeps_into_period(self) -> int:
+        return self._substep % self.config.substeps
+
+    def reset(self, state: State) -> Sample:
+        """Continue from a state, bit for bit.
+
+        Raises:
+            PlantError: if it belongs to another grid, Reynolds number or clock, or is not finite.
+        """
+        if state.origin is not None:
+            self._check_origin(state.origin, state.substep)
+        if state.flat.shape != self.flow.flat.shape:
+            raise PlantError(f"flow state has {state.flat.size} values, this grid needs {self.flow.flat.size}")
+        if not np.isfinite(state.flat).all():
+            raise PlantError("flow state holds values that are not finite")
+        if not abs(state.action) <= self.config.action_limit * (1.0 + 1e-12):
+            raise PlantError(f"flow state has action {state.action}: must be within +-{self.config.action_limit}")
+        self.flow.flat[:] = state.flat
+        self._substep, self._action = state.substep, state.action
+        return self.sample()
+
+    def state(self) -> State:
+        """A copy to `reset` to later."""
+        return State(
+            flat=self.flow.flat.copy(),
+            substep=self._substep,
+            action=self._action,
+            origin=Origin(
+                shape=self.grid.shape,
+                reynolds=self.config.reynolds,
+                control_period=self.config.control_period,
+                substeps=self.config.substeps,
+            ),
+        )
+
+    def advance(self, action: float) -> Sample:
+        """Ramp to `action` over the rest of the control period and return the next sample.
+
+        Raises:
+            PlantError: for an action that is not finite or exceeds the bound, or if the flow diverges.
+        """
+        return self.advance_to(self.config.substeps, action)
+
+    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+        """Advance within the current period until `substep` (1 .. substeps).
+
+        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
+        """
+        into, last = self.substeps_into_period, self.config.substeps
+        if not into < substep <= last:
+            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
+        target = self._action if action is None else self._checked(action)
+        steps = substep - into
+        reached = self._action + (target - self._action) * steps / (last - into)
+        self.solver.run(self.flow, dt=self.dt, steps=steps, action_from=self._action, action_to=reached)
+        self._substep += steps
+        self._action = target if substep == last else reached
+        return self.sample()
+
+    def sample(self) -> Sample:
+        """Measure now."""
+        measured, a = self.surface.measure(self.flow.flat), self._action
+        slots = measured.slots
+        # Integral of u^3 over a slot vanishes in the sum of blowing and sucking; pressure work remains.
+        return Sample(
+            t=self.t,
+            Cp=measured.Cp,
+            Cd=measured.Cd,
+            Cl=measured.Cl,
+            Cd_slot_pressure=slots.Cd_pressure,
+            Cd_slot_viscous=slots.Cd_viscous,
+            Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * a * a,
+            jet_power=a * (slots.Cp_upper - slots.Cp_lower),
+            Uy_probe=measured.Uy_probe,
+            action=a,
+        )
+
+    def vorticity(self) -> Array:
+        """dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
+        u, v = self.flow.u, self.flow.v
+        dvdx = (v[2:-1, 1:-1] - v[1:-2, 1:-1]) / self.grid.dxc[1:-1, None]
+        dudy = (u[1:-2, 2:-1] - u[1:-2, 1:-2]) / self.grid.dyc[None, 1:-1]
+        return np.asarray(dvdx - dudy)
+
+    def _check_origin(self, origin: Origin, substep: int) -> None:
+        config = self.config
+        if origin.shape != self.grid.shape:
+            (nx, ny), (mine_x, mine_y) = origin.shape, self.grid.shape
+            raise PlantError(f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}")
+        if origin.reynolds != config.reynolds:
+            raise PlantError(
+                f"flow state is of reynolds = {origin.reynolds:g}, this plant has {config.reynolds:g}: "
+                "`stillwake develop` makes a start for it"
+            )
+        # At t = 0 every clock agrees.
+        clock = (origin.control_period, origin.substeps)
+        if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):
+            raise PlantError(
+                f"flow state stands at step {substep} of a clock with {origin.substeps} substeps in "
+                f"{origin.control_period} t_c, this plant has {config.substeps} in {config.control_period}"
+            )
+
+    def _checked(self, action: float) -> float:
+        limit = self.config.action_limit
+        if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
+            raise PlantError(f"action {action}: must be finite and within +-{limit}")
+        return float(action)
+
+
+def save_state(path: Path, wake: TruckWake) -> None:
+    """Write the plant's state, whole or not at all."""
+    state = wake.state()
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            schema=STATE_SCHEMA,
+            flat=state.flat,
+            substep=state.substep,
+            action=state.action,
+            shape=wake.grid.shape,
+            reynolds=wake.config.reynolds,
+            control_period=wake.config.control_period,
+            substeps=wake.config.substeps,
+        )
+
+
+def load_state(path: Path) -> State:
+    """Read a saved state.
+
+    Raises:
+        PlantError: if the file is missing, damaged or of another schema.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if str(data["schema"]) != STATE_SCHEMA:
+                raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
+            nx, ny = data["shape"]
+            clocked = "substeps" in data.files
+            return State(
+                flat=data["flat"],
+                substep=int(data["substep"]),
+                action=float(data["action"]),
+                origin=Origin(
+                    shape=(int(nx), int(ny)),
+                    reynolds=float(data["reynolds"]),
+                    control_period=float(data["control_period"]) if clocked else None,
+                    substeps=int(data["substeps"]) if clocked else None,
+                ),
+            )
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+        raise PlantError(f"{path}: not a flow state ({error})") from error
+
+
+def developed_state() -> State:
+    """The shipped start: shedding established, no action."""
+    return load_state(Path(str(files("wake").joinpath("data/developed.npz"))))
