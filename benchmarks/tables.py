@@ -3,9 +3,12 @@
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks import controller_tables, openfoam_tables, truncation_tables, wake_tables
-from benchmarks.markdown import fill, read, table
-from benchmarks.model_study import page
+from benchmarks.common.markdown import fill, read, table
+from benchmarks.controller import tables as controller_tables
+from benchmarks.controller import truncation_tables
+from benchmarks.model.study import page
+from benchmarks.wake import openfoam_tables
+from benchmarks.wake import tables as wake_tables
 from contract.atomic import replacing
 
 ROOT: Final = Path(__file__).resolve().parent.parent
@@ -131,7 +134,7 @@ def _open_loop(results: Path) -> str:
     rows = [[f"{row['frequency']:.2f}", row["lead"], *(row[name] for name in names)] for row in found["figures"]]
     return f"""## A sine without feedback ({found["date"]})
 
-    python benchmarks/open_loop.py --json results/open_loop.json
+    python benchmarks/wake/open_loop.py --json results/open_loop.json
 
 Full amplitude; averages from {found["facts"]["settle"]:g} to {found["facts"]["controlled"]:g} t_c. The sine begins so
 many control steps after the shipped start: with the same sine, the wake locks onto states of different drag.
@@ -144,7 +147,7 @@ def _model(results: Path) -> str:
     found = read(results / "model.json")
     return f"""## The model on the chirp ({found["date"]})
 
-    python -m benchmarks.model_study --json results/model.json
+    python -m benchmarks.model.study --json results/model.json
 
 {page.summary(found["figures"])}
 
@@ -159,7 +162,7 @@ def _controller(results: Path) -> str:
     workspace = " and ".join(f"{found[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""## One control step, one thread
 
-    python benchmarks/controller.py --model runs/model --json results/controller.json
+    python benchmarks/controller/latency.py --model runs/model --json results/controller.json
 
 {table(heads, _lowerings(found))}
 
@@ -169,7 +172,8 @@ The C library, compiled with `{found["settings"]["c_flags"]}` by
 
 With dynamics of width {narrow["settings"]["dynamics_width"]} and a decoder of {narrow["settings"]["decoder_width"]}:
 
-    python benchmarks/controller.py --dynamics-width 128 --decoder-width 64 --json results/controller_narrow.json
+    python benchmarks/controller/latency.py --dynamics-width 128 --decoder-width 64 --json
+    results/controller_narrow.json
 
 {table(heads, _lowerings(narrow))}
 {_casadi(found)}"""
@@ -225,7 +229,7 @@ def _mcu(results: Path) -> str:
     times = tuple(f"ms at {clock} MHz, {kind}" for clock in (480, 300) for kind in ("1 a cycle", "modelled"))
     return f"""## One control step on an emulated Cortex-M7 ({found["date"]})
 
-    python benchmarks/mcu.py --json results/mcu.json
+    python benchmarks/controller/mcu.py --json results/mcu.json
 
 {table((*heads, *times, "= host to the bit"), rows)}
 

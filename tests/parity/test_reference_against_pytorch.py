@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.controller.eager import EagerController
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
-from export.eager import EagerController
 from export.gates.parity import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window

@@ -1,0 +1,1 @@
+"""What every measurement shares: commands, tables in Markdown, the data."""

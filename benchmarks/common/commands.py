@@ -1,0 +1,24 @@
+"""`stillwake` commands as steps of a longer measurement, as a user would type them."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+from contract.errors import StillwakeError
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+
+LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
+"""Figures of `stillwake run --json` that say how a controller did."""
+
+
+def stillwake(*arguments: object) -> None:
+    """Run one command of this source tree.
+
+    Raises:
+        StillwakeError: if it fails; what it said stands on the terminal.
+    """
+    words = [str(argument) for argument in arguments]
+    if (status := subprocess.run([sys.executable, str(ROOT / "stillwake.py"), *words], check=False).returncode) != 0:
+        raise StillwakeError(f"stillwake {' '.join(words)}: ended with status {status}")

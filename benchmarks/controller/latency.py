@@ -1,0 +1,182 @@
+"""Latency of one control step: the paper's recipe in eager PyTorch, the ONNX graphs and the C library, in one run.
+
+    python benchmarks/controller/latency.py [--json FILE] [--repeats N] [--model DIR]
+
+One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time. Weights
+are random at the paper's sizes (our time does not depend on them); other sizes are options. Where CasADi is installed
+(`pip install "stillwake[bench]"`), its solvers get the same problem, from the same shifted plan, and the costs that all
+reach are compared: on recorded windows if a trained model is named, else at random.
+"""
+
+import importlib.util
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.controller.eager import EagerController
+from contract.atomic import replacing
+from contract.config.loading import load_config
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.recording import dataset
+from export.gates.parity import control_cases
+from export.program.controller_program import ControllerProgram
+from export.program.from_training import load_trained
+from export.program.random_program import random_program, random_window
+from export.program.weights import Array
+from export.release.c_folder import int8_library
+from export.to_c.host import CController
+from export.to_c.library import c_library
+from export.to_onnx.control_step import build_controller
+from export.to_onnx.session import OnnxController
+
+# One eager step takes as long as some ten of the others.
+_EAGER_EVERY = 5
+_CALIBRATION = 20
+_SITUATIONS = 5
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
+    model_folder: Annotated[Path | None, typer.Option("--model", help="Trained model for CasADi's problems.")] = None,
+    data: Annotated[Path | None, typer.Option("--dataset", help="Recording for them; the shipped one.")] = None,
+    dynamics_width: int = 256,
+    decoder_width: int = 128,
+    horizon: int = 25,
+    iterations: int = 5,
+) -> None:
+    """Time the control step and print a table."""
+    torch.set_num_threads(1)
+    model = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
+    program = random_program(0, model=model, mpc=MpcConfig(horizon=horizon, iterations=iterations))
+    (case,) = control_cases(program, count=1)
+    graphs = {name: build_controller(program, name).SerializeToString() for name in ("float32", "int8")}
+    load_ms = [_timed(lambda: OnnxController(graphs["float32"])) for _ in range(5)]
+    eager = EagerController(program, torch.float32)
+    whole, small = OnnxController(graphs["float32"]), OnnxController(graphs["int8"])
+    compiler = host_compiler()
+    c = CController(program, c_library(program), compiler=compiler)
+    rng = np.random.default_rng(0)
+    c_int8 = CController(
+        program,
+        int8_library(program, [random_window(program, rng) for _ in range(_CALIBRATION)]),
+        compiler=compiler,
+    )
+    steps: dict[str, Callable[[], object]] = {
+        "eager_ms": lambda: eager.control_step(case.window, case.plan, case.free),
+        "onnx_ms": lambda: whole.control_step(case.window, case.plan, case.free),
+        "onnx_int8_ms": lambda: small.control_step(case.window, case.plan, case.free),
+        "c_ms": lambda: c.control_step(case.window, case.plan, case.free),
+        "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
+    }
+    for step in steps.values():
+        step()  # warm caches and allocators
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    console = Console(stderr=True)
+    for i in track(range(repeats), "control steps", console=console):
+        for name, step in steps.items():
+            if name != "eager_ms" or i % _EAGER_EVERY == 0:
+                times[name].append(_timed(step))
+
+    figures: dict[str, Any] = {name: float(np.median(values)) for name, values in times.items()}
+    figures["onnx_load_ms"] = float(np.median(load_ms))
+    figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
+    figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
+    figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
+    if importlib.util.find_spec("casadi") is not None:
+        figures["casadi"] = _casadi(program, case.window, model_folder, data)
+        solvers = figures["casadi"]["solvers"]
+        enough = [row for row in solvers if row["gap"] <= figures["casadi"]["ours"]["gap"]]
+        figures["casadi_ms"] = min(row["ms"] for row in enough or solvers)
+    figures["settings"] = {
+        "dynamics_width": dynamics_width,
+        "decoder_width": decoder_width,
+        "horizon": horizon,
+        "iterations": iterations,
+        "repeats": repeats,
+        "threads": 1,
+        "c_flags": " ".join(OPTIMISED),
+    }
+    names = ("torch", "onnxruntime", "numpy", *(("casadi",) if "casadi" in figures else ()))
+    figures["versions"] = {name: version(name) for name in names}
+    figures["versions"]["c_compiler"] = compiler_version(compiler)
+    figures["machine"] = platform.processor() or platform.machine()
+    _print(figures)
+    if json_file is not None:
+        with replacing(json_file) as temporary:
+            temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None, data: Path | None) -> dict[str, Any]:
+    """What `solvers.compare` finds, on a recording if there is a model."""
+    if not __package__:
+        # Run as a file: its neighbours are a package of the folder above.
+        sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+    from benchmarks.controller.situations import RECORDING, choose_episode
+    from benchmarks.controller.solvers import compare, random_problem, recorded_problems
+
+    if model_folder is None:
+        return compare(program, [random_problem(program, window)])
+    trained = load_trained(model_folder)
+    program = trained.program(load_config().mpc)
+    episode = choose_episode(dataset.read(RECORDING if data is None else data))
+    found = compare(program, recorded_problems(program, episode, _SITUATIONS))
+    return found | {"episode": episode.name, "weights_sha256": trained.provenance["weights_sha256"]}
+
+
+def _timed(step: Callable[[], object]) -> float:
+    """Wall time in ms."""
+    start = time.perf_counter()
+    step()
+    return (time.perf_counter() - start) * 1e3
+
+
+def _print(figures: dict[str, Any]) -> None:
+    table = Table("one control step", "median ms", "min ms", "times faster", "KB")
+    rows: tuple[tuple[str, str, str | None], ...] = (
+        ("eager PyTorch", "eager_ms", None),
+        ("ONNX float32", "onnx_ms", "onnx_bytes"),
+    )
+    rows += (("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"), ("C float32", "c_ms", None))
+    rows += (("C int8, integer products", "c_int8_ms", None),)
+    for label, key, size in rows:
+        table.add_row(
+            label,
+            f"{figures[key]:.2f}",
+            f"{figures['min'][key]:.2f}",
+            f"{figures['eager_ms'] / figures[key]:.1f}",
+            "" if size is None else f"{figures[size] / 1024:.0f}",
+        )
+    table.add_row(
+        "session load, ONNX float32", f"{figures['onnx_load_ms']:.1f}", f"{figures['min']['onnx_load_ms']:.1f}"
+    )
+    Console().print(table)
+    if "casadi" in figures:
+        _print_casadi(figures["casadi"], figures["settings"]["iterations"])
+
+
+def _print_casadi(found: dict[str, Any], iterations: int) -> None:
+    title = f"the same control step in CasADi, {found['problems']} situations"
+    table = Table("", "median ms", "gap, %", "largest, %", title=title)
+    rows = [("shifted plan", found["start"]), (f"ours, {iterations} iterations", found["ours"])]
+    for label, row in (*rows, *((row["variant"], row) for row in found["solvers"])):
+        time_of = f"{row['ms']:.0f}" if "ms" in row else ""
+        table.add_row(label, time_of, f"{row['gap']:.2f}", f"{row['gap_worst']:.2f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,106 @@
+"""The closed loop with each lowering of one model's controller: what int8 and the C library cost in drag.
+
+    python -m benchmarks.controller.loop --model DIR --dataset H5 [--json FILE]
+
+Exports the model in float32 and in int8, each as bundle and C library, and closes the loop with all four, as
+`stillwake run` does. Exports and runs are kept in `runs/controller_loop`, in a folder of the model's hash, so that an
+interrupted measurement goes on where it stopped. The step's wall-clock times are of one run each; close everything
+else before quoting them, or take those of `benchmarks/controller/latency.py`, which interleaves.
+"""
+
+import json
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.common.commands import LOOP, stillwake
+from benchmarks.common.markdown import read
+from contract.errors import StillwakeError
+from contract.results import versions, write_result
+from export.program.from_training import DESCRIPTION
+
+CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
+"""Lowering and precision; the differences are to the first."""
+ALLOWED_POINTS: Final = 0.5
+"""What int8 may change of the drag reduction, in percentage points."""
+_KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "mpc_ms_p99", "computed_by")
+
+
+def main(
+    model: Annotated[Path, typer.Option(help="Model directory written by `train`.")],
+    dataset: Annotated[Path, typer.Option(help="Recording that gates and calibration use.")],
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    parts: Annotated[Path, typer.Option(help="Folder of finished parts.")] = Path("runs/controller_loop"),
+    lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
+    controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
+    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
+) -> None:
+    """Close the four loops and print a table."""
+    weights = _weights_sha256(model)
+    folder = parts / weights[:12]
+    for precision in ("float32", "int8"):
+        bundle, library = folder / f"bundle_{precision}", folder / f"c_{precision}"
+        # The bundle is written last.
+        if not bundle.exists():
+            stillwake("export", model, bundle, "--c", library, "--precision", precision, "--dataset", dataset)
+    spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
+    rows = compared([_run(folder, lowering, precision, spans) for lowering, precision in CASES])
+    _print(rows)
+    if json_file is not None:
+        facts = {**spans, "weights_sha256": weights, "versions": versions("stillwake", "onnxruntime", "numpy", "numba")}
+        write_result(json_file, figures=rows, facts=facts, on=date.today())
+
+
+def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows with `points`, the drag reduction's difference to the first row's in percentage points."""
+    return [{**row, "points": row["reduction_percent"] - rows[0]["reduction_percent"]} for row in rows]
+
+
+def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -> dict[str, Any]:
+    """One closed loop, or what it found before."""
+    length = "_".join(f"{span:g}" for span in spans.values())
+    run = folder / f"run_{lowering}_{precision}_{length}"
+    found = run.with_name(f"{run.name}.json")
+    if not found.exists():
+        library = ("--library", folder / f"c_{precision}") if lowering == "c" else ()
+        options = [word for name, span in spans.items() for word in (f"--{name.replace('_', '-')}", span)]
+        stillwake("run", run, "--bundle", folder / f"bundle_{precision}", *library, *options, "--json", found)
+    figures = read(found)["figures"]
+    return {"lowering": lowering, "precision": precision, **{name: figures[name] for name in _KEPT}}
+
+
+def _weights_sha256(model: Path) -> str:
+    try:
+        return str(read(model / DESCRIPTION)["weights_sha256"])
+    except OSError as error:
+        raise StillwakeError(f"{model / DESCRIPTION}: {error.strerror or error}") from error
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise StillwakeError(f"{model / DESCRIPTION}: not a model's description ({error})") from error
+
+
+def _print(rows: list[dict[str, Any]]) -> None:
+    table = Table("", "less drag, %", "points", "mean |Cl|", "mean Cl", "rms action", "step ms p50", "p99")
+    for row in rows:
+        table.add_row(
+            f"{row['lowering']} {row['precision']}",
+            f"{row['reduction_percent']:.2f}",
+            f"{row['points']:+.2f}",
+            f"{row['abs_Cl_controlled']:.3f}",
+            f"{row['mean_Cl_controlled']:+.3f}",
+            f"{row['rms_action']:.4f}",
+            f"{row['mpc_ms_p50']:.2f}",
+            f"{row['mpc_ms_p99']:.2f}",
+        )
+    console = Console()
+    console.print(table)
+    worst = max(abs(row["points"]) for row in rows if row["precision"] == "int8")
+    verdict = "within" if worst <= ALLOWED_POINTS else "NOT within"
+    console.print(f"int8 changes the reduction by {worst:.2f} percentage points: {verdict} {ALLOWED_POINTS}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,80 @@
+"""The C library on an emulated Cortex-M7 at several sizes: memory, instructions, modelled time.
+
+    python benchmarks/controller/mcu.py [--json FILE]
+
+Weights are random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
+"""
+
+from dataclasses import asdict
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.results import versions, write_result
+from export.program.random_program import random_program, random_window
+from export.release.c_folder import int8_library
+from export.to_c.library import c_library
+from firmware_sim.mcu.measure import measure
+
+# Dynamics' width, decoder's width, iterations, precision.
+CASES = (
+    (256, 128, 5, "float32"),
+    (256, 128, 5, "int8"),
+    (128, 64, 5, "int8"),
+    (128, 64, 3, "int8"),
+    (96, 64, 5, "int8"),
+    (64, 32, 5, "int8"),
+)
+_ROWS = 4
+
+
+def main(json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None) -> None:
+    """Measure every size and print a table."""
+    rows = []
+    for dynamics, decoder, iterations, precision in track(CASES, "sizes", console=Console(stderr=True)):
+        model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
+        program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
+        rng = np.random.default_rng(0)
+        windows = [random_window(program, rng) for _ in range(20)]
+        sources = c_library(program) if precision == "float32" else int8_library(program, windows)
+        series = np.concatenate(windows[:2])[: program.window + _ROWS - 1].astype(np.float32)
+        sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
+        rows.append({**sizes, **asdict(measure(sources, series))})
+    _print(rows)
+    if json_file is not None:
+        write_result(
+            json_file,
+            figures=rows,
+            facts={"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")},
+            on=date.today(),
+        )
+
+
+def _print(rows: list[dict[str, Any]]) -> None:
+    table = Table(
+        "size", "M MAC", "flash KiB", "RAM KiB", "stack B", "M instr.", "ms, 1 a cycle", "ms, modelled", "=host"
+    )
+    for row in rows:
+        table.add_row(
+            f"{row['dynamics_width']}/{row['decoder_width']} x {row['iterations']} {row['precision']}",
+            f"{row['multiply_accumulates'] / 1e6:.1f}",
+            f"{row['flash_bytes'] / 1024:.0f}",
+            f"{row['ram_bytes'] / 1024:.0f}",
+            str(row["stack_bytes"]),
+            f"{row['instructions'] / 1e6:.1f}",
+            f"{row['one_per_cycle_ms']['480']:.1f}",
+            f"{row['modelled_ms']['480']:.1f}",
+            str(row["identical"]),
+        )
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,1 @@
+"""Measurements of the model, its data and its training."""

@@ -1,0 +1,83 @@
+"""Run the study, or what is left of it, write `results/model.json`, and draw its figures and tables anew.
+
+    python -m benchmarks.model.study [--json results/model.json] [--parts runs/model_study]
+
+Hours on two cores. Finished parts stay in the folder, so that an interrupted study goes on where it was.
+"""
+
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from datetime import date
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from benchmarks.model.study import figures, page
+from benchmarks.model.study.lab import Lab, digest, episodes, open_lab, quiet
+from benchmarks.model.study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
+from contract.config.loading import load_config, to_tree
+from contract.results import versions, write_result
+from stillwake.terminal import ConfigFile, Overrides
+from train.selection.correlation import correlation
+from train.selection.methods import METHODS
+
+
+def main(
+    json_file: Annotated[Path, typer.Option("--json", help="Write the figures here.")] = Path("results/model.json"),
+    parts: Annotated[Path, typer.Option(help="Folder of finished parts.")] = Path("runs/model_study"),
+    workers: Annotated[int, typer.Option(help="Parts side by side, a thread each.", min=1)] = 2,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Run every part that is missing, then write results, figures and page."""
+    config = load_config(config_file, overrides)
+    lab = open_lab(config, parts)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with (
+        Progress(*columns, console=Console(stderr=True)) as bar,
+        ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=quiet) as pool,
+    ):
+        task = bar.add_task("parts", total=sum(len(stage) for stage in stages()))
+        for stage in stages():
+            running = {pool.submit(run, lab, part): part for part in stage}
+            for future in as_completed(running):
+                future.result()
+                bar.update(task, advance=1, description=running[future].name)
+    write_result(json_file, figures=collected(lab), facts=facts(lab), on=date.today())
+    figures.draw_all(json_file, lab)
+    page.write(json_file)
+
+
+def collected(lab: Lab) -> dict[str, Any]:
+    """All parts as one tree."""
+
+    def found(kind: str, *arguments: object) -> Any:
+        return run(lab, Part(kind=kind, arguments=arguments))
+
+    return {
+        "seeds": [found("model", seed) for seed in SEEDS],
+        "counts": [found("count", number) for number in COUNTS],
+        "without": [found("without", place) for place in range(len(lab.model().sensors))],
+        "choices": [found("choice", method) for method in METHODS],
+        "methods": [found("method", method, seed) for method in METHODS for seed in SEEDS],
+        "unrolls": [found("unroll", steps) for steps in UNROLLS],
+        "widths": [found("width", *widths) for widths in WIDTHS],
+        "stream": found("stream"),
+        "hardened": [found("hardened", seed) for seed in SEEDS],
+        "bands": found("bands"),
+        "loops": [found("loop", name) for name in LOOPS],
+        "disturbed": found("disturbed"),
+        "correlation": correlation(episodes("train"), lab.model().sensors).tolist(),
+    }
+
+
+def facts(lab: Lab) -> dict[str, Any]:
+    packages = versions("stillwake", "torch", "numpy", "shap")
+    return {"dataset_sha256": digest(), "config": to_tree(lab.config), "versions": packages}
+
+
+if __name__ == "__main__":
+    typer.run(main)

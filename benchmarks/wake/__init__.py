@@ -1,0 +1,1 @@
+"""Measurements of the plant, and their tables and figure."""

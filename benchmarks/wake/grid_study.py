@@ -1,0 +1,151 @@
+"""The wake on several grids and with several time steps, uncontrolled and forced.
+
+The mean drag is measured twice: on the wall, and as the momentum that a far control volume loses.
+
+    python benchmarks/wake/grid_study.py [--json FILE] [--case 1.0:30 ...]
+
+Each case develops its own wake from rest, then averages without control, then under a sine of full amplitude. Finished
+cases stay in `runs/grid_study`, so that an interrupted study continues; the finest takes five minutes on one core.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from contract import sensors
+from contract.atomic import replacing
+from contract.config.tree import FlowConfig
+from contract.results import versions, write_result
+from wake.truck.develop import develop
+from wake.truck.truck_wake import Sample, TruckWake
+
+Array = npt.NDArray[np.float64]
+
+CASES: Final = ("0.7:30", "1.0:30", "1.0:60", "1.4:42")
+"""Refinement and time steps a control period."""
+
+FORCING_FREQUENCY: Final = 0.1994
+"""The shedding frequency of the default grid, 1/t_c."""
+
+_COLUMNS: Final = ("Cd", "Cd_momentum_balance", "Cl_std", "St", "base_Cp", "Uy", "forced_Cd", "forced_Cd_slot")
+_UPSTREAM, _DOWNSTREAM = -3.0, 12.0
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    case: Annotated[list[str], typer.Option(help="refinement:steps a control period")] = list(CASES),  # noqa: B006
+    develop_time: Annotated[float, typer.Option(help="From rest until the averages begin, t_c.")] = 120.0,
+    average_time: Annotated[float, typer.Option(help="Length of each average, t_c.")] = 60.0,
+    settle_time: Annotated[float, typer.Option(help="From the forcing's start to its average, t_c.")] = 30.0,
+    parts: Annotated[Path, typer.Option(help="Folder of finished cases.")] = Path("runs/grid_study"),
+) -> None:
+    """Run each case and print a table."""
+    times = {"develop_time": develop_time, "average_time": average_time, "settle_time": settle_time}
+    rows: list[dict[str, Any]] = []
+    with Progress(console=Console(stderr=True)) as bar:
+        for name in case:
+            refinement, substeps = name.split(":")
+            path = parts / f"{refinement}_{substeps}_{develop_time:g}_{average_time:g}_{settle_time:g}.json"
+            if not path.is_file():
+                row = _study(float(refinement), int(substeps), **times, bar=bar)
+                with replacing(path) as temporary:
+                    temporary.write_text(json.dumps(row), encoding="utf-8")
+            rows.append(json.loads(path.read_text(encoding="utf-8")))
+    table = Table("case", *_COLUMNS)
+    for row in rows:
+        table.add_row(row["case"], *(f"{row[name]:.4f}" for name in _COLUMNS))
+    Console().print(table)
+    if json_file is not None:
+        facts = {**times, "forcing_frequency": FORCING_FREQUENCY, "versions": versions("stillwake", "numpy", "numba")}
+        write_result(json_file, figures=rows, facts=facts, on=date.today())
+
+
+def _study(
+    refinement: float, substeps: int, develop_time: float, average_time: float, settle_time: float, bar: Progress
+) -> dict[str, Any]:
+    wake = TruckWake(FlowConfig(substeps=substeps), refinement)
+    nx, ny = wake.grid.shape
+    task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + 2 * average_time + settle_time)
+    began = time.process_time()
+    develop(wake, develop_time, lambda t, _: bar.update(task, completed=t))
+    cpu = {"cpu_s_per_t_c": (time.process_time() - began) / develop_time}
+    free = _average(wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=develop_time + t))
+    limit, settled = wake.config.action_limit, average_time
+
+    def sine(t: float) -> float:
+        return limit * float(np.sin(2.0 * np.pi * FORCING_FREQUENCY * t))
+
+    while wake.t < settled + settle_time:
+        wake.advance(sine(wake.t))
+        bar.update(task, completed=develop_time + wake.t)
+    forced = _average(wake, average_time, sine, lambda t: bar.update(task, completed=develop_time + t))
+    return {
+        "case": f"{nx} x {ny}, dt 1/{5 * substeps}",
+        "refinement": refinement,
+        "steps_per_period": substeps,
+        "cells": nx * ny,
+        **free,
+        **{f"forced_{name}": value for name, value in forced.items()},
+        **cpu,
+    }
+
+
+def _average(
+    wake: TruckWake, duration: float, signal: Callable[[float], float], progress: Callable[[float], None]
+) -> dict[str, Any]:
+    """Averages over whole cycles of the lift."""
+    samples: list[Sample] = []
+    balance: list[float] = []
+    for _ in range(round(duration / wake.config.control_period)):
+        samples.append(wake.advance(signal(wake.t)))
+        balance.append(_momentum_loss(wake))
+        progress(samples[-1].t)
+    cl = np.array([s.Cl for s in samples])
+    up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
+    crossings = up - cl[up] / (cl[up + 1] - cl[up])
+    cycles = slice(up[0] + 1, up[-1] + 1)
+    samples, Cp = samples[cycles], np.array([s.Cp for s in samples[cycles]])
+    return {
+        "Cd": float(np.mean([s.Cd for s in samples])),
+        "Cd_std": float(np.std([s.Cd for s in samples])),
+        "Cd_slot": float(np.mean([s.Cd_slot for s in samples])),
+        "Cd_momentum": float(np.mean([s.Cd_momentum for s in samples])),
+        "jet_power": float(np.mean([s.jet_power for s in samples])),
+        "Cd_momentum_balance": float(np.mean(balance[cycles])),
+        "Cl_std": float(np.std([s.Cl for s in samples])),
+        "Cl_mean": float(np.mean([s.Cl for s in samples])),
+        "St": float(1.0 / (np.diff(crossings).mean() * wake.config.control_period)),
+        "base_Cp": float(Cp[:, sensors.BASE].mean()),
+        "Uy": float(np.std([s.Uy_probe for s in samples])),
+        "Cp_mean": Cp.mean(axis=0).tolist(),
+        "Cp_std": Cp.std(axis=0).tolist(),
+    }
+
+
+def _momentum_loss(wake: TruckWake) -> float:
+    """Momentum that enters far upstream less what leaves in the wake: its mean is the force on body and slots plus
+    the jets' momentum, without looking at the wall."""
+    first, last = (int(np.searchsorted(wake.grid.xf, x)) for x in (_UPSTREAM, _DOWNSTREAM))
+    return _momentum_flux(wake, first) - _momentum_flux(wake, last)
+
+
+def _momentum_flux(wake: TruckWake, i: int) -> float:
+    grid, flow = wake.grid, wake.flow
+    u, p = flow.u[i, 1:-1], 0.5 * (flow.p[i - 1] + flow.p[i])
+    stretching = (flow.u[i + 1, 1:-1] - flow.u[i - 1, 1:-1]) / (grid.xf[i + 1] - grid.xf[i - 1])
+    stress = 2.0 * wake.solver.viscosity * stretching
+    return float(2.0 * np.sum((p + u * u - stress) * grid.dy))
+
+
+if __name__ == "__main__":
+    typer.run(main)

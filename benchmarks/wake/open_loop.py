@@ -1,0 +1,80 @@
+"""What a sine without feedback does to the wake: the alternative that needs no model, no sensors and no ECU.
+
+    python benchmarks/wake/open_loop.py [--json FILE] [--frequency 0.20 ...]
+
+Full amplitude, begun at two phases of the shedding cycle: the wake locks onto one of several states, and which one
+depends on that. Averages leave out the settling time. The figures are those of a closed-loop run, so that both can
+stand in one table.
+"""
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from contract import sensors
+from contract.results import versions, write_result
+from wake.truck.truck_wake import Sample, TruckWake, developed_state
+
+FREQUENCIES = (0.18, 0.19, 0.20, 0.21)
+LEADS = (0, 12)
+"""Control steps without forcing before the sine begins; a shedding cycle has 25."""
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    frequency: Annotated[list[float], typer.Option(help="Forcing frequency in 1/t_c.")] = list(FREQUENCIES),  # noqa: B006
+    lead: Annotated[list[int], typer.Option(help="Control steps before the sine begins.")] = list(LEADS),  # noqa: B006
+    controlled: Annotated[float, typer.Option(help="Duration, t_c.")] = 100.0,
+    settle: Annotated[float, typer.Option(help="Left out of the averages, t_c.")] = 40.0,
+) -> None:
+    """Run each frequency and print a table."""
+    wake = TruckWake()
+    cases = [(0.0, 0), *((f, k) for f in frequency for k in lead)]
+    rows = [_force(wake, *case, controlled, settle) for case in track(cases, "sines", console=Console(stderr=True))]
+    table = Table(*rows[0])
+    for row in rows:
+        table.add_row(*(f"{value:.4g}" for value in row.values()))
+    Console().print(table)
+    if json_file is not None:
+        facts = {
+            "amplitude": wake.config.action_limit,
+            "controlled": controlled,
+            "settle": settle,
+            "versions": versions("stillwake", "numpy", "numba"),
+        }
+        write_result(json_file, figures=rows, facts=facts, on=date.today())
+
+
+def _force(wake: TruckWake, frequency: float, lead: int, controlled: float, settle: float) -> dict[str, Any]:
+    wake.reset(developed_state())
+    for _ in range(lead):
+        wake.advance(0.0)
+    began = wake.t
+    period, limit = wake.config.control_period, wake.config.action_limit
+    samples: list[Sample] = []
+    for k in range(round(controlled / period)):
+        sample = wake.advance(limit * float(np.sin(2.0 * np.pi * frequency * k * period)))
+        if sample.t > began + settle:
+            samples.append(sample)
+    cl = np.array([s.Cl for s in samples])
+    return {
+        "frequency": frequency,
+        "lead": lead,
+        "Cd": float(np.mean([s.Cd for s in samples])),
+        "base_Cp": float(np.mean([s.Cp[sensors.BASE].mean() for s in samples])),
+        "abs_Cl": float(np.abs(cl).mean()),
+        "mean_Cl": float(cl.mean()),
+        "rms_action": float(np.sqrt(np.mean([s.action**2 for s in samples]))),
+        "Cd_net": float(np.mean([s.Cd_net for s in samples])),
+        "jet_power": float(np.mean([s.jet_power for s in samples])),
+    }
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,42 @@
+"""The table of docs/openfoam.md: the second plant beside the own one."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.common.markdown import read, table
+
+
+def plants(results: Path) -> str:
+    """Parts that have not been run are left out."""
+    found = read(results / "openfoam.json")
+    figures, facts = found["figures"], found["facts"]
+    own = [row | {"case": f"stillwake, {row['case']}"} for row in read(results / "wake.json")["figures"]]
+    paper = {"case": "paper", "St": 0.2, "base_Cp": -0.441, "Uy": 0.516}
+    command = "    python benchmarks/wake/openfoam_study.py --json results/openfoam.json\n"
+    columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "St": "Strouhal", "base_Cp": "mean base Cp"}
+    last = {"Uy": "std Uy at (10, 0)", "cpu_s_per_t_c": "CPU s per t_c"}
+    parts = [command, _rows("uncontrolled", [*figures["uncontrolled"], *own, paper], columns | last)]
+    if "forced" in figures:
+        slots = {"Cd_slot_pressure": "slot pressure", "Cd_slot_viscous": "slot viscous", "Cd_momentum": "momentum"}
+        columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "base_Cp": "mean base Cp", **slots}
+        last = {"Cd_net": "net", "jet_power": "jet power", "cpu_s_per_t_c": "CPU s per t_c"}
+        forced = facts["forced"]
+        parts.append(f"\nA sine of amplitude {forced['amplitude']:g} and frequency {forced['frequency']:g}:\n")
+        parts.append(_rows("forced", figures["forced"], columns | last))
+    if "loop" in figures:
+        columns = {"Cd_uncontrolled": "Cd before", "Cd_controlled": "Cd under control"}
+        columns |= {"reduction_percent": "less drag, %", "base_Cp_controlled": "base Cp"}
+        last = {"abs_Cl_controlled": "mean abs Cl", "mean_Cl_controlled": "mean Cl", "rms_action": "rms action"}
+        loop = facts["loop"]
+        parts.append(
+            f"\nThe shipped bundle in the closed loop, {loop['lead_in']:g} t_c without control and "
+            f"{loop['controlled']:g} with it, of which the first {loop['settle']:g} are left out:\n"
+        )
+        parts.append(_rows("closed loop", figures["loop"], columns | last))
+    return "\n".join(parts)
+
+
+def _rows(first: str, rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
+    """A table of rows that name their case; a figure that a row lacks stays empty."""
+    return table((first, *columns.values()), [(row["case"], *(row.get(name) for name in columns)) for row in rows])

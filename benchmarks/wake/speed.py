@@ -1,0 +1,167 @@
+"""What a time step of the plant costs, where the time goes, and how far that is from what the machine can do.
+
+    python benchmarks/wake/speed.py [--json FILE] [--refinement 0.7 ...]
+
+One core. Every figure is the median over rounds that visit all cases in turn, because machines are noisy; bandwidth and
+arithmetic are measured in the same rounds, on arrays of the plant's size.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import date
+from pathlib import Path
+from statistics import median
+from time import process_time
+from typing import Annotated, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import typer
+from numba import njit
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from contract.config.tree import FlowConfig
+from contract.results import versions, write_result
+from wake.solver import kernels, poisson
+from wake.truck.develop import develop
+from wake.truck.truck_wake import TruckWake
+
+Array = npt.NDArray[np.float64]
+
+_PARTS: Final = {
+    "stage": "convection, diffusion, walls",
+    "clear_walls": "walls",
+    "divergence": "divergence",
+    "solve_into": "Poisson",
+    "correct": "correction",
+    "fill_edges": "edges",
+    "fill_walls": "walls",
+}
+# Doubles read or written per cell, were every array touched once a pass: a stage moves u, v, p and both rates, and
+# writes four of them; the correction moves u, v, p and phi.
+_STAGE_DOUBLES: Final = 9
+_CORRECTION_DOUBLES: Final = 7
+_SETTLE: Final = 3.0
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    refinement: Annotated[list[float], typer.Option(help="Divides every spacing.")] = [0.7, 1.0, 1.4],  # noqa: B006
+    rounds: Annotated[int, typer.Option(help="Visits of every case.")] = 9,
+) -> None:
+    """Measure and print two tables."""
+    console = Console()
+    plants = [_plant(value) for value in refinement]
+    spent: list[defaultdict[str, list[float]]] = [defaultdict(list) for _ in plants]
+    with threadpool_limits(1):
+        for _ in track(range(rounds), "rounds", console=Console(stderr=True)):
+            for wake, times in zip(plants, spent, strict=True):
+                _visit(wake, times)
+    rows = [_row(wake, value, times) for wake, value, times in zip(plants, refinement, spent, strict=True)]
+    table = Table(*(name for name in rows[0] if name != "shares"))
+    shares = Table("cells", *rows[0]["shares"])
+    for row in rows:
+        table.add_row(*(f"{value:.4g}" for name, value in row.items() if name != "shares"))
+        shares.add_row(str(row["cells"]), *(f"{100 * share:.0f} %" for share in row["shares"].values()))
+    console.print(table)
+    console.print(shares)
+    if json_file is not None:
+        facts = {"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")}
+        write_result(json_file, figures=rows, facts=facts, on=date.today())
+
+
+def _plant(refinement: float) -> TruckWake:
+    wake = TruckWake(FlowConfig(substeps=round(FlowConfig().substeps * max(1.0, refinement))), refinement)
+    develop(wake, _SETTLE)
+    return wake
+
+
+def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
+    """One control period without control, one at full amplitude, one with a clock on every part, two yardsticks."""
+    limit = wake.config.action_limit
+    times["free"].append(_clock(lambda: wake.advance(0.0)))
+    wake.advance(limit)
+    times["forced"].append(_clock(lambda: wake.advance(-limit)))
+    wake.advance(0.0)
+    with _clocked_parts() as parts:
+        wake.advance(0.0)
+    for name, seconds in parts.items():
+        times[name].append(seconds)
+    a, b, c = (np.ones(wake.grid.shape) for _ in range(3))
+    times["triad"].append(min(_clock(lambda: _triad(a, b, c)) for _ in range(20)))
+    h = wake.grid.shape[1] // 2
+    rows, square = np.ones((wake.grid.shape[0], h)), np.ones((h, h))
+    times["product"].append(min(_clock(lambda: rows @ square) for _ in range(20)))
+
+
+def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> dict[str, Any]:
+    (nx, ny), steps = wake.grid.shape, wake.config.substeps
+    cells, h = nx * ny, ny // 2
+    period = {name: median(values) for name, values in times.items()}
+    parts = {label: sum(period[key] for key, other in _PARTS.items() if other == label) for label in _PARTS.values()}
+    # One element of the triad moves three doubles.
+    bandwidth = 3 * 8 * cells / period["triad"]
+    arithmetic = 2 * nx * h * h / period["product"]
+    sweeps = 8 * cells * (3 * _STAGE_DOUBLES + _CORRECTION_DOUBLES)
+    # Two transforms there and two back, each for the even and the odd half.
+    transforms = 4 * 2 * nx * h * h
+    return {
+        "refinement": refinement,
+        "cells": cells,
+        "steps_per_t_c": steps / wake.config.control_period,
+        "cpu_s_per_t_c": period["free"] / wake.config.control_period,
+        "forced_cpu_s_per_t_c": period["forced"] / wake.config.control_period,
+        "ns_per_cell_and_step": 1e9 * period["free"] / steps / cells,
+        "floor_sweeps_ns": 1e9 * sweeps / bandwidth / cells,
+        "floor_transforms_ns": 1e9 * transforms / arithmetic / cells,
+        "bandwidth_GB_per_s": bandwidth / 1e9,
+        "GFLOP_per_s": arithmetic / 1e9,
+        "shares": {label: seconds / sum(parts.values()) for label, seconds in parts.items()},
+    }
+
+
+@contextmanager
+def _clocked_parts() -> Iterator[dict[str, float]]:
+    """Put a clock around every compiled part of a time step, and take it off again."""
+    spent: dict[str, float] = dict.fromkeys(_PARTS, 0.0)
+    owners: dict[str, Any] = {name: poisson.PoissonSolver if name == "solve_into" else kernels for name in _PARTS}
+    originals = {name: getattr(owner, name) for name, owner in owners.items()}
+
+    def clocked(name: str) -> Callable[..., object]:
+        def call(*arguments: object) -> object:
+            began = process_time()
+            result = originals[name](*arguments)
+            spent[name] += process_time() - began
+            return result
+
+        return call
+
+    for name, owner in owners.items():
+        setattr(owner, name, clocked(name))
+    try:
+        yield spent
+    finally:
+        for name, owner in owners.items():
+            setattr(owner, name, originals[name])
+
+
+def _clock(work: Callable[[], object]) -> float:
+    began = process_time()
+    work()
+    return process_time() - began
+
+
+@njit(cache=True, fastmath={"contract"})
+def _triad(a: Array, b: Array, c: Array) -> None:
+    for i in range(a.shape[0]):
+        ai, bi, ci = a[i], b[i], c[i]
+        for j in range(ai.shape[0]):
+            ai[j] = bi[j] + 0.5 * ci[j]
+
+
+if __name__ == "__main__":
+    typer.run(main)
