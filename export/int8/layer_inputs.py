@@ -90,10 +90,9 @@ def layer_inputs(program: ControllerProgram, windows: Sequence[Array], *, seed: 
 def _lstm(program: ControllerProgram, windows: Array) -> tuple[list[Array], list[Array], Array]:
     """Scaled rows and the output before each, both by step, and the last output, (n, width)."""
     lstm, scaling = program.encoder.lstm, program.scaling
-    mean, std = np.append(scaling.pressure_mean, 0.0), np.append(scaling.pressure_std, scaling.action_std)
     h, c = np.zeros((len(windows), lstm.width)), np.zeros((len(windows), lstm.width))
     rows, before = [], []
-    for row in np.moveaxis((windows - mean) / std, 1, 0):
+    for row in np.moveaxis((windows - scaling.window_mean) / scaling.window_std, 1, 0):
         rows.append(row)
         before.append(h)
         gates = row @ lstm.weight_input.T + lstm.bias_input + h @ lstm.weight_recurrent.T + lstm.bias_recurrent

@@ -106,10 +106,7 @@ def decode_vjp(program: ControllerProgram, z: Array, dforces: Array) -> Array:
 
 
 def _scale_window(program: ControllerProgram, window: Array) -> Array:
-    scaling = program.scaling
-    mean = np.append(scaling.pressure_mean, 0.0)
-    std = np.append(scaling.pressure_std, scaling.action_std)
-    return np.asarray((window - mean) / std)
+    return np.asarray((window - program.scaling.window_mean) / program.scaling.window_std)
 
 
 def _with_action(program: ControllerProgram, z: Array, a: Array) -> Array:
