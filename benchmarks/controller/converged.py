@@ -15,7 +15,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.reference.mpc import adam, gradient, plan_cost
 
-LEARNING_RATES: Final = 3e-3 * 10.0 ** np.linspace(0.0, -2.0, 240)
+FALLING: Final = 3e-3 * 10.0 ** np.linspace(0.0, -2.0, 240)
 """Adam's learning rate falls from 3e-3 to 3e-5: the first half can cross the whole range of actions."""
 EVALUATIONS: Final = 200
 """Most evaluations of one L-BFGS-B run: at a kink it would go on without gain."""
@@ -48,7 +48,7 @@ def converged(
     previous_action: float,
     starts: Array,
     scattered: Array,
-    learning_rates: Array = LEARNING_RATES,
+    learning_rates: Array = FALLING,
 ) -> Optimum:
     """Optimise until nothing is gained.
 

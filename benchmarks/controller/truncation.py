@@ -24,8 +24,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.controller.converged import EVALUATIONS, Optimum, converged, valleys
-from benchmarks.controller.converged import LEARNING_RATES as FALLING
+from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
 from benchmarks.controller.situations import LEAD, RECORDING, choose_episode, encode_windows, receding, snapshot_steps
 from contract.config.loading import load_config
 from contract.config.tree import MpcConfig
