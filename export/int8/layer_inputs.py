@@ -1,7 +1,7 @@
-"""What every layer of the controller sees on recorded windows: the data that int8 rounding is calibrated on.
+"""The inputs of every layer of the controller on recorded windows: the data that int8 rounding is calibrated on.
 
-The encoder's layers see the windows. Dynamics and decoder see roll-outs from every window's latent state under a few
-plans: none, full amplitude either way, random ones, and random ones that wander as an optimised plan does.
+The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state under a few
+plans: zero, full amplitude either way, random ones, and random ones that wander as an optimised plan does.
 """
 
 from collections.abc import Sequence
