@@ -6,11 +6,10 @@ The mean over the latent dimensions, as in the joint loss (`train.loss.predictio
 Adam undoes. The teacher is frozen, and so is what it says of every window: its latents are computed once.
 """
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from contract.arrays import Index
 from contract.config.tree import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
 from train.loss import prediction_loss
@@ -40,7 +39,7 @@ def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
 def distil(
     teacher: Encoder,
     rows: Rows,
-    chosen: npt.NDArray[np.intp],
+    chosen: Index,
     config: Config,
     *,
     progress: Progress = silent,

@@ -9,17 +9,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from contract.arrays import Array
 from contract.errors import ConfigError
 from train.windows import Rows
 
 Fault = Callable[[Rows], Rows]
 
 
-def noise(level: float, unit: npt.NDArray[np.float64], seed: int) -> Fault:
+def noise(level: float, unit: Array, seed: int) -> Fault:
     """White Gaussian noise of `level` global deviations on every sensor, independent.
 
     Args:
@@ -35,14 +35,14 @@ def noise(level: float, unit: npt.NDArray[np.float64], seed: int) -> Fault:
     return fault
 
 
-def bias(level: float, unit: npt.NDArray[np.float64], sensor: int) -> Fault:
+def bias(level: float, unit: Array, sensor: int) -> Fault:
     """A constant `level` global deviations on one sensor, given by its place among the rows' columns."""
     step = np.zeros(len(unit))
     step[sensor] = level * unit[sensor]
     return lambda rows: _added(rows, np.broadcast_to(step, (len(rows.inputs), len(unit))))
 
 
-def drift(level: float, unit: npt.NDArray[np.float64], sensor: int) -> Fault:
+def drift(level: float, unit: Array, sensor: int) -> Fault:
     """A bias on one sensor that grows evenly from 0 to `level` global deviations over each episode."""
 
     def fault(rows: Rows) -> Rows:
@@ -81,7 +81,7 @@ def sliding_error(decoded: Tensor, reference: Tensor, width: int) -> Tensor:
     return (running[width:] - running[:-width]) / width / reference.double().std(dim=0, correction=0)
 
 
-def _added(rows: Rows, change: npt.NDArray[np.float64]) -> Rows:
+def _added(rows: Rows, change: Array) -> Rows:
     inputs = rows.inputs.clone()
     inputs[:, : change.shape[1]] += torch.from_numpy(change).to(inputs)
     return replace(rows, inputs=inputs)

@@ -9,16 +9,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from contract import sensors
+from contract.arrays import Array, Index
 from contract.errors import ConfigError, DatasetError
 from contract.recording.dataset import Episode
 from contract.release.bundle import Scaling
-
-Array = npt.NDArray[np.float64]
 
 
 def fit_scaling(episodes: Sequence[Episode]) -> Scaling:
@@ -58,7 +56,7 @@ def global_deviation(scaling: Scaling) -> float:
     return float(np.sqrt(np.square(scaling.pressure_std).mean()))
 
 
-def unit_steps(scaling: Scaling, chosen: npt.NDArray[np.intp]) -> Array:
+def unit_steps(scaling: Scaling, chosen: Index) -> Array:
     """(N,) one global deviation in each chosen sensor's standardised pressure."""
     steps: Array = global_deviation(scaling) / np.array(scaling.pressure_std)[chosen]
     return steps
@@ -99,7 +97,7 @@ class Rows:
             start, stop = stop, stop + length
             yield slice(start, stop)
 
-    def with_sensors(self, chosen: npt.NDArray[np.intp]) -> "Rows":
+    def with_sensors(self, chosen: Index) -> "Rows":
         """Only the columns of the chosen sensors, in that order, and the action."""
         columns = torch.as_tensor(np.append(chosen, sensors.COUNT), device=self.inputs.device)
         return replace(
@@ -193,13 +191,13 @@ class SegmentSampler:
         self.samples = sum(length - needed + segment for length in rows.lengths)
         self._segments = max(1, batch_size // segment)
         self._batches = -(-self.samples // (self._segments * segment))
-        self._cached: tuple[int, npt.NDArray[np.intp]] = (-1, np.empty(0, dtype=np.intp))
+        self._cached: tuple[int, Index] = (-1, np.empty(0, dtype=np.intp))
 
     def steps(self, epochs: float) -> int:
         """Batches in that many passes over all samples, at least 1."""
         return max(1, round(epochs * self.samples / (self._segments * self.segment)))
 
-    def first_rows(self, step: int) -> npt.NDArray[np.intp]:
+    def first_rows(self, step: int) -> Index:
         """(S,) index of the first row of each segment of that batch."""
         epoch, position = divmod(step, self._batches)
         if self._cached[0] != epoch:
@@ -216,7 +214,7 @@ class SegmentSampler:
         ends = span[:, self._window - 1 :]
         return Batch(inputs=rows.inputs[span], actions=rows.actions[ends], forces=rows.forces[ends], ends=ends)
 
-    def _shuffled(self, epoch: int) -> npt.NDArray[np.intp]:
+    def _shuffled(self, epoch: int) -> Index:
         generator = np.random.default_rng((self._seed, epoch))
         firsts = []
         for span in self.rows.spans():

@@ -6,16 +6,16 @@ reconstruction": each pivot is the sensor whose row of the modes is longest afte
 """
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
 from contract import sensors
+from contract.arrays import Array
 from train.windows import Rows
 
 # PyPI's python-sensors 0.4 does this too, but brings scikit-learn, matplotlib and pandas for one call of SciPy's.
 
 
-def pod_modes(rows: Rows, count: int) -> npt.NDArray[np.float64]:
+def pod_modes(rows: Rows, count: int) -> Array:
     """(90, count) leading modes of the standardised pressures, those of most variance first."""
     pressure = rows.inputs[:, : sensors.COUNT].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)

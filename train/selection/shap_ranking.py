@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 import shap
 import torch
 from torch import Tensor, nn
 
 from contract import sensors
+from contract.arrays import Array, Index
 from contract.config.tree import TrainConfig
 from contract.errors import DatasetError
 from train.fit import Progress, silent
@@ -25,29 +25,27 @@ from train.selection.budget import check_count
 from train.selection.window_draws import first_rows, windows_at
 from train.windows import Rows
 
-Scores = npt.NDArray[np.float64]
-
 
 class Ranker(Protocol):
     """Scores of the sensors, (90,), larger is more important; one independent draw per seed."""
 
-    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores: ...
+    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
     """Scores of repeated draws, (repeats, 90)."""
 
-    scores: Scores
+    scores: Array
 
     @property
-    def mean(self) -> Scores:
+    def mean(self) -> Array:
         """(90,) mean over the repeats."""
-        mean: Scores = self.scores.mean(axis=0)
+        mean: Array = self.scores.mean(axis=0)
         return mean
 
     @property
-    def std(self) -> Scores:
+    def std(self) -> Array:
         """(90,) sample standard deviation over the repeats; zero for a single one."""
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
@@ -115,7 +113,7 @@ class ShapRanker:
             background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
         )
 
-    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores:
+    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
         """Scores (90,); windows are drawn from `rows` without replacement.
 
         Raises:
@@ -133,12 +131,10 @@ class ShapRanker:
             total += self._magnitude(packed, background, packs, generator)
         if full < len(explained):
             total += self._magnitude(packed, background, explained[full:][None], generator)
-        scores: Scores = total[: sensors.COUNT] / (len(explained) * encoder.window)
+        scores: Array = total[: sensors.COUNT] / (len(explained) * encoder.window)
         return scores
 
-    def _magnitude(
-        self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator
-    ) -> Scores:
+    def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
         """Sum of |SHAP| over packs, windows, rows and latents: (P, M, L, F) packs -> (F,)."""
         # Every place in a pack meets every background window, in an order of its own.
         order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
@@ -148,7 +144,7 @@ class ShapRanker:
             values = explainer.shap_values(packs, nsamples=self.samples, rseed=int(generator.integers(2**31)))
         finally:
             np.random.set_state(state)
-        magnitude: Scores = np.abs(values).sum(axis=(0, 1, 2, 4))
+        magnitude: Array = np.abs(values).sum(axis=(0, 1, 2, 4))
         return magnitude
 
 
@@ -179,9 +175,9 @@ def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.rando
     return windows_at(rows, generator.choice(firsts, count, replace=False), window)
 
 
-def _best(scores: Scores, count: int) -> npt.NDArray[np.intp]:
+def _best(scores: Array, count: int) -> Index:
     return np.argsort(-scores, kind="stable")[:count]
 
 
-def _names(chosen: Sequence[int] | npt.NDArray[np.intp]) -> tuple[str, ...]:
+def _names(chosen: Sequence[int] | Index) -> tuple[str, ...]:
     return tuple(sensors.NAMES[index] for index in chosen)

@@ -14,6 +14,7 @@ from benchmarks.common.markdown import read
 from benchmarks.model.study import disturbed
 from benchmarks.model.study.lab import Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
+from contract.arrays import Array
 from contract.config.tree import SelectionMethod
 from contract.errors import StillwakeError
 from train import model_store
@@ -25,7 +26,7 @@ from train.model import Encoder, WakeModel
 from train.pipeline import train_all
 from train.selection.methods import METHODS, select
 from train.streaming import encode_stream, fit_stream
-from train.windows import Array, Rows, prepare
+from train.windows import Rows, prepare
 
 SEEDS: Final = (0, 1, 2)
 COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)
