@@ -14,8 +14,9 @@ from contract.config.tree import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
 from train.loss import prediction_loss
 from train.model import Encoder
+from train.rows import Rows
+from train.sampler import SegmentSampler, add_sensor_noise
 from train.streaming import fit_stream
-from train.windows import Rows, SegmentSampler, noisy
 
 _CHUNK = 1024
 """Windows encoded at a time: their gates stay in the processor's cache."""
@@ -73,7 +74,7 @@ def distil(
             fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
 
         def loss(step: int) -> dict[str, Tensor]:
-            batch = noisy(sampler.batch(step), noise)
+            batch = add_sensor_noise(sampler.batch(step), noise)
             return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
 
         optimise(slim, loss, schedule, phase="distil", progress=progress, checkpoints=checkpoints)

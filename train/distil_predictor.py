@@ -20,7 +20,7 @@ from train.evaluate import rollout_starts
 from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
 from train.loss import prediction_loss
 from train.model import Predictor, WakeModel
-from train.windows import Rows
+from train.rows import Rows
 
 _FEWER = 4
 """Times fewer roll-outs a batch than windows in training: each holds H predictions."""

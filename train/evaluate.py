@@ -14,7 +14,7 @@ from torch import Tensor
 from contract.errors import DatasetError
 from train.distil import encode_all
 from train.model import Encoder, Predictor, WakeModel
-from train.windows import Rows
+from train.rows import Rows
 
 HORIZONS: Final = (5, 10, 25)
 """Control steps ahead at which open-loop prediction is judged; 25 is one shedding cycle, the MPC's horizon."""

@@ -20,7 +20,8 @@ from contract.errors import ConfigError
 from train import checkpoint
 from train.loss import joint_loss
 from train.model import WakeModel
-from train.windows import Rows, SegmentSampler
+from train.rows import Rows
+from train.sampler import SegmentSampler
 
 REPORT_EVERY = 10
 """Steps between progress reports: reading the loss waits for the device."""

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from contract.config.tree import TrainConfig
 from train.model import WakeModel
-from train.windows import Batch
+from train.sampler import Batch
 
 EPSILON = 1e-4
 """Inside the variance term's square root, the value of VICReg's authors; the paper says only "small"."""

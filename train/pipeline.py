@@ -23,10 +23,11 @@ from train.evaluate import HORIZONS, evaluate, latent_error, rollout_starts
 from train.fit import Checkpoints, Progress, device_named, fit_joint, silent
 from train.model import Encoder
 from train.model_store import TrainedModel
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
 from train.selection.budget import check_count
 from train.selection.methods import select
 from train.selection.shap_ranking import Ranking, ShapRanker, rank
-from train.windows import Rows, fit_scaling, prepare
 
 STABILITY_SETS: Final = (2, 4, 6, 8)
 """Sizes of the best sets whose stability over the repeats is reported (paper, appendix C)."""

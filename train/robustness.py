@@ -2,7 +2,7 @@
 A and B; bias, drift and dead sensors are what the paper leaves open).
 
 Every fault is a function from rows to rows. Sensors are disturbed in units of the global deviation
-(`train.windows.global_deviation`), so that one level means the same pressure everywhere.
+(`train.scaling.global_deviation`), so that one level means the same pressure everywhere.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from contract.arrays import Array
 from contract.errors import ConfigError
-from train.windows import Rows
+from train.rows import Rows
 
 Fault = Callable[[Rows], Rows]
 
@@ -23,7 +23,7 @@ def noise(level: float, unit: Array, seed: int) -> Fault:
     """White Gaussian noise of `level` global deviations on every sensor, independent.
 
     Args:
-        unit: (N,) from `train.windows.unit_steps`, for the N sensors of the rows it is applied to.
+        unit: (N,) from `train.scaling.unit_steps`, for the N sensors of the rows it is applied to.
     """
     if level < 0:
         raise ConfigError(f"noise level {level}: must be non-negative")

@@ -14,7 +14,8 @@ from contract.config.tree import Config
 from train.fit import Checkpoints, Progress, Schedule, optimise, silent
 from train.loss import prediction_loss
 from train.model import Encoder
-from train.windows import Rows, SegmentSampler, noisy
+from train.rows import Rows
+from train.sampler import SegmentSampler, add_sensor_noise
 
 STRETCH = 64
 """Latents learned from in one pass over a stretch."""
@@ -64,7 +65,7 @@ def fit_stream(
     )
 
     def loss(step: int) -> dict[str, Tensor]:
-        batch = noisy(sampler.batch(step), noise)
+        batch = add_sensor_noise(sampler.batch(step), noise)
         hidden, _ = student.lstm(batch.inputs)
         return {"total": prediction_loss(student.read_out(hidden[:, window - 1 :]), target[batch.ends])}
 

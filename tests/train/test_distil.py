@@ -12,7 +12,8 @@ from train.distil import distil, encode_all
 from train.evaluate import latent_error
 from train.fit import seeded
 from train.model import WakeModel
-from train.windows import fit_scaling, prepare
+from train.rows import prepare
+from train.scaling import fit_scaling
 
 
 def test_encode_all_is_the_encoder_window_by_window(small_recording: Dataset, small_config: Config) -> None:

@@ -19,7 +19,7 @@ from train.distil import encode_all
 from train.evaluate import evaluate
 from train.model_store import ModelError
 from train.pipeline import train_all
-from train.windows import prepare
+from train.rows import prepare
 
 
 @pytest.fixture

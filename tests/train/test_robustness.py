@@ -7,7 +7,8 @@ import torch
 from contract.errors import ConfigError
 from contract.release.bundle import Scaling
 from train.robustness import bias, dead, drift, noise, sliding_error
-from train.windows import Rows, global_deviation, unit_steps
+from train.rows import Rows
+from train.scaling import global_deviation, unit_steps
 
 
 @pytest.fixture

@@ -11,8 +11,9 @@ from train.distil import encode_all
 from train.evaluate import latent_error
 from train.fit import seeded
 from train.model import Encoder, WakeModel
+from train.rows import prepare
+from train.scaling import fit_scaling
 from train.streaming import encode_stream, fit_stream
-from train.windows import fit_scaling, prepare
 
 
 def test_a_stream_is_one_cell_step_a_sample(small_recording: Dataset, small_config: Config) -> None:

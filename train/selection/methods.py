@@ -9,6 +9,7 @@ from contract.config.tree import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
 from train.fit import Progress, silent
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.budget import check_count
 from train.selection.greedy_forward import forward
 from train.selection.hand_choice import outward
@@ -16,7 +17,6 @@ from train.selection.qr_pivoting import pivots
 from train.selection.random_draws import best_draw
 from train.selection.ridge_student import ridge_student
 from train.selection.shap_ranking import ShapRanker, rank
-from train.windows import Rows
 
 METHODS: Final[tuple[SelectionMethod, ...]] = get_args(SelectionMethod)
 

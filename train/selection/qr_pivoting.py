@@ -10,7 +10,7 @@ import scipy.linalg
 
 from contract import sensors
 from contract.arrays import Array
-from train.windows import Rows
+from train.rows import Rows
 
 # PyPI's python-sensors 0.4 does this too, but brings scikit-learn, matplotlib and pandas for one call of SciPy's.
 

@@ -21,8 +21,8 @@ from contract import sensors
 from contract.arrays import Array
 from contract.errors import DatasetError
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.window_draws import first_rows, windows_at
-from train.windows import Rows
 
 STRIDE: Final = 4
 """Every 4th row of the window is a lag: 0.8 t_c, six to a shedding cycle, 8 lags in a window of 32."""

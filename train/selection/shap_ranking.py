@@ -21,9 +21,9 @@ from contract.config.tree import TrainConfig
 from contract.errors import DatasetError
 from train.fit import Progress, silent
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.budget import check_count
 from train.selection.window_draws import first_rows, windows_at
-from train.windows import Rows
 
 
 class Ranker(Protocol):

@@ -15,7 +15,8 @@ from train.evaluate import evaluate
 from train.model import Encoder, WakeModel
 from train.model_store import load
 from train.robustness import Fault, bias, dead, drift, noise, sliding_error
-from train.windows import Rows, prepare, unit_steps
+from train.rows import Rows, prepare
+from train.scaling import unit_steps
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 

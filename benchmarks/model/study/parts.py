@@ -24,9 +24,9 @@ from train.evaluate import evaluate, judge, latent_error, rollout_starts
 from train.fit import fit_joint, seeded
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
+from train.rows import Rows, prepare
 from train.selection.methods import METHODS, select
 from train.streaming import encode_stream, fit_stream
-from train.windows import Rows, prepare
 
 SEEDS: Final = (0, 1, 2)
 COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)

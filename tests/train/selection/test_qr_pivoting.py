@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from contract import sensors
+from train.rows import Rows
 from train.selection.qr_pivoting import pivots, pod_modes
-from train.windows import Rows
 
 PEAKS = (12, 83, 55)
 """Sensor where each mode is largest."""

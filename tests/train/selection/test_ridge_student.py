@@ -10,8 +10,8 @@ import torch
 from contract import sensors
 from contract.errors import DatasetError
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.ridge_student import RIDGE, lagged, ridge_student, sample
-from train.windows import Rows
 
 MakeRows = Callable[..., Rows]
 MakeTeacher = Callable[..., Encoder]

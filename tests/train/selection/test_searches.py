@@ -6,10 +6,10 @@ import pytest
 
 from contract import sensors
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.greedy_forward import forward
 from train.selection.random_draws import best_draw, draw
 from train.selection.ridge_student import RidgeStudent, ridge_student
-from train.windows import Rows
 
 HEARD = ("lower_35", "base_0", "upper_12")
 

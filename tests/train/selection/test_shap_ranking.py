@@ -11,8 +11,8 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
 from train.model import WakeModel
+from train.rows import Rows
 from train.selection.shap_ranking import Ranking, ShapRanker, rank
-from train.windows import Rows
 
 
 class Linear(nn.Module):
