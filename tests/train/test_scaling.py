@@ -9,8 +9,9 @@ import torch
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset, Episode
+from contract.release.manifest import Scaling
 from train.rows import prepare
-from train.scaling import fit_scaling
+from train.scaling import fit_scaling, global_deviation, unit_steps
 
 
 def with_series(episode: Episode, **series: np.ndarray) -> Episode:
@@ -58,3 +59,22 @@ def test_a_signal_that_never_changes_is_refused(small_recording: Dataset, series
 
     with pytest.raises(DatasetError, match=message):
         fit_scaling([stuck(episode) for episode in small_recording.with_role("train")])
+
+
+@pytest.fixture
+def scaling() -> Scaling:
+    std = np.linspace(0.05, 0.5, 90)
+    return Scaling(
+        pressure_mean=(0.0,) * 90,
+        pressure_std=tuple(std.tolist()),
+        action_std=0.05,
+        force_mean=(1.0, 0.0),
+        force_std=(0.1, 1.0),
+    )
+
+
+def test_one_level_is_the_same_pressure_at_every_sensor(scaling: Scaling) -> None:
+    assert global_deviation(scaling) == pytest.approx(np.sqrt(np.mean(np.array(scaling.pressure_std) ** 2)))
+    chosen = np.array([0, 89])
+    physical = unit_steps(scaling, chosen) * np.array(scaling.pressure_std)[chosen]
+    assert physical == pytest.approx(global_deviation(scaling))
