@@ -11,9 +11,10 @@ from torch import Tensor
 
 from contract.arrays import Index
 from contract.config.tree import Config
-from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
+from train.fit import Checkpoints, Schedule, optimise, seeded
 from train.loss import prediction_loss
 from train.model import Encoder
+from train.progress import Phase, Progress, silent
 from train.rows import Rows
 from train.sampler import SegmentSampler, add_sensor_noise
 from train.streaming import fit_stream
@@ -77,5 +78,5 @@ def distil(
             batch = add_sensor_noise(sampler.batch(step), noise)
             return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
 
-        optimise(slim, loss, schedule, phase="distil", progress=progress, checkpoints=checkpoints)
+        optimise(slim, loss, schedule, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
     return slim

@@ -17,9 +17,10 @@ from torch import Tensor, nn
 from contract.config.tree import Config
 from train.distil import encode_all
 from train.evaluate import rollout_starts
-from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
+from train.fit import Checkpoints, Schedule, optimise, seeded
 from train.loss import prediction_loss
 from train.model import Predictor, WakeModel
+from train.progress import Phase, Progress, silent
 from train.rows import Rows
 
 _FEWER = 4
@@ -77,5 +78,5 @@ def distil_predictor(
             return {"total": latent_loss + force_loss, "prediction": latent_loss, "force": force_loss}
 
         student.to(device)
-        optimise(student, loss, schedule, phase="predictor", progress=progress, checkpoints=checkpoints)
+        optimise(student, loss, schedule, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
     return student

@@ -20,9 +20,10 @@ from train import checkpoint, model_store
 from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import HORIZONS, evaluate, latent_error, rollout_starts
-from train.fit import Checkpoints, Progress, device_named, fit_joint, silent
+from train.fit import Checkpoints, device_named, fit_joint
 from train.model import Encoder
 from train.model_store import TrainedModel
+from train.progress import Phase, Progress, silent
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling
 from train.selection.budget import check_count
@@ -48,7 +49,7 @@ def train_all(
     State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored.
 
     Args:
-        progress: called from every phase; see `train.fit.Progress`.
+        progress: called from every phase; see `train.progress.Progress`.
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; without one, start.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
@@ -145,7 +146,7 @@ def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], Mapping[str, Any]]:
     """The chosen sensors, and what the model's file says of how they were found."""
-    settings, path = config.train, checkpoints.path("select")
+    settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)
         return ranking.top(settings.sensors), _ranking_tree(ranking)
@@ -160,7 +161,7 @@ def _choice(
 
 
 def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
-    settings, path = config.train, checkpoints.path("rank")
+    settings, path = config.train, checkpoints.path(Phase.RANK)
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is not None:
         return Ranking(scores=state["scores"].numpy())

@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from contract.config.tree import Config
-from train.fit import Checkpoints, Progress, Schedule, optimise, silent
+from train.fit import Checkpoints, Schedule, optimise
 from train.loss import prediction_loss
 from train.model import Encoder
+from train.progress import Phase, Progress, silent
 from train.rows import Rows
 from train.sampler import SegmentSampler, add_sensor_noise
 
@@ -69,4 +70,4 @@ def fit_stream(
         hidden, _ = student.lstm(batch.inputs)
         return {"total": prediction_loss(student.read_out(hidden[:, window - 1 :]), target[batch.ends])}
 
-    optimise(student, loss, schedule, phase="stream", progress=progress, checkpoints=checkpoints)
+    optimise(student, loss, schedule, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

@@ -50,24 +50,16 @@ def train(
     model, also if the run is stopped and resumed.
     """
     from train.pipeline import train_all
+    from train.progress import Phase
 
     began = time.monotonic()
     config = load_config(config_file, overrides)
-    names = {
-        "fit": "joint fit",
-        "finish": "longer unroll",
-        "rank": "SHAP ranking",
-        "select": "sensor selection",
-        "stream": "distil, streamed",
-        "distil": "distil, windows",
-        "predictor": "distil predictor",
-    }
     with progress_bar("iterations") as bar:
-        tasks: dict[str, TaskID] = {}
+        tasks: dict[Phase, TaskID] = {}
 
-        def show(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+        def show(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
             if phase not in tasks:
-                tasks[phase] = bar.add_task(names.get(phase, phase), total=total, note="")
+                tasks[phase] = bar.add_task(phase.label, total=total, note="")
             note = "  ".join(f"{name} {value:.4f}" for name, value in terms.items())
             bar.update(tasks[phase], completed=step, note=note)
 

@@ -5,7 +5,7 @@ for them.
 """
 
 from contract import sensors
-from train.fit import Progress, silent
+from train.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 
@@ -16,5 +16,5 @@ def forward(student: RidgeStudent, count: int, *, progress: Progress = silent) -
         errors = {index: student.error((*chosen, index)) for index in range(sensors.COUNT) if index not in chosen}
         best = min(errors, key=errors.__getitem__)
         chosen = (*chosen, best)
-        progress("select", place + 1, count, {"error": errors[best]})
+        progress(Phase.SELECT, place + 1, count, {"error": errors[best]})
     return chosen

@@ -7,8 +7,8 @@ import numpy as np
 from contract import sensors
 from contract.config.tree import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
-from train.fit import Progress, silent
 from train.model import Encoder
+from train.progress import Progress, silent
 from train.rows import Rows
 from train.selection.budget import check_count
 from train.selection.greedy_forward import forward

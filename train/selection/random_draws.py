@@ -4,7 +4,7 @@ import numpy as np
 
 from contract import sensors
 from contract.errors import ConfigError
-from train.fit import Progress, silent
+from train.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 
@@ -26,5 +26,5 @@ def best_draw(
         error = student.error(chosen)
         if error < least:
             best, least = chosen, error
-        progress("select", number + 1, draws, {"error": least})
+        progress(Phase.SELECT, number + 1, draws, {"error": least})
     return best

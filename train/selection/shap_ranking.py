@@ -19,8 +19,8 @@ from contract import sensors
 from contract.arrays import Array, Index
 from contract.config.tree import TrainConfig
 from contract.errors import DatasetError
-from train.fit import Progress, silent
 from train.model import Encoder
+from train.progress import Phase, Progress, silent
 from train.rows import Rows
 from train.selection.budget import check_count
 from train.selection.window_draws import first_rows, windows_at
@@ -85,7 +85,7 @@ def rank(
         # Spawned seeds: neighbouring run seeds must not share draws.
         draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
         scores.append(ranker(encoder, rows, draw))
-        progress("rank", repeat + 1, repeats, {})
+        progress(Phase.RANK, repeat + 1, repeats, {})
     return Ranking(scores=np.stack(scores))
 
 
