@@ -3,7 +3,7 @@
     L_distil = 1/(B N_z) sum || z_target - z_slim ||^2
 
 The mean over the latent dimensions, as in the joint loss (`train.loss.prediction_loss`), is a constant factor that
-Adam undoes. The teacher is frozen, and so is what it says of every window: its latents are computed once.
+Adam undoes. The teacher is frozen, so its latents of every window are computed once.
 """
 
 import torch
@@ -47,7 +47,7 @@ def distil(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
-    """Train an encoder on the chosen sensors to say what the teacher says on all 90.
+    """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
     First as a stream, where 64 samples cost little more than one window does, then window by window, as it will run.
 

@@ -63,10 +63,10 @@ def evaluate(
     Raises:
         DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
     """
-    return judge(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
+    return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
 
 
-def judge(
+def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
     """Figures of latents (n, N_z) that stand beside the rows, NaN where an episode has no window yet.

@@ -145,7 +145,7 @@ def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | 
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], Mapping[str, Any]]:
-    """The chosen sensors, and what the model's file says of how they were found."""
+    """The chosen sensors, and how they were found, for the model's file."""
     settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)

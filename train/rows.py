@@ -66,7 +66,7 @@ class Rows:
         """(N,) standard deviation of noise of `level` global deviations, in each sensor's column; zero at level 0.
 
         Raises:
-            ConfigError: if the rows do not know what a global deviation is.
+            ConfigError: if these rows have no global deviation.
         """
         if self.unit is None:
             if level:

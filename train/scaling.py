@@ -24,7 +24,7 @@ def fit_scaling(episodes: Sequence[Episode]) -> Scaling:
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # Before pooling: a dead sensor would hide behind its mirror image.
+    # Before pooling, in which the mirror image of a dead sensor would hide it.
     for name, values in zip(sensors.NAMES, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):

@@ -1,10 +1,11 @@
 """The encoder as a stream: one LSTM step a sample, state carried on, instead of a window of L steps (ours).
 
-The networks are the windowed encoder's; what differs is what the state has seen. A windowed encoder starts from zero
-in every window and forgets a bad sample after L of them; a stream does 1/L of the work and remembers for as long as
-its gates let it. Training reads stretches of L - 1 + `STRETCH` rows from a zero state and counts the last `STRETCH`
-latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained that way also reads windows well:
-it has seen states of every age from L on. That makes it the cheap start of a windowed one (`train.distil`).
+The networks are the windowed encoder's; what differs is the rows that the state has read. A windowed encoder starts
+from zero in every window and forgets a bad sample after L of them; a stream does 1/L of the work and remembers for as
+long as its gates let it. Training reads stretches of L - 1 + `STRETCH` rows from a zero state and counts the last
+`STRETCH` latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained that way also reads
+windows well: it was trained on states of every age from L on. That makes it the cheap start of a windowed one
+(`train.distil`).
 """
 
 import torch
@@ -49,7 +50,7 @@ def fit_stream(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
-    """Train an encoder to say `target` (n, N_z) beside the rows (its sensors' columns), reading them as a stream.
+    """Train an encoder to reproduce `target`, (n, N_z) latents of the rows (its sensors' columns), read as a stream.
 
     In place, over `config.train.stream_epochs`; call inside `train.fit.seeded`.
 

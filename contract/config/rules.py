@@ -18,12 +18,12 @@ T = TypeVar("T", int, float)
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """A condition on a number, which must be finite besides.
+    """A condition on a number, which must also be finite.
 
     Attributes:
         wording: of the condition, after "must be".
         holds: whether a finite number meets it.
-        or_none: whether None is allowed, too.
+        or_none: whether None is also allowed.
     """
 
     wording: str

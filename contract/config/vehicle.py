@@ -51,7 +51,7 @@ class EcuConfig(Settings):
 
     compute_time_ms: NonNegative[float] = 8.0
     """Time between frame and command that the virtual ECU charges for its control step. It is a stated
-    budget share, not a measurement; measured latency is reported beside it."""
+    budget share, not a measurement; measured latency is reported next to it."""
     hold_periods: NonNegative[int] = 1
     """Missed periods during which the last command is held."""
     decay_periods: NonNegative[int] = 2

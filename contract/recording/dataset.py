@@ -80,7 +80,7 @@ class Episode:
 
     @property
     def previous_action(self) -> Array:
-        """a_{k-1} for every k, shape (n,): what the encoder sees beside Cp_k."""
+        """a_{k-1} for every k, shape (n,): the encoder's input next to Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     @property
@@ -149,7 +149,7 @@ def write(path: Path, dataset: Dataset) -> None:
         DatasetError: if a series exceeds what 16 bits can hold; the message names episode and field.
         StillwakeError: if the file cannot be written.
     """
-    # In memory first: HDF5 does not say clearly that a disk is full.
+    # In memory first: HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = SCHEMA
@@ -189,7 +189,7 @@ def _read_episode_1(name: str, node: h5py.Group) -> Episode:
     fields = {"Cd_slot" if field == "Cd_slot_pressure" else field: unit for field, unit in UNITS.items()}
     del fields["Cd_slot_viscous"]
     series = {field: _read_series(name, node, field, unit) for field, unit in fields.items()}
-    # What was never told apart stands under pressure, which is nearly all of it; the sum is as recorded.
+    # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
     series["Cd_slot_pressure"] = series.pop("Cd_slot")
     series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     return _episode(name, node, series)

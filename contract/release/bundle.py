@@ -1,7 +1,7 @@
 """The release bundle: what is flashed onto an ECU, as a directory or a zip of it.
 
 `manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built for, the
-data set, weights and program it comes from, and the SHA-256 of every other file and of the DBC it speaks.
+data set, weights and program it comes from, and the SHA-256 of every other file and of its DBC.
 `manifest.sig`, where there is one, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so
 of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
 accidents; a signature by a key that the reader trusts guards against people.
@@ -84,7 +84,7 @@ class Check:
 
 
 def dbc_bytes() -> bytes:
-    """The DBC this version speaks."""
+    """The DBC of this version."""
     return files("contract").joinpath("stillwake.dbc").read_bytes()
 
 

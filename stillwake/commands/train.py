@@ -43,7 +43,7 @@ def train(
     model.slim_decoder_width, narrower dynamics and decoder learn its
     roll-outs.
 
-    All are judged on the test episodes: R2 and L1/sigma of Cd and Cl, and
+    All are evaluated on the test episodes: R2 and L1/sigma of Cd and Cl, and
     open-loop roll-outs of 5, 10 and 25 steps. Settings default to the
     release's; --config takes a TOML file, --set one value, such as
     --set train.epochs=300. Seed, recording, settings and machine decide the
@@ -95,7 +95,7 @@ def train(
 def _metrics_table(metrics: Mapping[str, Any]) -> Table:
     ahead = [f"h={item['horizon']}" for item in metrics["teacher"]["rollout"]]
     table = Table("Cd, Cl", "R2", "L1/sigma", *ahead, title="test episodes; h = n: L1/sigma n steps ahead")
-    # "deployed" is there if dynamics and decoder were slimmed, too.
+    # "deployed" is there if dynamics and decoder were slimmed too.
     for name in ("teacher", "slim", "deployed"):
         if (part := metrics.get(name)) is not None:
             errors_now = (f"{part['drag'][kind]:.3f} {part['lift'][kind]:.3f}" for kind in ("r2", "l1_over_sigma"))

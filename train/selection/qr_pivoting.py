@@ -1,4 +1,4 @@
-"""Sensors from which the pressure field itself is best rebuilt, whatever the latents say of it.
+"""Sensors from which the pressure field itself is best rebuilt, whatever the latents hold of it.
 
 QR with column pivoting on the transposed leading POD modes, Manohar, Brunton, Kutz and Brunton, "Data-driven sparse
 sensor placement for reconstruction", IEEE Control Systems Magazine 38 (2018), section "Sensor placement for
@@ -23,12 +23,12 @@ def pod_modes(rows: Rows, count: int) -> Array:
     return vectors[:, ::-1][:, :count]
 
 
-def pivots(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
+def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
     """Indices of the first `count` pivots, in their order.
 
     Args:
         modes: size of the basis; as many as sensors if None or fewer than those, because a basis of r modes
-            tells no more than r sensors apart.
+            distinguishes no more than r sensors.
     """
     basis = pod_modes(rows, max(count, modes or 0))
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)

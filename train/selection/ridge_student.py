@@ -1,6 +1,6 @@
 """A student that costs milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
 
-It stands for the slim encoder where thousands of choices are compared and none can be distilled. With the centred
+It stands in for the slim encoder where thousands of choices are compared and none can be distilled. With the centred
 lags X (n, F) and latents Z (n, N_z) of the windows it is fitted to,
 
     W = (X'X/n + lambda I)^-1 X'Z/n
@@ -105,7 +105,7 @@ def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float =
     White noise only adds its power to the diagonal of the lags' products, so none has to be drawn.
 
     Raises:
-        DatasetError: if there are too few windows, or the encoder says the same of all of them.
+        DatasetError: if there are too few windows, or their latents are all the same.
     """
     (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
     mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)

@@ -1,4 +1,4 @@
-"""The paper's method: which sensors the encoder listens to (section 2.3.1 and appendix C).
+"""The paper's method: which sensors the encoder depends on (section 2.3.1 and appendix C).
 
 A `Ranker` scores the 90 sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
 ranker is `ShapRanker`.

@@ -20,7 +20,7 @@ from contract.errors import StillwakeError
 from train import model_store
 from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
-from train.evaluate import evaluate, judge, latent_error, rollout_starts
+from train.evaluate import evaluate, evaluate_latents, latent_error, rollout_starts
 from train.fit import fit_joint, seeded
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
@@ -224,7 +224,7 @@ def stream(lab: Lab) -> dict[str, Any]:
             {
                 "case": case,
                 "latent": latent_error(values, teacher_latents),
-                **judge(values, trained.teacher, test, window=window).as_tree(),
+                **evaluate_latents(values, trained.teacher, test, window=window).as_tree(),
             }
             for case, values in latents.items()
         ],

@@ -1,4 +1,4 @@
-"""The ranking finds the sensors a model listens to, and agrees with Shapley values known exactly."""
+"""The ranking finds the sensors a model depends on, and agrees with Shapley values known exactly."""
 
 from collections.abc import Sequence
 
