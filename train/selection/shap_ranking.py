@@ -5,8 +5,6 @@ ranker is `ShapRanker`.
 """
 
 import copy
-from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,13 +14,13 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.arrays import Array, Index
+from contract.arrays import Array
 from contract.config.tree import TrainConfig
 from contract.errors import DatasetError
 from train.model import Encoder
 from train.progress import Phase, Progress, silent
 from train.rows import Rows
-from train.selection.budget import check_count
+from train.selection.ranking import Ranking
 from train.selection.window_draws import first_rows, windows_at
 
 
@@ -30,50 +28,6 @@ class Ranker(Protocol):
     """Scores of the sensors, (90,), larger is more important; one independent draw per seed."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ranking:
-    """Scores of repeated draws, (repeats, 90)."""
-
-    scores: Array
-
-    @property
-    def mean(self) -> Array:
-        """(90,) mean over the repeats."""
-        mean: Array = self.scores.mean(axis=0)
-        return mean
-
-    @property
-    def std(self) -> Array:
-        """(90,) sample standard deviation over the repeats; zero for a single one."""
-        return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
-
-    def top(self, count: int) -> tuple[str, ...]:
-        """Names of the best sensors by mean score, best first; equal scores keep the sensors' order.
-
-        Raises:
-            ConfigError: if there are not that many sensors.
-        """
-        check_count(count)
-        return _names(_best(self.mean, count))
-
-    def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
-        """The set of the best sensors in each repeat."""
-        return tuple(frozenset(_names(_best(scores, count))) for scores in self.scores)
-
-    def is_stable(self, count: int) -> bool:
-        """Whether every repeat has the same set of best sensors."""
-        return len(set(self.top_sets(count))) == 1
-
-    def differences(self, count: int) -> Mapping[str, float]:
-        """Share of the repeats that have a sensor among their best, for those that some have and others not.
-
-        In the sensors' order; empty if the set is stable.
-        """
-        repeats = len(self.scores)
-        found = Counter(name for names in self.top_sets(count) for name in names)
-        return {name: found[name] / repeats for name in sensors.NAMES if 0 < found[name] < repeats}
 
 
 def rank(
@@ -173,11 +127,3 @@ def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.rando
     if len(firsts) < count:
         raise DatasetError(f"recording has {len(firsts)} windows, too few to draw {count} {purpose} samples")
     return windows_at(rows, generator.choice(firsts, count, replace=False), window)
-
-
-def _best(scores: Array, count: int) -> Index:
-    return np.argsort(-scores, kind="stable")[:count]
-
-
-def _names(chosen: Sequence[int] | Index) -> tuple[str, ...]:
-    return tuple(sensors.NAMES[index] for index in chosen)

@@ -87,8 +87,8 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "sensors": list(trained.sensors),
-        "metrics": dict(trained.metrics),
-        "ranking": dict(trained.ranking),
+        "metrics": trained.metrics.as_tree(),
+        "ranking": trained.ranking.as_tree(),
         "growth": {
             "teacher": evaluate(trained.teacher.encoder, trained.teacher, rows, horizons=GROWTH).as_tree()["rollout"],
             "slim": evaluate(trained.slim, trained.deployed, slim_rows, horizons=GROWTH).as_tree()["rollout"],
@@ -100,7 +100,7 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
 
 def count(lab: Lab, number: int) -> dict[str, Any]:
     """A student on the ranking's best `number` sensors."""
-    return student(lab, lab.model().teacher, tuple(lab.model().ranking["order"][:number]), seed=0)[1]
+    return student(lab, lab.model().teacher, lab.model().ranking.order[:number], seed=0)[1]
 
 
 def without(lab: Lab, place: int) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
 from train.model import WakeModel
 from train.rows import Rows
-from train.selection.shap_ranking import Ranking, ShapRanker, rank
+from train.selection.ranking import Ranking
+from train.selection.shap_ranking import ShapRanker, rank
 
 
 class Linear(nn.Module):
