@@ -29,8 +29,10 @@ from contract.recording import dataset
 from contract.results import versions, write_result
 from train.loss import joint_loss
 from train.model import Encoder, WakeModel
+from train.rows import Rows, prepare
+from train.sampler import SegmentSampler
+from train.scaling import fit_scaling
 from train.streaming import STRETCH
-from train.windows import Rows, SegmentSampler, fit_scaling, prepare
 
 GEMM: Final = 1024
 """Size of the square product that sets the floor's speed."""

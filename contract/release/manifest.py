@@ -66,7 +66,7 @@ class Manifest:
         dataset_sha256: of the recording that the model was fitted to.
         weights_sha256: of the trained model's tensors.
         program_sha256: of the controller program that `controller.onnx` computes (`export.program.program_hash`); a C
-            library of the same program says the same in its header.
+            library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and what the export's gates measured.
     """
 

@@ -22,7 +22,8 @@ from train.distil import distil
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel
 from train.model_store import TrainedModel, load
-from train.windows import Rows, fit_scaling, prepare
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
 
 STREAM_EPOCHS: Final = 50.0
 DISTIL_EPOCHS: Final = 1.0
