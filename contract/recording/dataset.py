@@ -18,6 +18,7 @@ import numpy.typing as npt
 from contract import sensors
 from contract.atomic import replacing
 from contract.errors import DatasetError
+from contract.ledger import DragLedger, ledger_of
 from contract.recording.int16_series import pack, unpack
 
 SCHEMA: Final = "stillwake-dataset/2"
@@ -83,14 +84,9 @@ class Episode:
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     @property
-    def Cd_slot(self) -> npt.NDArray[np.float64]:
-        """Force on the slot faces, shape (n,)."""
-        return self.series["Cd_slot_pressure"] + self.series["Cd_slot_viscous"]
-
-    @property
-    def Cd_net(self) -> npt.NDArray[np.float64]:
-        """Wall, slots and jet momentum together, shape (n,)."""
-        return self.series["Cd"] + self.Cd_slot + self.series["Cd_momentum"]
+    def ledger(self) -> DragLedger[npt.NDArray[np.float64]]:
+        """The drag ledger, every entry of shape (n,)."""
+        return ledger_of(self.series)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

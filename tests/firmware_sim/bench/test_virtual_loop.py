@@ -57,7 +57,7 @@ class Oscillator:
             action=self.action,
         )
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         assert self.substep < substep <= self.substeps
         self.asked.append((self.period, substep, action))
         target, left = self.action if action is None else action, self.substeps - self.substep
@@ -70,7 +70,6 @@ class Oscillator:
         if self.substep == 0:
             self.period += 1
             self.action = target
-        return self.sample()
 
 
 class Harness:

@@ -73,10 +73,9 @@ class Swing:
         forces = dict.fromkeys((item.name for item in fields(Sample)), 0.0)
         return Sample(**{**forces, "t": t, "Cp": Cp, "action": self.action})
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         self.done += substep - self.done % self.substeps
         self.action = self.action if action is None else action
-        return self.sample()
 
 
 def recorded(count: int) -> list[np.ndarray]:
