@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from can_bridge.bus import frame_log
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.simulated import SimulatedBus
 from contract.atomic import replacing
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.controller.onnx_session import OnnxController, RunnableController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
-from firmware_sim.bench.vehicle_node import PressureNode
-from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_log import Row, RunLog
@@ -78,11 +78,12 @@ def run_closed_loop(
         # Whole runs only: every file appears when the block has succeeded, and none before.
         part = {name: stack.enter_context(replacing(output / name)) for name in (SERIES, SUMMARY, BEFORE, AFTER)}
         capture = stack.enter_context(frame_log.recording(output / FRAMES))
-        vehicle, ecu_bus, monitor = (stack.enter_context(PythonCanBus.open(config.bus)) for _ in range(3))
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
-        node = PressureNode(bundle.manifest.sensors, config)
-        wires = Wires(vehicle=vehicle, ecu=ecu_bus, monitor=monitor)
-        loop = VirtualLoop(wake, node, ecu, wires, config, capture)
+        node = VehicleNode(bundle.manifest.sensors, config)
+        bus = SimulatedBus(
+            nominal_bitrate=config.bus.nominal_bitrate, data_bitrate=config.bus.data_bitrate, capture=capture
+        )
+        loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
         for k in range(total):
             if k == before_periods:
                 picture = vorticity_figure(wake, highlight, title=f"without control, t = {wake.t:.1f} $t_c$")

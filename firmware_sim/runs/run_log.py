@@ -4,28 +4,27 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
+from contract import sensors
 from contract.atomic import replacing
 from contract.errors import StillwakeError
+from contract.ledger import LEDGER_FIELDS
+from wake.truck.truck_wake import Sample
 
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One control period, sampled at its start.
+    """One control period.
 
     Attributes:
-        t: in t_c.
-        Cd, Cl, Cd_slot_pressure, Cd_slot_viscous, Cd_momentum, jet_power, Uy_probe: the plant's ledger
-            (`wake.truck.truck_wake.Sample`).
-        base_Cp: mean over the base sensors.
-        action: jet flow rate in force, U_inf W.
+        sample: of the plant at the period's start.
         command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without one.
         mode: `can_bridge.wire.messages.Mode` of the ECU as of its latest step.
@@ -34,22 +33,29 @@ class Row:
             arrival there, in virtual time; NaN if none came.
     """
 
-    t: float
-    Cd: float
-    Cl: float
-    Cd_slot_pressure: float
-    Cd_slot_viscous: float
-    Cd_momentum: float
-    jet_power: float
-    Uy_probe: float
-    base_Cp: float
-    action: float
+    sample: Sample
     command: float
     predicted_Cd: float
     predicted_Cl: float
     mode: int
     step_ms: float
     age_ms: float
+
+    @property
+    def base_Cp(self) -> float:
+        """Mean over the base sensors."""
+        return float(np.mean(self.sample.Cp[sensors.BASE]))
+
+    def columns(self) -> dict[str, float]:
+        """The row in numbers, by the names in `COLUMNS`."""
+        sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
+        return {**sampled, "base_Cp": self.base_Cp, **{name: getattr(self, name) for name in _EXCHANGED}}
+
+
+_SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
+_EXCHANGED: Final = tuple(item.name for item in fields(Row) if item.name != "sample")
+COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
+"""The series of a run, one value a row: of the plant's sample, and of what bus and ECU made of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +72,7 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: the columns of `Row`, (n,) each.
+        series: the arrays named in `COLUMNS`, (n,) each.
         enabled_at: index of the first row with control requested.
         bus: totals.
         facts: bundle, sensors, settings and versions, for the report.
@@ -79,7 +85,8 @@ class RunLog:
 
     @classmethod
     def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, facts: Mapping[str, Any]) -> "RunLog":
-        series = {item.name: np.array([getattr(row, item.name) for row in rows], dtype=float) for item in fields(Row)}
+        columns = [row.columns() for row in rows]
+        series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
         return cls(series=series, enabled_at=enabled_at, bus=bus, facts=facts)
 
 
@@ -100,7 +107,7 @@ def load(path: Path) -> RunLog:
     try:
         with np.load(path) as data:
             header = json.loads(str(data["header"]))
-            series = {item.name: data[item.name] for item in fields(Row)}
+            series = {name: data[name] for name in COLUMNS}
         return RunLog(
             series=series, enabled_at=header["enabled_at"], bus=BusTotals(**header["bus"]), facts=header["facts"]
         )

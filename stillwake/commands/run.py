@@ -51,8 +51,8 @@ def run(
 
         def show(row: Row, done: int, total: int) -> None:
             note = (
-                f"{Mode(row.mode).name:7s} Cd {row.Cd:.3f}  base Cp {row.base_Cp:+.3f}  "
-                f"action {row.action:+.3f}  step {row.step_ms:.1f} ms"
+                f"{Mode(row.mode).name:7s} Cd {row.sample.Cd:.3f}  base Cp {row.base_Cp:+.3f}  "
+                f"action {row.sample.action:+.3f}  step {row.step_ms:.1f} ms"
             )
             bar.update(task, completed=done, total=total, note=note)
 
