@@ -12,11 +12,14 @@ import numpy.typing as npt
 
 from contract import sensors
 from contract.atomic import replacing
-from contract.errors import StillwakeError
+from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
+from firmware_sim.runs.metadata import RunMetadata
 from wake.truck.truck_wake import Sample
 
 Array = npt.NDArray[np.float64]
+
+SCHEMA: Final = "stillwake-run/1"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,24 +78,31 @@ class RunLog:
         series: the arrays named in `COLUMNS`, (n,) each.
         enabled_at: index of the first row with control requested.
         bus: totals.
-        facts: bundle, sensors, settings and versions, for the report.
+        metadata: what the run was made with.
     """
 
     series: Mapping[str, Array]
     enabled_at: int
     bus: BusTotals
-    facts: Mapping[str, Any]
+    metadata: RunMetadata
 
     @classmethod
-    def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, facts: Mapping[str, Any]) -> "RunLog":
+    def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, metadata: RunMetadata) -> "RunLog":
         columns = [row.columns() for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
-        return cls(series=series, enabled_at=enabled_at, bus=bus, facts=facts)
+        return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata)
 
 
 def save(path: Path, log: RunLog) -> None:
     """Write as .npz, whole or not at all."""
-    header = json.dumps({"enabled_at": log.enabled_at, "bus": asdict(log.bus), "facts": log.facts})
+    header = json.dumps(
+        {
+            "schema": SCHEMA,
+            "enabled_at": log.enabled_at,
+            "bus": asdict(log.bus),
+            "metadata": log.metadata.to_tree(),
+        }
+    )
     arrays: dict[str, Any] = dict(log.series)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, header=header, **arrays)
@@ -102,14 +112,18 @@ def load(path: Path) -> RunLog:
     """Read what `save` wrote.
 
     Raises:
-        StillwakeError: if the file is missing or damaged.
+        StillwakeError: if the file is missing, damaged or of another schema.
     """
     try:
         with np.load(path) as data:
             header = json.loads(str(data["header"]))
-            series = {name: data[name] for name in COLUMNS}
-        return RunLog(
-            series=series, enabled_at=header["enabled_at"], bus=BusTotals(**header["bus"]), facts=header["facts"]
-        )
-    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
+            if (schema := header.get("schema")) != SCHEMA:
+                raise ValueError(f"schema {schema!r}, this version reads {SCHEMA!r}: make the run again")
+            return RunLog(
+                series={name: data[name] for name in COLUMNS},
+                enabled_at=header["enabled_at"],
+                bus=BusTotals(**header["bus"]),
+                metadata=RunMetadata.from_tree(header["metadata"]),
+            )
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, BadZipFile, ConfigError) as error:
         raise StillwakeError(f"{path}: not the series of a run ({error})") from error
