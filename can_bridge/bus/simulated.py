@@ -2,9 +2,9 @@
 
 Every node holds a port. A frame sent at the bus's time t begins then, or when its own node's frame before it has ended,
 and is in the queue of every other port one worst-case frame time later (`can_bridge.wire.bit_timing`). A receiver gets
-the frame stamped with the time its transmission began. Nodes do not wait for each other: for a frame whose worst-case
-time is charged, the bus counts as idle otherwise. Frames that begin at the same time are ordered as arbitration orders
-them, by identifier.
+the frame stamped with the time its transmission began. Nodes do not wait for each other: every frame is charged its
+worst case on a bus that is idle otherwise. Frames that begin at the same time are ordered as arbitration orders them,
+by identifier.
 
 Time only passes in `advance_to`. Faults wrap a port, which is a `can_bridge.bus.interface.Bus`.
 """
@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
+from contract.config.tree import BusConfig
 
 
 class SimulatedPort:
@@ -56,18 +57,15 @@ class SimulatedBus:
     """The wire between ports, at virtual time 0.
 
     Args:
-        nominal_bitrate, data_bitrate: bit/s.
+        config: the bit rates; interface and channel are those of real and python-can's virtual buses.
         capture: called with every frame when its transmission begins, in the order of virtual time.
 
     Attributes:
         now_ns: the bus's time.
     """
 
-    def __init__(
-        self, *, nominal_bitrate: int, data_bitrate: int, capture: Callable[[Frame], None] = lambda frame: None
-    ) -> None:
-        self._nominal_bitrate = nominal_bitrate
-        self._data_bitrate = data_bitrate
+    def __init__(self, config: BusConfig, capture: Callable[[Frame], None] = lambda frame: None) -> None:
+        self._config = config
         self._capture = capture
         self._ports: list[SimulatedPort] = []
         self._waiting: list[_Transmission] = []
@@ -82,7 +80,9 @@ class SimulatedBus:
 
     def frame_ns(self, frame: Frame) -> int:
         """How long the frame occupies the bus at worst."""
-        return worst_case_ns(frame, nominal_bitrate=self._nominal_bitrate, data_bitrate=self._data_bitrate)
+        return worst_case_ns(
+            frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate
+        )
 
     def under_way(self, frame_id: int) -> int:
         """Frames of this identifier that were sent and have not arrived."""

@@ -72,9 +72,7 @@ def run_closed_loop(
             for path in (folder.series, folder.summary, folder.uncontrolled_picture, folder.controlled_picture)
         )
         capture = stack.enter_context(frame_log.recording(folder.frames))
-        bus = SimulatedBus(
-            nominal_bitrate=config.bus.nominal_bitrate, data_bitrate=config.bus.data_bitrate, capture=capture
-        )
+        bus = SimulatedBus(config.bus, capture)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
         for k in range(total):

@@ -5,7 +5,9 @@ import pytest
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.wire.frame import Frame
+from contract.config.tree import BusConfig
 
+RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000)
 # 16 bytes on CAN FD at worst: 34 bits at 500 kbit/s, 193 bits at 2 Mbit/s (test_bit_timing.py has the count).
 LONG = Frame(frame_id=0x120, data=bytes(16))
 LONG_NS = 34 * 2000 + 193 * 500
@@ -19,7 +21,7 @@ def captured() -> list[Frame]:
 
 @pytest.fixture
 def bus(captured) -> SimulatedBus:
-    return SimulatedBus(nominal_bitrate=500_000, data_bitrate=2_000_000, capture=captured.append)
+    return SimulatedBus(RATES, captured.append)
 
 
 def times(frames: list[Frame]) -> list[tuple[int, int]]:
@@ -96,7 +98,7 @@ def test_what_has_not_arrived_is_under_way(bus):
 def test_one_long_advance_delivers_what_many_short_ones_do():
     received = []
     for step in (1000, 7919, 10**6):
-        bus = SimulatedBus(nominal_bitrate=500_000, data_bitrate=2_000_000)
+        bus = SimulatedBus(RATES)
         one, two = bus.port(), bus.port()
         for frame in (LONG, SHORT, LONG):
             one.send(frame)

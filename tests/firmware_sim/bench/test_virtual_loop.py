@@ -80,8 +80,7 @@ class Harness:
         self.plant = Oscillator(config.flow.substeps)
         self.ecu = Ecu(bundle, controller, config)
         self.captured: list[Frame] = []
-        rates = {"nominal_bitrate": config.bus.nominal_bitrate, "data_bitrate": config.bus.data_bitrate}
-        bus = SimulatedBus(**rates, capture=self.captured.append)
+        bus = SimulatedBus(config.bus, self.captured.append)
         ports = BusPorts(**{name: wrap(bus.port()) for name, wrap in wrapped.items()})
         ticks = iter(range(10**6))
         self.loop = VirtualLoop(

@@ -123,7 +123,7 @@ def small(tmp_path_factory) -> Exported:
 
 def commands(release: Exported, controller: Controller, periods: int = 25) -> np.ndarray:
     """What the ECU sends once its window is full, over the bus and with all its delays, U_inf W."""
-    bus = SimulatedBus(nominal_bitrate=CONFIG.bus.nominal_bitrate, data_bitrate=CONFIG.bus.data_bitrate)
+    bus = SimulatedBus(CONFIG.bus)
     loop = VirtualLoop(
         Swing(),
         VehicleNode(release.bundle.manifest.sensors, CONFIG),
