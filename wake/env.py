@@ -1,6 +1,5 @@
 """The wake as a Gymnasium environment, registered as `stillwake/TruckWake-v0`."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -11,12 +10,13 @@ import numpy.typing as npt
 from contract import sensors
 from contract.config.tree import FlowConfig
 from contract.errors import ConfigError, PlantError
+from contract.ledger import LEDGER_FIELDS
 from wake.pictures.drawing import WakePicture
 from wake.truck.truck_wake import Sample, State, TruckWake, developed_state
 
 Observation = npt.NDArray[np.float32]
 
-LEDGER: Final = (*(item.name for item in dataclasses.fields(Sample) if item.type is float), "Cd_slot", "Cd_net")
+LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
 """What `info` carries of a `wake.truck.truck_wake.Sample`: all but the 90 pressures."""
 
 

@@ -11,5 +11,5 @@ class Plant(Protocol):
     def sample(self) -> Sample:
         """Measure now."""
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the control period; with an action, ramp so as to reach it at the period's end."""

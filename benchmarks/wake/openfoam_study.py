@@ -28,7 +28,8 @@ from contract.config.loading import load_config
 from contract.config.tree import FlowConfig
 from contract.release.bundle import load
 from contract.results import versions, write_result
-from firmware_sim.bench.closed_loop import run_closed_loop, summary
+from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.runs.summary import summary
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
 from wake.openfoam.measurements import Instruments, read_all

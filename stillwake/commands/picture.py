@@ -209,11 +209,11 @@ def _signal(
 
 
 def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
-    from firmware_sim.bench.closed_loop import SERIES
+    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load
 
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
-    return load(folder / SERIES).series["action"][1:]
+    return load(RunFolder(folder).series).series["action"][1:]
 
 
 def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[np.float64]:

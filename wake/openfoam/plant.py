@@ -146,9 +146,10 @@ class OpenFoamWake:
             PlantError: for an action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails,
                 or at the end of the longest duration.
         """
-        return self.advance_to(self.config.substeps, action)
+        self.advance_to(self.config.substeps, action)
+        return self.sample()
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the current period until `substep` (1 .. substeps).
 
         With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
@@ -167,7 +168,6 @@ class OpenFoamWake:
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        return self.sample()
 
     def sample(self) -> Sample:
         """Measure now."""

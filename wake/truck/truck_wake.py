@@ -17,6 +17,7 @@ import numpy.typing as npt
 from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
+from contract.ledger import DragLedger
 from wake.solver import boundary, stability
 from wake.solver.grid import truck_grid
 from wake.solver.navier_stokes import Flow, FlowSolver
@@ -30,40 +31,20 @@ STATE_SCHEMA: Final = "stillwake-flow/2"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sample:
-    """What the plant shows at one instant; forces per unit of rho U_inf^2 W / 2.
+class Sample(DragLedger[float]):
+    """What the plant shows at one instant: the drag ledger and what is measured beside it.
 
     Attributes:
         t: time in t_c.
         Cp: at the 90 sensors, relative to the outlet.
-        Cd, Cl: wall force without the slot faces.
-        Cd_slot_pressure, Cd_slot_viscous: pressure and viscous force on the slot faces.
-        Cd_momentum: reaction to the momentum the jets carry, negative for thrust.
-        jet_power: power the jets hand to the flow, per unit of rho U_inf^3 W / 2.
         Uy_probe: transverse velocity at (10, 0).
         action: jet flow rate in force at this instant.
     """
 
     t: float
     Cp: Array
-    Cd: float
-    Cl: float
-    Cd_slot_pressure: float
-    Cd_slot_viscous: float
-    Cd_momentum: float
-    jet_power: float
     Uy_probe: float
     action: float
-
-    @property
-    def Cd_slot(self) -> float:
-        """Force on the slot faces."""
-        return self.Cd_slot_pressure + self.Cd_slot_viscous
-
-    @property
-    def Cd_net(self) -> float:
-        """Wall, slot and momentum together: what the vehicle's axle would feel."""
-        return self.Cd + self.Cd_slot + self.Cd_momentum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,9 +159,10 @@ class TruckWake:
         Raises:
             PlantError: for an action that is not finite or exceeds the bound, or if the flow diverges.
         """
-        return self.advance_to(self.config.substeps, action)
+        self.advance_to(self.config.substeps, action)
+        return self.sample()
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the current period until `substep` (1 .. substeps).
 
         With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
@@ -194,7 +176,6 @@ class TruckWake:
         self.solver.run(self.flow, dt=self.dt, steps=steps, action_from=self._action, action_to=reached)
         self._substep += steps
         self._action = target if substep == last else reached
-        return self.sample()
 
     def sample(self) -> Sample:
         """Measure now."""
