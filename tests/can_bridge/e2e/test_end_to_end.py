@@ -42,4 +42,4 @@ def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
             command = codec.parse_jet_command(reception.accepted.data)
             assert reception.accepted.timestamp_ns - sent_at[command.pressure_counter] == 8_000_000
             assert reception.checks == (Check.OK,)
-        assert pressures_in.state is commands_in.state is StreamState.VALID
+        assert pressures_in.state.stream is commands_in.state.stream is StreamState.VALID

@@ -34,7 +34,7 @@ def valid_receiver(last: int = 9) -> E2eReceiver:
     made = receiver()
     for counter in range(last - 5, last + 1):
         made.tick([good(counter)])
-    assert made.state is StreamState.VALID
+    assert made.state.stream is StreamState.VALID
     return made
 
 
@@ -70,7 +70,7 @@ def test_frame_that_fails_is_an_error_and_changes_no_counter(frame):
     made.tick([good(7)])
     reception = made.tick([frame])
     assert (reception.checks, reception.accepted) == ((Check.ERROR,), None)
-    assert made.last_counter == 7
+    assert made.state.last_counter == 7
 
 
 def test_life_of_a_stream():
@@ -96,12 +96,12 @@ def test_life_of_a_stream():
         ([good(10)], StreamState.INVALID),
         ([good(11)], StreamState.VALID),
     ]
-    assert [made.tick(frames).state for frames, _ in story] == [state for _, state in story]
+    assert [made.tick(frames).stream for frames, _ in story] == [state for _, state in story]
 
 
 def test_errors_at_the_start_make_it_invalid():
     made = receiver(min_ok=4)
-    states = [made.tick([frame]).state for frame in (good(1), corrupt(2), corrupt(3), corrupt(4))]
+    states = [made.tick([frame]).stream for frame in (good(1), corrupt(2), corrupt(3), corrupt(4))]
     assert states == [StreamState.INIT] * 3 + [StreamState.INVALID]
 
 
@@ -109,7 +109,7 @@ def test_replayed_stream_dies():
     made = valid_receiver(last=9)
     receptions = [made.tick([good(9)]) for _ in range(CONFIG.window)]
     assert all(reception.live is None for reception in receptions)
-    assert receptions[-1].state is StreamState.INVALID
+    assert receptions[-1].stream is StreamState.INVALID
 
 
 def test_restarted_sender_is_followed_from_its_second_frame():
@@ -159,10 +159,10 @@ def test_counts_add_up(choices):
         expected["silent"] += choice == 2
         expected["repeated"] += choice == 3
         made.tick(frames)
-    assert made.counts[Check.ERROR] == expected["errors"]
-    assert made.counts[Check.NO_NEW_DATA] == expected["silent"]
-    assert made.counts[Check.REPEATED] == expected["repeated"]
-    assert made.counts.total() == len(choices) + expected["repeated"]
+    assert made.state.count(Check.ERROR) == expected["errors"]
+    assert made.state.count(Check.NO_NEW_DATA) == expected["silent"]
+    assert made.state.count(Check.REPEATED) == expected["repeated"]
+    assert sum(made.state.counts) == len(choices) + expected["repeated"]
 
 
 def test_sender_and_receiver_agree_over_several_wraps():
@@ -171,7 +171,7 @@ def test_sender_and_receiver_agree_over_several_wraps():
         frame = sender.frame(bytes(PRESSURE.length), now_ns=step)
         assert (frame.timestamp_ns, frame.is_fd, frame.frame_id) == (step, True, PRESSURE.frame_id)
         assert made.tick([frame]).checks == (Check.OK,)
-    assert sender.counter == 600 % 256
+    assert sender.state.counter == 600 % 256
 
 
 def test_sender_refuses_another_length():
@@ -209,16 +209,16 @@ class Stream(RuleBasedStateMachine):
 
     @invariant()
     def valid_means_the_window_supports_it(self) -> None:
-        if self.made.state is StreamState.VALID:
-            assert any(check in GOOD for check in self.made.window)
-            assert self.made.window.count(Check.ERROR) <= CONFIG.max_errors
-        if self.made.state is StreamState.NODATA:
-            assert not GOOD & set(self.made.counts)
+        if self.made.state.stream is StreamState.VALID:
+            assert any(check in GOOD for check in self.made.state.window)
+            assert self.made.state.window.count(Check.ERROR) <= CONFIG.max_errors
+        if self.made.state.stream is StreamState.NODATA:
+            assert not any(self.made.state.count(check) for check in GOOD)
 
     @invariant()
     def live_means_good_and_valid(self) -> None:
         if self.reception is not None and self.reception.live is not None:
-            assert self.reception.state is StreamState.VALID
+            assert self.reception.stream is StreamState.VALID
             assert self.reception.checks[-1] in GOOD
 
 
