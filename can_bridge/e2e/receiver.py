@@ -25,15 +25,15 @@ from contract.config.tree import E2eConfig
 
 
 class Check(Enum):
-    """What was found on one look at the stream."""
+    """What was found on one look at the stream; the values count from zero."""
 
-    OK = auto()
-    OK_SOME_LOST = auto()
-    REPEATED = auto()
-    WRONG_SEQUENCE = auto()
-    ERROR = auto()
+    OK = 0
+    OK_SOME_LOST = 1
+    REPEATED = 2
+    WRONG_SEQUENCE = 3
+    ERROR = 4
     """Wrong CRC or length."""
-    NO_NEW_DATA = auto()
+    NO_NEW_DATA = 5
 
 
 class StreamState(Enum):
@@ -45,9 +45,8 @@ class StreamState(Enum):
     INVALID = auto()
 
 
-GOOD: Final = frozenset({Check.OK, Check.OK_SOME_LOST})
+GOOD: Final = (Check.OK, Check.OK_SOME_LOST)
 _REJECTED: Final = (Check.REPEATED, Check.WRONG_SEQUENCE, Check.ERROR)
-_POSITIONS: Final = {check: position for position, check in enumerate(Check)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +77,7 @@ class ReceiverState:
         stream: whether it is to be trusted.
         last_counter: of the latest frame with a good CRC; None before the first.
         window: the latest checks, oldest first.
-        counts: how often each check came out, in the order of `Check`; read them with `count`.
+        counts: how often each check came out, by the check's value; read them with `count`.
     """
 
     stream: StreamState = StreamState.NODATA
@@ -88,7 +87,7 @@ class ReceiverState:
 
     def count(self, check: Check) -> int:
         """How often this check came out."""
-        return self.counts[_POSITIONS[check]]
+        return self.counts[check.value]
 
     @property
     def frames_rejected(self) -> int:
@@ -120,7 +119,7 @@ def receive(
     found = tuple(checks) or (Check.NO_NEW_DATA,)
     stream, window, counts = state.stream, state.window, list(state.counts)
     for check in found:
-        counts[_POSITIONS[check]] += 1
+        counts[check.value] += 1
         window = (*window, check)[-config.window :]
         stream = _next_stream(stream, check, window, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))

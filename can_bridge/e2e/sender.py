@@ -17,9 +17,13 @@ class SenderState:
 
     counter: int = 0
 
+    def next(self) -> "SenderState":
+        """The state after one more frame."""
+        return SenderState(counter=(self.counter + 1) % e2e_profile5.COUNTER_PERIOD)
 
-def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> tuple[SenderState, Frame]:
-    """The state after sending, and the frame for a message from `can_bridge.wire.codec`.
+
+def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
+    """The next frame of a message, for data from `can_bridge.wire.codec`.
 
     Raises:
         ValueError: if the data is not as long as the message.
@@ -27,8 +31,7 @@ def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_n
     if len(data) != spec.length:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.length}")
     protected = e2e_profile5.protect(data, data_id=spec.data_id, counter=state.counter)
-    frame = Frame(frame_id=spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=True)
-    return SenderState(counter=(state.counter + 1) % e2e_profile5.COUNTER_PERIOD), frame
+    return Frame(frame_id=spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=True)
 
 
 class E2eSender:
@@ -44,5 +47,6 @@ class E2eSender:
 
     def frame(self, data: bytes, *, now_ns: int) -> Frame:
         """See `protected_frame`."""
-        self.state, frame = protected_frame(self.state, data, spec=self.spec, now_ns=now_ns)
+        frame = protected_frame(self.state, data, spec=self.spec, now_ns=now_ns)
+        self.state = self.state.next()
         return frame

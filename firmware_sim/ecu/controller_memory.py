@@ -6,7 +6,7 @@ The ECU and the policy that records under feedback (`bundle_policy`) share this 
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,16 +37,16 @@ class ControllerMemory:
     under_way: DelayLine
 
     def __post_init__(self) -> None:
-        for name in ("window", "plan"):
-            array = getattr(self, name)
-            # A read-only array is known to be nobody else's; any other is copied.
-            if array.flags.writeable:
-                object.__setattr__(self, name, _read_only(np.array(array, dtype=np.float64)))
+        # A read-only array is known to be nobody else's; any other is copied.
+        if self.window.flags.writeable:
+            object.__setattr__(self, "window", _read_only(self.window.copy()))
+        if self.plan.flags.writeable:
+            object.__setattr__(self, "plan", _read_only(self.plan.copy()))
 
-    @classmethod
-    def empty(cls, *, length: int, sensors: int, horizon: int, delay: int) -> Self:
+    @staticmethod
+    def empty(*, length: int, sensors: int, horizon: int, delay: int) -> "ControllerMemory":
         """No rows, a plan of zeros, no jet action; `length` is L and `delay` the actuator's, in control periods."""
-        return cls(
+        return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
             rows=0,
             gap=0,
@@ -79,11 +79,11 @@ class ControllerMemory:
         """L, S, H and the actuator's delay: what two memories of one controller have in common."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
-    def observed(self, cp: Array) -> Self:
+    def observed(self, cp: Array) -> "ControllerMemory":
         """With a row for this period; cp is (S,)."""
         return self._extended(cp, gap=0)
 
-    def bridged(self, longest_gap: int) -> Self:
+    def bridged(self, longest_gap: int) -> "ControllerMemory":
         """With a stand-in for a period without pressures: the last ones again. Before the first row there is none.
 
         A gap of more than `longest_gap` periods empties the window, so that the controller never plans from
@@ -94,15 +94,21 @@ class ControllerMemory:
             return replace(self, window=np.zeros_like(self.window), rows=0, gap=gap) if self.rows else self._waited(gap)
         return self._extended(self.window[-1, :-1], gap=gap) if self.rows else self._waited(gap)
 
-    def commanded(self, action: float) -> Self:
+    def commanded(self, action: float) -> "ControllerMemory":
         """With an action sent in this period, in U_inf W."""
-        return replace(self, under_way=self.under_way.pushed(action))
+        return ControllerMemory(
+            window=self.window,
+            rows=self.rows,
+            gap=self.gap,
+            plan=self.plan,
+            under_way=self.under_way.pushed(action),
+        )
 
-    def without_plan(self) -> Self:
+    def without_plan(self) -> "ControllerMemory":
         """With a plan of zeros: the next optimisation starts from none."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
-    def planned(self, controller: Controller) -> tuple[Self, ControlStep]:
+    def planned(self, controller: Controller) -> tuple["ControllerMemory", ControlStep]:
         """One control step on a full window: the memory with the new plan, and what the controller answered.
 
         Raises:
@@ -120,13 +126,19 @@ class ControllerMemory:
                 raise ControllerError(f"the controller's {name} is not finite")
         return replace(self, plan=step.plan), step
 
-    def _extended(self, cp: Array, *, gap: int) -> Self:
+    def _extended(self, cp: Array, *, gap: int) -> "ControllerMemory":
         window = np.empty_like(self.window)
         window[:-1] = self.window[1:]
         window[-1, :-1], window[-1, -1] = cp, self.under_way.in_force
-        return replace(self, window=_read_only(window), rows=min(self.rows + 1, len(window)), gap=gap)
+        return ControllerMemory(
+            window=_read_only(window),
+            rows=min(self.rows + 1, len(window)),
+            gap=gap,
+            plan=self.plan,
+            under_way=self.under_way,
+        )
 
-    def _waited(self, gap: int) -> Self:
+    def _waited(self, gap: int) -> "ControllerMemory":
         return replace(self, gap=gap)
 
 

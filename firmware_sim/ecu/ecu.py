@@ -6,7 +6,8 @@ action as it went out on the wire, and as it takes effect if the actuator is kno
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -46,8 +47,7 @@ class Trace:
     interventions: Intervention
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StepOutcome:
+class StepOutcome(NamedTuple):
     """What one control period leads to.
 
     Attributes:
@@ -57,12 +57,11 @@ class StepOutcome:
     """
 
     state: EcuState
-    frames: tuple[Frame, Frame]
+    frames: list[Frame]
     trace: Trace
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Heard:
+class _Heard(NamedTuple):
     """What one period's frames hold.
 
     Attributes:
@@ -80,8 +79,7 @@ class _Heard:
     pressure_ns: int | None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Decision:
+class _Decision(NamedTuple):
     """What the ECU wants in one period.
 
     Attributes:
@@ -168,7 +166,7 @@ class Ecu:
         """
         outcome = self.next(self._state, now_ns, frames)
         self._state, self.trace = outcome.state, outcome.trace
-        return list(outcome.frames)
+        return outcome.frames
 
     def next(self, state: EcuState, now_ns: int, frames: Sequence[Frame]) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
@@ -204,29 +202,27 @@ class Ecu:
             enable=passed.enable,
             pressure_counter=heard.receiver.last_counter,
         )
-        commands, command_frame = protected_frame(
-            state.commands, codec.emit_jet_command(command), spec=JET_COMMAND, now_ns=now_ns
-        )
         on_wire = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
         action = on_wire / self._flow_scale
         after = EcuState(
             memory=decision.memory.commanded(action),
             fail_safe=fail_safe,
             pressures=heard.receiver,
-            commands=commands,
-            statuses=state.statuses,
+            commands=state.commands.next(),
+            statuses=state.statuses.next(),
             step_ns=now_ns,
             pressure_ns=heard.pressure_ns,
             overruns=state.overruns + skipped,
             late_in_a_row=late_in_a_row,
             missed=state.missed + (heard.cp is None),
         )
-        statuses, status_frame = protected_frame(
-            state.statuses, codec.emit_ecu_status(after.status(self._bundle_hash)), spec=ECU_STATUS, now_ns=now_ns
+        messages = (
+            (state.commands, JET_COMMAND, codec.emit_jet_command(command)),
+            (state.statuses, ECU_STATUS, codec.emit_ecu_status(after.status(self._bundle_hash))),
         )
         return StepOutcome(
-            state=replace(after, statuses=statuses),
-            frames=(command_frame, status_frame),
+            state=after,
+            frames=[protected_frame(sender, data, spec=spec, now_ns=now_ns) for sender, spec, data in messages],
             trace=Trace(
                 mode=fail_safe.mode.on_wire,
                 action=action,
