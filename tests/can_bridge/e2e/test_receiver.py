@@ -1,3 +1,4 @@
+import pickle
 from collections import Counter
 from dataclasses import replace
 
@@ -7,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from can_bridge.e2e import profile5 as e2e_profile5
-from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState, receive
+from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract.config.tree import E2eConfig
@@ -149,6 +150,25 @@ def test_other_messages_are_left_alone():
     assert made.tick([other]).checks == (Check.NO_NEW_DATA,)
 
 
+def test_rejected_are_the_frames_that_came_and_were_not_good():
+    made = valid_receiver(last=9)
+    for frames in ([corrupt(10)], [good(10), good(10)], [], [good(12)], [good(50)]):
+        made.tick(frames)
+    assert made.state.frames_rejected == 3
+
+
+def test_a_state_is_a_value():
+    """Every mixture of frames leads on from a saved state as from the receiver itself."""
+    made = receiver()
+    for frames in ([], [good(1)], [corrupt(2)], [good(2), good(5)], [good(5)], [good(90)], [good(91)], [], []):
+        before = made.state
+        saved = pickle.loads(pickle.dumps(before))
+        reception = made.tick(frames)
+        after = receive(saved, frames, spec=PRESSURE, config=CONFIG)
+        assert after == (made.state, reception)
+        assert saved == before != made.state
+
+
 @given(st.lists(st.integers(0, 3), max_size=40))
 def test_counts_add_up(choices):
     made = receiver()
@@ -171,7 +191,7 @@ def test_sender_and_receiver_agree_over_several_wraps():
         frame = sender.frame(bytes(PRESSURE.length), now_ns=step)
         assert (frame.timestamp_ns, frame.is_fd, frame.frame_id) == (step, True, PRESSURE.frame_id)
         assert made.tick([frame]).checks == (Check.OK,)
-    assert sender.state.counter == 600 % 256
+    assert sender.state == SenderState(counter=600 % 256)
 
 
 def test_sender_refuses_another_length():
