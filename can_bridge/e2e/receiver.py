@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e import profile5
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 from contract.config.tree import E2eConfig
@@ -146,11 +146,11 @@ class E2eReceiver:
 
 def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int) -> tuple[Check, int | None]:
     """The check of one frame, and the counter to compare the next one with."""
-    if len(data) != spec.length or not e2e_profile5.check(data, data_id=spec.data_id):
+    if len(data) != spec.length or not profile5.check(data, data_id=spec.data_id):
         return Check.ERROR, last_counter
-    counter = e2e_profile5.counter_of(data)
+    counter = profile5.counter_of(data)
     # The first frame has nothing to be compared with.
-    delta = 1 if last_counter is None else (counter - last_counter) % e2e_profile5.COUNTER_PERIOD
+    delta = 1 if last_counter is None else (counter - last_counter) % profile5.COUNTER_PERIOD
     if delta == 0:
         return Check.REPEATED, counter
     if delta == 1:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e import profile5
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 
@@ -19,7 +19,7 @@ class SenderState:
 
     def next(self) -> "SenderState":
         """The state after one more frame."""
-        return SenderState(counter=(self.counter + 1) % e2e_profile5.COUNTER_PERIOD)
+        return SenderState(counter=(self.counter + 1) % profile5.COUNTER_PERIOD)
 
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
@@ -30,7 +30,7 @@ def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_n
     """
     if len(data) != spec.length:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.length}")
-    protected = e2e_profile5.protect(data, data_id=spec.data_id, counter=state.counter)
+    protected = profile5.protect(data, data_id=spec.data_id, counter=state.counter)
     return Frame(frame_id=spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=True)
 
 

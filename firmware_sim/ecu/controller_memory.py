@@ -37,7 +37,7 @@ class ControllerMemory:
     under_way: DelayLine
 
     def __post_init__(self) -> None:
-        # A read-only array is known to be nobody else's; any other is copied.
+        # A writeable array may belong to the caller, who may change it later.
         if self.window.flags.writeable:
             object.__setattr__(self, "window", _read_only(self.window.copy()))
         if self.plan.flags.writeable:
@@ -64,7 +64,7 @@ class ControllerMemory:
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays come back writeable.
+        # Unpickled and deeply copied arrays are writeable.
         self.__dict__.update(state)
         for array in (self.window, self.plan):
             _read_only(array)

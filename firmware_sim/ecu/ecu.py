@@ -61,8 +61,8 @@ class StepOutcome(NamedTuple):
     trace: Trace
 
 
-class _Heard(NamedTuple):
-    """What one period's frames hold.
+class _Pressures(NamedTuple):
+    """What one period's frames contain.
 
     Attributes:
         receiver: its state after them.
@@ -80,7 +80,7 @@ class _Heard(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """What the ECU wants in one period.
+    """What the ECU asks of the command gate in one period.
 
     Attributes:
         memory: with the new plan, or none.
@@ -173,13 +173,13 @@ class Ecu:
         config = self._config.ecu
         skipped = self._periods_skipped(state.step_ns, now_ns)
         late_in_a_row = state.late_in_a_row + 1 if skipped else 0
-        heard = self._hear(state, frames)
+        received = self._receive(state, frames)
         memory = self._after_silence(state.memory, skipped)
-        memory = memory.bridged(self._longest_gap) if heard.cp is None else memory.observed(heard.cp)
+        memory = memory.bridged(self._longest_gap) if received.cp is None else memory.observed(received.cp)
         inputs = PeriodInputs(
-            usable=heard.cp is not None,
-            enable_request=heard.enable_request,
-            unusable_because=heard.unusable_because,
+            usable=received.cp is not None,
+            enable_request=received.enable_request,
+            unusable_because=received.unusable_because,
             window_full=memory.is_full,
             # An ECU that is late again and again cannot keep its budget: it switches itself off.
             deadline_missed=late_in_a_row >= config.deadline_misses,
@@ -192,7 +192,7 @@ class Ecu:
             decision.action * self._flow_scale,
             enable=fail_safe.mode.drives_jets,
             previous_m2_per_s=memory.under_way.newest * self._flow_scale,
-            pressure_ns=heard.pressure_ns,
+            pressure_ns=received.pressure_ns,
             now_ns=now_ns,
             limits=self._limits,
         )
@@ -200,21 +200,21 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=fail_safe.mode.on_wire,
             enable=passed.enable,
-            pressure_counter=heard.receiver.last_counter,
+            pressure_counter=received.receiver.last_counter,
         )
         on_wire = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
         action = on_wire / self._flow_scale
         after = EcuState(
             memory=decision.memory.commanded(action),
             fail_safe=fail_safe,
-            pressures=heard.receiver,
+            pressures=received.receiver,
             commands=state.commands.next(),
             statuses=state.statuses.next(),
             step_ns=now_ns,
-            pressure_ns=heard.pressure_ns,
+            pressure_ns=received.pressure_ns,
             overruns=state.overruns + skipped,
             late_in_a_row=late_in_a_row,
-            missed=state.missed + (heard.cp is None),
+            missed=state.missed + (received.cp is None),
         )
         messages = (
             (state.commands, JET_COMMAND, codec.emit_jet_command(command)),
@@ -251,21 +251,21 @@ class Ecu:
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
 
-    def _hear(self, state: EcuState, frames: Sequence[Frame]) -> _Heard:
+    def _receive(self, state: EcuState, frames: Sequence[Frame]) -> _Pressures:
         """The newest trusted pressures, or why there are none."""
         receiver, reception = receive(state.pressures, frames, spec=PRESSURE, config=self._config.bus.e2e)
         frame = reception.live
         pressure = None if frame is None else codec.parse_pressure(frame.data)
         if frame is None or pressure is None:
             trusted = reception.stream is not StreamState.INVALID
-            return _Heard(
+            return _Pressures(
                 receiver=receiver,
                 cp=None,
                 enable_request=None,
                 unusable_because=Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID,
                 pressure_ns=state.pressure_ns,
             )
-        return _Heard(
+        return _Pressures(
             receiver=receiver,
             cp=np.array(pressure.pressure_pa) / self._dynamic_pressure if all(pressure.valid) else None,
             enable_request=pressure.enable_request,
@@ -275,6 +275,7 @@ class Ecu:
         )
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
+        """What to do in a period of this mode, with this period's row in the memory."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             try:

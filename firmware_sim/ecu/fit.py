@@ -12,7 +12,7 @@ def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raises BundleError if the controller was built for another vehicle, or cannot serve the bus and its delay."""
+    """Raises BundleError if the controller was built for another vehicle, bus or actuator delay."""
     manifest = bundle.manifest
     _check_equal(bundle, "operating point", manifest.operating_point, config.operating_point, owner="vehicle")
     _check_flow(bundle, config.flow, owner="vehicle")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = {"contract", "can_bridge", "firmware_sim", "wake", "train", "export", "stillwake"}
+ROOMS = {"contract", "can_bridge", "firmware_sim", "wake", "train", "export", "stillwake", "benchmarks"}
 NOT_IN_THE_BASE_INSTALL = {
     "torch", "shap", "onnx", "safetensors", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl",
     "dask", "distributed", "unicorn", "capstone", "casadi",

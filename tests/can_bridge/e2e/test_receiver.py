@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e import profile5
 from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
@@ -18,7 +18,7 @@ CONFIG = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
 
 
 def good(counter: int, time_ns: int = 0) -> Frame:
-    data = e2e_profile5.protect(bytes(PRESSURE.length), data_id=PRESSURE.data_id, counter=counter % 256)
+    data = profile5.protect(bytes(PRESSURE.length), data_id=PRESSURE.data_id, counter=counter % 256)
     return Frame(frame_id=PRESSURE.frame_id, data=data, timestamp_ns=time_ns)
 
 
@@ -62,7 +62,7 @@ def test_first_frame_is_good_whatever_its_counter():
         corrupt(1),
         replace(good(1), data=good(1).data[:8]),
         replace(good(1), data=b""),
-        replace(good(1), data=e2e_profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
+        replace(good(1), data=profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
     ],
     ids=["crc", "short", "empty", "anothers data id"],
 )

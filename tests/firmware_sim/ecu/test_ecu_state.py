@@ -30,7 +30,7 @@ class Mixing:
         return ControlStep(plan=new, forces=np.outer(new, [1.0, -1.0]), cost=float(np.sum(new**2)))
 
 
-class Heard(NamedTuple):
+class Period(NamedTuple):
     now_ns: int
     frames: list[Frame]
 
@@ -41,7 +41,7 @@ EPISODE = "GGGGGGGGxGGcxGGiGSGGRGGxxxxxxggggggGGGGGSGGGPGgggggGGGGGSSSSGGGG"
 ALPHABET = "GGGGGGgxciRSP"
 
 
-def heard_in(bench, events: str) -> list[Heard]:
+def periods_of(bench, events: str) -> list[Period]:
     """What arrives in each period; the bench only makes the frames."""
     rng, latest, periods = np.random.default_rng(5), bench.pressure(), []
     for event in events:
@@ -51,7 +51,7 @@ def heard_in(bench, events: str) -> list[Heard]:
             frame = replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))
         if event == "S":
             bench.now_ns += bench.config.period_ns
-        periods.append(Heard(bench.now_ns, [] if event == "x" else [frame]))
+        periods.append(Period(bench.now_ns, [] if event == "x" else [frame]))
         latest = frame
         bench.now_ns += bench.config.period_ns
     return periods
@@ -60,17 +60,17 @@ def heard_in(bench, events: str) -> list[Heard]:
 @dataclass(frozen=True)
 class Step:
     state_before: EcuState
-    heard: Heard
+    period: Period
     sent: list[Frame]
     state_after: EcuState
 
 
-def lived(ecu: Ecu, periods: list[Heard]) -> list[Step]:
+def recorded(ecu: Ecu, periods: list[Period]) -> list[Step]:
     steps = []
-    for heard in periods:
+    for period in periods:
         before = ecu.state
-        sent = ecu.step(*heard)
-        steps.append(Step(before, heard, sent, ecu.state))
+        sent = ecu.step(*period)
+        steps.append(Step(before, period, sent, ecu.state))
     return steps
 
 
@@ -85,7 +85,7 @@ def identical(one: StepOutcome, other: StepOutcome) -> bool:
 @pytest.mark.parametrize("saved", [copy.deepcopy, lambda state: pickle.loads(pickle.dumps(state))])
 def test_restored_at_any_step_it_sends_the_rest_of_the_episode(bench_of, saved, delay):
     bench = bench_of(Mixing(), delay_steps=delay, deadline_misses=2)
-    steps = lived(bench.ecu, heard_in(bench, EPISODE))
+    steps = recorded(bench.ecu, periods_of(bench, EPISODE))
     modes = {step.state_after.fail_safe.mode.on_wire for step in steps}
     reasons = {step.state_after.fail_safe.reason for step in steps}
     assert modes == set(Mode)
@@ -95,7 +95,7 @@ def test_restored_at_any_step_it_sends_the_rest_of_the_episode(bench_of, saved, 
         other.restore(saved(steps[start].state_before))
         assert other.trace.action == steps[start].state_before.memory.under_way.newest
         for step in steps[start:]:
-            assert other.step(*step.heard) == step.sent
+            assert other.step(*step.period) == step.sent
         assert other.state == steps[-1].state_after
         assert (other.status(), other.frames_rejected) == (bench.ecu.status(), bench.ecu.frames_rejected)
 
@@ -104,22 +104,22 @@ def test_restored_at_any_step_it_sends_the_rest_of_the_episode(bench_of, saved, 
 def test_a_step_is_a_function_of_state_time_and_frames(bench_of, events, delay):
     bench = bench_of(Mixing(), delay_steps=delay)
     other = bench_of(Mixing(), delay_steps=delay).ecu
-    for heard in heard_in(bench, "GGGGGG" + events):
+    for period in periods_of(bench, "GGGGGG" + events):
         before = bench.ecu.state
         kept = pickle.dumps(before)
-        outcome = bench.ecu.next(before, *heard)
+        outcome = bench.ecu.next(before, *period)
         assert bench.ecu.state is before
-        assert identical(outcome, bench.ecu.next(before, *heard))
-        assert identical(outcome, other.next(pickle.loads(kept), *heard))
+        assert identical(outcome, bench.ecu.next(before, *period))
+        assert identical(outcome, other.next(pickle.loads(kept), *period))
         assert pickle.dumps(before) == kept
-        assert bench.ecu.step(*heard) == outcome.frames
+        assert bench.ecu.step(*period) == outcome.frames
         assert bench.ecu.state == outcome.state
     assert other.state == bench_of(Mixing(), delay_steps=delay).ecu.state
 
 
 def test_states_differ_where_anything_differs(bench_of):
     bench = bench_of(Mixing())
-    steps = lived(bench.ecu, heard_in(bench, EPISODE))
+    steps = recorded(bench.ecu, periods_of(bench, EPISODE))
     for k, step in enumerate(steps):
         assert all(step.state_after != other.state_after for other in steps[:k])
     one, other = bench_of(Mixing()), bench_of(Mixing())

@@ -53,9 +53,9 @@ def modes(state: FailSafe, events: str, config: EcuConfig | None = None) -> str:
         (0, 1, "GxxG", "CDFF"),
         (1, 2, "GxxxGxxxG", "CHDDCHDDC"),  # the count starts anew with every good frame
         (1, 2, "GIIIIG", "CHDDFF"),  # sensors out of order are pressures that stay away
-        (1, 2, "gxxxxxxg", "OOOOOOOO"),  # nobody asked for control: nothing to latch
-        (1, 2, "GxxiG", "CHDOC"),  # the wish withdrawn by a frame without usable pressures
-        (1, 2, "gxxxxxI", "OOOOOOF"),  # asked for while pressures have long been away
+        (1, 2, "gxxxxxxg", "OOOOOOOO"),  # control not requested: nothing to latch
+        (1, 2, "GxxiG", "CHDOC"),  # the request withdrawn by a frame without usable pressures
+        (1, 2, "gxxxxxI", "OOOOOOF"),  # requested while pressures have long been away
     ],
 )
 def test_misses_hold_decay_and_latch(hold, decay, events, expected):
@@ -73,7 +73,7 @@ def test_misses_hold_decay_and_latch(hold, decay, events, expected):
         ("gggGGGGG", "FFFFFFFF"),
         ("gggGGgG", "FFFFFFC"),  # and a later one counts
         ("gggggxG", "FFFFFFF"),  # a miss starts the count anew
-        ("ggggggggg", "FFFFFFFFF"),  # without a wish there is no edge
+        ("ggggggggg", "FFFFFFFFF"),  # without a request there is no edge
         ("gggggI", "FFFFFF"),
         ("gggggIG", "FFFFFFF"),  # an edge on unusable pressures is spent
     ],
@@ -92,9 +92,9 @@ def test_missed_deadlines_latch_before_the_frames_of_the_period_count():
     state = after(ON, "T")
     assert (state.mode, state.reason, state.good) == (OperatingMode.FAULT, Reason.DEADLINE, 1)
     # The period's own edge may re-arm, where one good frame is enough for it.
-    asked_anew = after(ON, "g")
-    assert after(asked_anew, "T", EcuConfig(rearm_frames=1)).mode is OperatingMode.CONTROL
-    assert after(asked_anew, "T", EcuConfig(rearm_frames=2)).mode is OperatingMode.FAULT
+    not_requested = after(ON, "g")
+    assert after(not_requested, "T", EcuConfig(rearm_frames=1)).mode is OperatingMode.CONTROL
+    assert after(not_requested, "T", EcuConfig(rearm_frames=2)).mode is OperatingMode.FAULT
 
 
 def test_every_mode_has_its_own_name_on_the_wire():
@@ -129,27 +129,27 @@ EVENTS = st.lists(st.sampled_from("GGGggxxiIL"), max_size=60)  # L: latched by s
 @given(EVENTS, st.integers(0, 2), st.integers(0, 2), st.integers(1, 4))
 def test_every_history_keeps_the_rules(events, hold, decay, rearm):
     config = EcuConfig(hold_periods=hold, decay_periods=decay, rearm_frames=rearm)
-    state, wish, in_a_row, missed = FailSafe(), False, 0, 0
+    state, request, in_a_row, missed = FailSafe(), False, 0, 0
     for event in events:
         if event == "L":
             state, in_a_row = state.latch(Reason.INTERNAL), 0 if not state.latched else in_a_row
             continue
-        before, asked = state, wish
+        before, requested = state, request
         state = after(state, event, config)
-        wish = asked if event == "x" else event.isupper()
+        request = requested if event == "x" else event.isupper()
         in_a_row, missed = (in_a_row + 1, 0) if event in "Gg" else (0, missed + 1)
         mode = state.mode
         if before.latched and not state.latched:
             assert event == "G"
-            assert not asked
+            assert not requested
             assert in_a_row >= rearm
-        if wish and missed > hold + decay:
+        if request and missed > hold + decay:
             assert mode is OperatingMode.FAULT
         if mode is OperatingMode.CONTROL:
-            assert wish
+            assert request
             assert missed == 0
         if mode in (OperatingMode.HOLD, OperatingMode.DECAY):
-            assert wish
+            assert request
             assert 1 <= missed <= hold + decay
             assert (mode is OperatingMode.HOLD) == (missed <= hold)
             assert state.reason is Reason.STREAM_LOST
