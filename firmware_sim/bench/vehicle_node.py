@@ -1,6 +1,5 @@
 """The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded."""
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from can_bridge.e2e import profile5 as e2e_profile5
-from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
@@ -16,6 +15,7 @@ from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRES
 from can_bridge.wire.messages import Pressure
 from contract import sensors
 from contract.config.tree import Config
+from firmware_sim.ecu.delay_line import DelayLine
 
 Array = npt.NDArray[np.float64]
 
@@ -50,9 +50,7 @@ class VehicleNode:
         self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
         self._misses = 0
         self._action = 0.0  # commanded last, U_inf W
-        # Actions of the last periods, oldest first; a late actuator now reaches the first of them.
-        delay = config.vehicle.actuator_delay
-        self._commanded = deque([0.0] * (delay + 1), maxlen=delay + 1)
+        self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._sampled_ns: dict[int, int] = {}  # by the counter of the Pressure frame
         self.frames_sent = 0
 
@@ -95,11 +93,11 @@ class VehicleNode:
         return Actuation(action=self._delayed_action(), command=frame, sampled_ns=sampled_ns)
 
     def _delayed_action(self) -> float:
-        """The action of `actuator_delay` periods ago."""
-        self._commanded.append(self._action)
-        return self._commanded[0]
+        """The action of `actuator_delay` periods ago, the one commanded now being the newest."""
+        self._commanded = self._commanded.pushed(self._action)
+        return self._commanded.in_force
 
     @property
     def frames_rejected(self) -> int:
         """Jet commands that came but failed their end-to-end check."""
-        return sum(self._receiver.counts[check] for check in (Check.ERROR, Check.REPEATED, Check.WRONG_SEQUENCE))
+        return self._receiver.state.frames_rejected
