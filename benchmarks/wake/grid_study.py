@@ -141,8 +141,8 @@ def _momentum_loss(wake: TruckWake) -> float:
 
 def _momentum_flux(wake: TruckWake, i: int) -> float:
     grid, flow = wake.grid, wake.flow
-    u, p = flow.u[i, 1:-1], 0.5 * (flow.p[i - 1] + flow.p[i])
-    stretching = (flow.u[i + 1, 1:-1] - flow.u[i - 1, 1:-1]) / (grid.xf[i + 1] - grid.xf[i - 1])
+    u, p = flow.faces_u[i], 0.5 * (flow.cells_p[i - 1] + flow.cells_p[i])
+    stretching = (flow.faces_u[i + 1] - flow.faces_u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
     stress = 2.0 * wake.solver.viscosity * stretching
     return float(2.0 * np.sum((p + u * u - stress) * grid.dy))
 

@@ -92,7 +92,7 @@ def mean(
         task = bar.add_task("mean flow", total=len(actions), note="")
         flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
     save_figure(output, mean_figure(wake, flow, _time(config, len(actions) - skip)))
-    measured = wake.surface.measure(flow.flat)
+    measured = wake.surface.measure(flow)
     length = bubble_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
     console.print(f"wrote {output}")

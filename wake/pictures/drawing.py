@@ -19,8 +19,8 @@ from contract.config.tree import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.pictures.fields import Raster, View, bubble_length, pressure, velocity
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
 from wake.truck.truck_wake import Sample, TruckWake
 
 Array = npt.NDArray[np.float64]

@@ -9,8 +9,8 @@ from scipy.sparse import csr_array
 
 from contract.errors import PlantError
 from contract.geometry import LENGTH
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
 from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
@@ -20,13 +20,13 @@ View = tuple[float, float, float, float]
 
 def velocity(flow: Flow) -> tuple[Array, Array]:
     """u and v in the cell centres, (nx, ny) each; units U_inf."""
-    u, v = flow.u[:-1, 1:-1], flow.v[1:-1]
+    u, v = flow.faces_u, flow.faces_v
     return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
 
 
 def pressure(flow: Flow) -> Array:
     """Cp in the cell centres, (nx, ny)."""
-    return np.asarray(2.0 * flow.p[:-1])
+    return np.asarray(2.0 * flow.cells_p)
 
 
 class TimeMean:

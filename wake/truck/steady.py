@@ -19,7 +19,7 @@ from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from contract.geometry import LENGTH
 from contract.results import versions, write_result
-from wake.solver.navier_stokes import Flow
+from wake.solver.flow import Flow
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import Sample, State, TruckWake, save_state
 
@@ -80,15 +80,14 @@ def settle(
     """
     start_from_rest(wake)
     period = wake.config.control_period
-    before, drag = wake.flow.flat.copy(), _drag(wake.sample())
-    velocities = wake.flow.u.size + wake.flow.v.size
+    before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
     while wake.t < longest:
         wake.advance(0.0)
         keep_even_part(wake.flow)
         now = _drag(wake.sample())
-        velocity_rate = float(np.abs(wake.flow.flat[:velocities] - before[:velocities]).max()) / period
+        velocity_rate = float(np.abs(wake.flow.velocities - before).max()) / period
         drag_rate = abs(now - drag) / period
-        before[:], drag = wake.flow.flat, now
+        before[:], drag = wake.flow.velocities, now
         progress(wake.t, max(velocity_rate, drag_rate))
         if max(velocity_rate, drag_rate) < tolerance:
             break

@@ -18,8 +18,9 @@ from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake.solver import boundary, stability
+from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
-from wake.solver.navier_stokes import Flow, FlowSolver
+from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
 from wake.truck.surface import Surface
@@ -198,7 +199,7 @@ class TruckWake:
 
     def sample(self) -> Sample:
         """Measure now."""
-        measured, a = self.surface.measure(self.flow.flat), self._action
+        measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
         # Integral of u^3 over a slot vanishes in the sum of blowing and sucking; pressure work remains.
         return Sample(
@@ -216,9 +217,8 @@ class TruckWake:
 
     def vorticity(self) -> Array:
         """dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
-        u, v = self.flow.u, self.flow.v
-        dvdx = (v[2:-1, 1:-1] - v[1:-2, 1:-1]) / self.grid.dxc[1:-1, None]
-        dudy = (u[1:-2, 2:-1] - u[1:-2, 1:-2]) / self.grid.dyc[None, 1:-1]
+        dvdx = np.diff(self.flow.faces_v[:, 1:-1], axis=0) / self.grid.dxc[1:-1, None]
+        dudy = np.diff(self.flow.faces_u[1:-1], axis=1) / self.grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
 
     def _check_origin(self, origin: Origin, substep: int) -> None:

@@ -5,17 +5,17 @@ from contract import sensors
 from contract.errors import PlantError
 from contract.geometry import LENGTH
 from wake.pictures.fields import Raster, TimeMean, bubble_length, mean_flow, velocity
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
 from wake.truck.truck_wake import TruckWake
 
 
 def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
     """A flow with these functions of x and y on its faces and in its cells."""
     flow = Flow.zeros(grid.shape)
-    flow.u[:-1, 1:-1] = u(grid.xf[:, None], grid.yc[None, :])
-    flow.v[1:-1] = v(grid.xc[:, None], grid.yf[None, :])
-    flow.p[:-1] = p(grid.xc[:, None], grid.yc[None, :])
+    flow.faces_u[:] = u(grid.xf[:, None], grid.yc[None, :])
+    flow.faces_v[:] = v(grid.xc[:, None], grid.yf[None, :])
+    flow.cells_p[:] = p(grid.xc[:, None], grid.yc[None, :])
     return flow
 
 
@@ -53,7 +53,7 @@ def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake: TruckWake) -> N
     mean.add(mirrored)
     u, v = velocity(mean.flow())
     assert np.array_equal(u, u[:, ::-1]) and np.array_equal(v, -v[:, ::-1])
-    measured = wake.surface.measure(mean.flow().flat)
+    measured = wake.surface.measure(mean.flow())
     # One pair of base sensors lies 1e-5 W off its mirror image, as in the paper.
     assert measured.Cp == pytest.approx(measured.Cp[sensors.mirror_permutation()], abs=1e-5)
     # The force is linear in the flow: half of drag and its mirror image, lift against its own.
