@@ -26,6 +26,7 @@ from contract import sensors
 from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
+from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
 from wake.truck.truck_wake import Sample, TruckWake
 
@@ -110,25 +111,22 @@ def _average(
         samples.append(wake.advance(signal(wake.t)))
         balance.append(_momentum_loss(wake))
         progress(samples[-1].t)
-    cl = np.array([s.Cl for s in samples])
-    up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
-    crossings = up - cl[up] / (cl[up + 1] - cl[up])
-    cycles = slice(up[0] + 1, up[-1] + 1)
-    samples, Cp = samples[cycles], np.array([s.Cp for s in samples[cycles]])
+
+    def series(name: str) -> Array:
+        return np.array([getattr(s, name) for s in samples])
+
+    average, Cp = over_cycles(series("t"), series("Cl")), series("Cp")
     return {
-        "Cd": float(np.mean([s.Cd for s in samples])),
-        "Cd_std": float(np.std([s.Cd for s in samples])),
-        "Cd_slot": float(np.mean([s.Cd_slot for s in samples])),
-        "Cd_momentum": float(np.mean([s.Cd_momentum for s in samples])),
-        "jet_power": float(np.mean([s.jet_power for s in samples])),
-        "Cd_momentum_balance": float(np.mean(balance[cycles])),
-        "Cl_std": float(np.std([s.Cl for s in samples])),
-        "Cl_mean": float(np.mean([s.Cl for s in samples])),
-        "St": float(1.0 / (np.diff(crossings).mean() * wake.config.control_period)),
-        "base_Cp": float(Cp[:, sensors.BASE].mean()),
-        "Uy": float(np.std([s.Uy_probe for s in samples])),
-        "Cp_mean": Cp.mean(axis=0).tolist(),
-        "Cp_std": Cp.std(axis=0).tolist(),
+        **{name: float(average.mean(series(name))) for name in ("Cd", "Cd_slot", "Cd_momentum", "jet_power")},
+        "Cd_std": float(average.std(series("Cd"))),
+        "Cd_momentum_balance": float(average.mean(balance)),
+        "Cl_std": float(average.std(series("Cl"))),
+        "Cl_mean": float(average.mean(series("Cl"))),
+        "St": average.frequency,
+        "base_Cp": float(average.mean(Cp[:, sensors.BASE].mean(axis=1))),
+        "Uy": float(average.std(series("Uy_probe"))),
+        "Cp_mean": average.mean(Cp).tolist(),
+        "Cp_std": average.std(Cp).tolist(),
     }
 
 

@@ -79,7 +79,8 @@ def mean(
 ) -> None:
     """Mean flow behind the truck with streamlines; prints the length of the recirculation bubble and mean forces."""
     from wake.pictures.drawing import check_suffix, mean_figure, save_figure
-    from wake.pictures.fields import bubble_length, mean_flow
+    from wake.pictures.fields import mean_flow
+    from wake.truck.recirculation import recirculation_length
 
     check_suffix(output)
     config = load_config(config_file, overrides)
@@ -93,7 +94,7 @@ def mean(
         flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
     save_figure(output, mean_figure(wake, flow, _time(config, len(actions) - skip)))
     measured = wake.surface.measure(flow)
-    length = bubble_length(wake.grid, flow)
+    length = recirculation_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
     console.print(f"wrote {output}")
 

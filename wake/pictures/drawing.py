@@ -18,9 +18,10 @@ from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.pictures.fields import Raster, View, bubble_length, pressure, velocity
+from wake.pictures.fields import Raster, View, pressure, velocity
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
+from wake.truck.recirculation import recirculation_length
 from wake.truck.truck_wake import Sample, TruckWake
 
 Array = npt.NDArray[np.float64]
@@ -167,7 +168,7 @@ def mean_figure(wake: TruckWake, mean: Flow, duration: float) -> Figure:
     )
     axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
     _add_truck(axes)
-    length = bubble_length(wake.grid, mean)
+    length = recirculation_length(wake.grid, mean)
     if length > 0.0:
         axes.annotate(
             "", xy=(LENGTH, 0.0), xytext=(LENGTH + length, 0.0), zorder=6,

@@ -1,4 +1,4 @@
-"""What a flow shows: fields in the cell centres, their mean over time, the recirculation bubble, pixels of them."""
+"""What a flow shows: fields in the cell centres, their mean over time, pixels of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,9 +8,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from contract.errors import PlantError
-from contract.geometry import LENGTH
 from wake.solver.flow import Flow
-from wake.solver.grid import Grid
 from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
@@ -68,21 +66,6 @@ def mean_flow(
             mean.add(wake.flow)
         progress(k + 1, len(actions))
     return mean.flow()
-
-
-def bubble_length(grid: Grid, flow: Flow) -> float:
-    """Length of a mean flow's recirculation bubble in W: from the base to where u on the axis y = 0 turns positive
-    for good. Zero if nothing on the axis flows back.
-    """
-    # The axis is a row of faces; u lies half a cell above and below it, one padding column further on.
-    above = grid.shape[1] // 2 + 1
-    u, x = flow.u[grid.rear : -1, above - 1 : above + 1].mean(axis=1), grid.xf[grid.rear :]
-    backward = np.flatnonzero(u < 0.0)
-    if backward.size == 0:
-        return 0.0
-    last = slice(int(backward[-1]), int(backward[-1]) + 2)
-    # From below zero to above: the only order np.interp takes. A bubble that reaches the outlet ends there.
-    return float(np.interp(0.0, u[last], x[last])) - LENGTH
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,10 +17,10 @@ import numpy as np
 from contract import sensors
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from contract.geometry import LENGTH
 from contract.results import versions, write_result
 from wake.solver.flow import Flow
 from wake.truck.develop import start_from_rest
+from wake.truck.recirculation import recirculation_length
 from wake.truck.truck_wake import Sample, State, TruckWake, save_state
 
 TOLERANCE: Final = 1e-6
@@ -101,7 +101,7 @@ def settle(
     return SteadyWake(
         state=state,
         sample=wake.reset(state),
-        recirculation_length=recirculation_length(wake),
+        recirculation_length=recirculation_length(wake.grid, wake.flow),
         velocity_rate=velocity_rate,
         drag_rate=drag_rate,
         time=time,
@@ -151,19 +151,3 @@ def keep_even_part(flow: Flow) -> None:
     flow.u[:] = 0.5 * (flow.u + flow.u[:, ::-1])
     flow.v[:] = 0.5 * (flow.v - flow.v[:, ::-1])
     flow.p[:] = 0.5 * (flow.p + flow.p[:, ::-1])
-
-
-def recirculation_length(wake: TruckWake) -> float:
-    """From the base to the last point on the axis with upstream velocity, at most to the outlet; in W."""
-    grid, middle = wake.grid, wake.grid.shape[1] // 2
-    # Padding shifts the two rows beside the axis by one.
-    speed = wake.flow.u[grid.rear : -1, middle : middle + 2].mean(axis=1)
-    x = grid.xf[grid.rear :] - LENGTH
-    upstream = np.flatnonzero(speed < 0.0)
-    if len(upstream) == 0:
-        return 0.0
-    last = int(upstream[-1])
-    if last == len(x) - 1:
-        return float(x[-1])
-    share = speed[last] / (speed[last] - speed[last + 1])
-    return float(x[last] + share * (x[last + 1] - x[last]))

@@ -3,8 +3,7 @@ import pytest
 
 from contract import sensors
 from contract.errors import PlantError
-from contract.geometry import LENGTH
-from wake.pictures.fields import Raster, TimeMean, bubble_length, mean_flow, velocity
+from wake.pictures.fields import Raster, TimeMean, mean_flow, velocity
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 from wake.truck.truck_wake import TruckWake
@@ -77,20 +76,6 @@ def test_a_mean_leaves_out_what_it_is_told_to(wake: TruckWake) -> None:
 def test_a_mean_of_nothing_is_refused(wake: TruckWake) -> None:
     with pytest.raises(PlantError, match="0 instants"):
         mean_flow(wake, np.zeros(0))
-
-
-@pytest.mark.parametrize("length", [0.37, 2.0])
-def test_bubble_length_is_where_backward_flow_ends(wake: TruckWake, length: float) -> None:
-    # Backward flow ahead of the truck does not count, nor what happens off the axis.
-    flow = filled(
-        wake.grid, lambda x, y: x - LENGTH - length + 100.0 * abs(y) * (x < LENGTH), lambda x, y: 0.0 * x * y
-    )  # Half a cell off the axis the linear field is met exactly.
-    assert bubble_length(wake.grid, flow) == pytest.approx(length, abs=1e-9)
-
-
-def test_no_backward_flow_no_bubble(wake: TruckWake) -> None:
-    flow = filled(wake.grid, lambda x, y: 1.0 + 0.0 * x * y, lambda x, y: 0.0 * x * y)
-    assert bubble_length(wake.grid, flow) == 0.0
 
 
 def test_a_raster_keeps_linear_fields(wake: TruckWake) -> None:

@@ -11,7 +11,6 @@ import pytest
 import stillwake.__main__
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from contract.geometry import LENGTH
 from wake.truck import steady
 from wake.truck.truck_wake import TruckWake, load_state
 
@@ -51,13 +50,6 @@ def test_without_shedding_a_third_of_the_drag_is_gone(settled: steady.SteadyWake
     assert -0.25 < settled.figures()["base_Cp"] < -0.1
     assert settled.recirculation_length > 4.0
     assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize(("turn", "length"), [(3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)])
-def test_recirculation_ends_where_the_axis_turns_downstream(plant: TruckWake, turn: float, length: float) -> None:
-    speed = plant.grid.xf - LENGTH - turn
-    plant.flow.u[:-1] = speed[:, None]
-    assert steady.recirculation_length(plant) == pytest.approx(length, abs=1e-9)
 
 
 def test_a_wake_that_does_not_settle_is_an_error(coarse: TruckWake) -> None:
