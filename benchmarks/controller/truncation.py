@@ -26,7 +26,7 @@ from rich.table import Table
 
 from benchmarks.controller.converged import EVALUATIONS, RATES, Optimum, converged, valleys
 from benchmarks.controller.many_plans import adam, costs
-from benchmarks.controller.situations import LEAD, RECORDING, choose_episode, receding, see, see_before, shifted
+from benchmarks.controller.situations import LEAD, choose_episode, receding, see, see_before, shifted
 from contract.config.loading import load_config
 from contract.config.tree import MpcConfig
 from contract.errors import ExportError
@@ -37,6 +37,7 @@ from contract.results import versions, write_result
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import load_trained
 from export.program.weights import Array
+from wake.shipped import RECORDING
 
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50)
 LEARNING_RATES: Final = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)

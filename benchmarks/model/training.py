@@ -22,7 +22,6 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
 
-from benchmarks.common.paper_data import RECORDING
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.recording import dataset
@@ -31,6 +30,7 @@ from train.loss import joint_loss
 from train.model import Encoder, WakeModel
 from train.streaming import STRETCH
 from train.windows import Rows, SegmentSampler, fit_scaling, prepare
+from wake.shipped import RECORDING
 
 GEMM: Final = 1024
 """Size of the square product that sets the floor's speed."""

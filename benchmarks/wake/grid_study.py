@@ -28,7 +28,8 @@ from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
 from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
-from wake.truck.truck_wake import Sample, TruckWake
+from wake.truck.sample import Sample
+from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
 

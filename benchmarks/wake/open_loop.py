@@ -21,7 +21,9 @@ from rich.table import Table
 from contract import sensors
 from contract.results import versions, write_result
 from wake.truck.averages import Average
-from wake.truck.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.sample import Sample
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
 

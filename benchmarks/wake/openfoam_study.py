@@ -36,7 +36,9 @@ from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.process import LOG
 from wake.truck.averages import over_cycles
-from wake.truck.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.sample import Sample
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 FOLDER: Final = ROOT / "runs" / "openfoam"

@@ -25,7 +25,8 @@ from firmware_sim.runs import run_log
 from firmware_sim.runs.run_log import Row, RunLog
 from firmware_sim.runs.statistics import latency, reduction_percent, regimes
 from wake.pictures.drawing import vorticity_figure
-from wake.plants import LivePlant, open_plant
+from wake.plant import LivePlant
+from wake.plants import open_plant
 
 SERIES: Final = "series.npz"
 FRAMES: Final = "frames.log"

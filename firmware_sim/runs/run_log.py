@@ -23,7 +23,7 @@ class Row:
     Attributes:
         t: in t_c.
         Cd, Cl, Cd_slot_pressure, Cd_slot_viscous, Cd_momentum, jet_power, Uy_probe: the plant's ledger
-            (`wake.truck.truck_wake.Sample`).
+            (`wake.truck.sample.Sample`).
         base_Cp: mean over the base sensors.
         action: jet flow rate in force, U_inf W.
         command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.

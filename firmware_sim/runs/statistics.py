@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over one part of a run; coefficients as in `wake.truck.truck_wake.Sample`."""
+    """Time averages over one part of a run; coefficients as in `wake.truck.sample.Sample`."""
 
     duration: float
     Cd: float

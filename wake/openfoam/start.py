@@ -7,7 +7,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator, Regul
 from wake.openfoam.mesh import Mesh
 from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
-from wake.truck.truck_wake import State
+from wake.truck.state import State
 
 Array = npt.NDArray[np.float64]
 

@@ -22,11 +22,6 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
     return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
 
 
-def pressure(flow: Flow) -> Array:
-    """Cp in the cell centres, (nx, ny)."""
-    return np.asarray(2.0 * flow.cells_p)
-
-
 class TimeMean:
     """The mean of flows on one grid.
 

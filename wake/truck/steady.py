@@ -6,22 +6,19 @@ equations as the shedding wake, so its drag says how much of the drag is sheddin
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from datetime import date
-from math import log10
-from pathlib import Path
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from contract import sensors
-from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from contract.results import versions, write_result
 from wake.solver.flow import Flow
 from wake.truck.develop import start_from_rest
 from wake.truck.recirculation import recirculation_length
-from wake.truck.truck_wake import Sample, State, TruckWake, save_state
+from wake.truck.sample import Sample
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
 """In the last stage rates fall by a factor e in about 23 t_c: forces are then final to some 1e-5."""
@@ -97,7 +94,7 @@ def settle(
             f"|dCd/dt| = {drag_rate:.2g}, must be below {tolerance:g}"
         )
     time = wake.t
-    state = State(flat=wake.flow.flat.copy(), substep=0, action=0.0)
+    state = replace(wake.state(), substep=0, action=0.0)
     return SteadyWake(
         state=state,
         sample=wake.reset(state),
@@ -106,40 +103,6 @@ def settle(
         drag_rate=drag_rate,
         time=time,
     )
-
-
-def write_steady(
-    output: Path,
-    flow: FlowConfig,
-    json_file: Path | None,
-    on: date,
-    show: Callable[[dict[str, Any]], None] = lambda state: None,
-) -> SteadyWake:
-    """Settle a wake and write its state, and if wanted its figures as a results file.
-
-    Args:
-        output: state file.
-        flow: flow settings.
-        json_file: results file; None for none.
-        on: the day for it.
-        show: called after every control period with what a progress bar needs; rates fall by decades.
-    """
-    wake, decades = TruckWake(flow), -log10(TOLERANCE)
-
-    def progress(t: float, rate: float) -> None:
-        done = min(decades, max(0.0, -log10(rate)))
-        show({"total": decades, "completed": round(done, 2), "note": f"t {t:.0f}  max |d/dt| {rate:.1e}"})
-
-    found = settle(wake, progress=progress)
-    save_state(output, wake)
-    if json_file is not None:
-        facts = {
-            "config": asdict(flow),
-            "grid": list(wake.grid.shape),
-            "versions": versions("numpy", "numba", "scipy"),
-        }
-        write_result(json_file, figures=found.figures(), facts=facts, on=on)
-    return found
 
 
 def _drag(sample: Sample) -> float:

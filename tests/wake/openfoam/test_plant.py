@@ -18,7 +18,8 @@ from wake.openfoam import jets
 from wake.openfoam.develop import developed
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.state import FoamState
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 pytestmark = [
     pytest.mark.openfoam,

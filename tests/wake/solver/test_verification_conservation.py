@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from wake.truck.truck_wake import Sample, TruckWake, load_state, save_state
+from wake.truck.sample import Sample
+from wake.truck.state import load_state, save_state
+from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float]
@@ -111,7 +113,7 @@ def test_slot_force_and_jet_momentum_complete_the_balance(wake: TruckWake) -> No
 def test_a_restart_amid_a_ramp_and_on_another_plant_continues_to_the_bit(wake: TruckWake, tmp_path: Path) -> None:
     wake.advance(0.05)
     wake.advance_to(11, -0.04)
-    save_state(tmp_path / "state.npz", wake)
+    save_state(tmp_path / "state.npz", wake.state())
     straight = [wake.advance_to(17, -0.04), wake.advance_to(30, -0.04), wake.advance(0.07)]
     end = wake.state()
     other = TruckWake()
