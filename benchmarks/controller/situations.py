@@ -1,6 +1,5 @@
 """Recorded situations to plan in: windows of an episode, and plans that have receded over them as in the loop."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -8,15 +7,12 @@ from numpy.typing import ArrayLike, NDArray
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.common.commands import ROOT
 from contract.recording.dataset import Dataset, Episode
 from export.program.controller_program import ControllerProgram
 from export.program.recorded_windows import recorded_windows
 from export.program.weights import Array
 from export.reference.model import encode
 from export.reference.mpc import adam, shift
-
-RECORDING: Final[Path] = ROOT / "wake" / "data" / "recording.h5"
 
 LEAD: Final = 30
 """Control steps before a figure counts: an action is planned 25 times before it is applied, so the first plans have

@@ -25,7 +25,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
-from benchmarks.controller.situations import LEAD, RECORDING, choose_episode, encode_windows, receding, snapshot_steps
+from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
 from contract.config.loading import load_config
 from contract.config.tree import MpcConfig
 from contract.errors import ExportError
@@ -37,6 +37,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.from_training import load_trained
 from export.program.weights import Array
 from export.reference.mpc import adam, plan_cost, shift
+from wake.shipped import RECORDING
 
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50)
 LEARNING_RATES: Final = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)

@@ -22,7 +22,8 @@ from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
 from firmware_sim.runs.summary import summary
 from wake.pictures.drawing import vorticity_figure
-from wake.plants import LivePlant, open_plant
+from wake.plant import LivePlant
+from wake.plants import open_plant
 
 WARM_UP_PLANS: Final = 3
 """Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""

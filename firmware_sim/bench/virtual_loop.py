@@ -28,7 +28,7 @@ from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.runs.run_log import BusTotals, Row
 from wake.plant import Plant
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

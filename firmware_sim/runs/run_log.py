@@ -15,7 +15,7 @@ from contract.atomic import replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs.metadata import RunMetadata
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 Array = npt.NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 FRAME_NS = {

@@ -34,7 +34,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.library_controller import LibraryController
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 try:
     host_compiler()

@@ -10,7 +10,7 @@ from contract.errors import StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_log import COLUMNS, BusTotals, Row, RunLog
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 NAN = float("nan")
 

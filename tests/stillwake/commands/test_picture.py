@@ -15,8 +15,9 @@ from contract.errors import StillwakeError
 from contract.recording import dataset
 from firmware_sim.runs import run_log
 from stillwake.commands import picture as stillwake_pictures
-from stillwake.shipped import RECORDING
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.shipped import RECORDING
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 PATH = RECORDING
 

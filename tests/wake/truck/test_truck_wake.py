@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from contract.errors import PlantError
-from wake.truck.truck_wake import TruckWake, developed_state, load_state, save_state
+from wake.truck.state import developed_state, load_state, save_state
+from wake.truck.truck_wake import TruckWake
 
 
 def test_restart_continues_to_the_bit(wake: TruckWake, tmp_path: Path) -> None:
     wake.advance(0.05)
     wake.advance_to(11)  # in the middle of a period, a ramp just finished
-    save_state(tmp_path / "state.npz", wake)
+    save_state(tmp_path / "state.npz", wake.state())
     straight = [wake.advance(-0.02), wake.advance(0.07)]
     wake.reset(load_state(tmp_path / "state.npz"))
     again = [wake.advance(-0.02), wake.advance(0.07)]
