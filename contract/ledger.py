@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Final, Generic, TypeVar
 
-import numpy as np
-import numpy.typing as npt
+from contract.arrays import Array
 
-Value = TypeVar("Value", float, npt.NDArray[np.float64])
+Value = TypeVar("Value", float, Array)
 """One instant, or a time series of shape (n,)."""
 
 

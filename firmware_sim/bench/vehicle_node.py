@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from can_bridge.e2e import profile5 as e2e_profile5
 from can_bridge.e2e.receiver import E2eReceiver
@@ -14,10 +13,9 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
 from can_bridge.wire.messages import Pressure
 from contract import sensors
+from contract.arrays import Array
 from contract.config.tree import Config
 from firmware_sim.ecu.delay_line import DelayLine
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

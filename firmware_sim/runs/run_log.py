@@ -8,16 +8,14 @@ from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
-import numpy.typing as npt
 
 from contract import sensors
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs.metadata import RunMetadata
 from wake.truck.sample import Sample
-
-Array = npt.NDArray[np.float64]
 
 SCHEMA: Final = "stillwake-run/1"
 

@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from can_bridge.wire.messages import Mode
 from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import RunLog
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
