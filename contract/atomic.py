@@ -40,7 +40,7 @@ def replacing(path: Path) -> Iterator[Path]:
             if leftover.is_dir():
                 shutil.rmtree(leftover, ignore_errors=True)
             else:
-                # Where nothing could be written there is nothing to remove, and the first error is the one to tell.
+                # Where nothing could be written there is nothing to remove, and the first error is the one to report.
                 with suppress(OSError):
                     leftover.unlink()
         if made_parent:

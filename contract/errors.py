@@ -14,7 +14,7 @@ class DatasetError(StillwakeError):
 
 
 class BundleError(StillwakeError):
-    """A release bundle that cannot be used; its subclasses say what is wrong with it."""
+    """A release bundle that cannot be used; its subclasses are the kinds of fault."""
 
 
 class BundleContainerError(BundleError):

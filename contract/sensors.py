@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array, Index
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 
@@ -32,7 +32,7 @@ BASE: Final = slice(2 * PER_SIDE, COUNT)
 """The base sensors; the mean base Cp is the mean over these."""
 
 
-def positions() -> npt.NDArray[np.float64]:
+def positions() -> Array:
     """Sensor coordinates in W, shape (90, 2), on the body's surface."""
     # Evenly spaced between the rounded edge and the rear, ends left out; rounded as in the paper.
     side_x = np.round(np.linspace(LEADING_EDGE_RADIUS, LENGTH, PER_SIDE + 2)[1:-1], 6)
@@ -42,14 +42,14 @@ def positions() -> npt.NDArray[np.float64]:
     return np.vstack([upper, lower, base])
 
 
-def mirror_permutation() -> npt.NDArray[np.intp]:
+def mirror_permutation() -> Index:
     """Indices m, shape (90,), with Cp_mirrored = Cp[m] for the flow reflected in y = 0."""
     upper, lower = np.arange(PER_SIDE), np.arange(PER_SIDE, 2 * PER_SIDE)
     base = np.arange(2 * PER_SIDE, COUNT)
     return np.concatenate([lower, upper, base[::-1]])
 
 
-def indices(names: Sequence[str]) -> npt.NDArray[np.intp]:
+def indices(names: Sequence[str]) -> Index:
     """Positions of named sensors in the order above.
 
     Raises:

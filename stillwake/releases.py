@@ -1,4 +1,4 @@
-"""How a command opens a release bundle: which one, whose signature it must bear, and what is said about it."""
+"""How a command opens a release bundle: which one, whose signature it must bear, and how it is described."""
 
 from pathlib import Path
 from typing import Annotated, Final
@@ -34,7 +34,7 @@ def open_release(path: Path | None, trust: str | None) -> Bundle:
 
 
 def describe(release: Bundle) -> list[str]:
-    """What to say when a bundle is opened: its name and sensors, and what its signature is worth."""
+    """Lines for people when a bundle is opened: its name and sensors, and what its signature is worth."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [

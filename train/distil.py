@@ -3,20 +3,21 @@
     L_distil = 1/(B N_z) sum || z_target - z_slim ||^2
 
 The mean over the latent dimensions, as in the joint loss (`train.loss.prediction_loss`), is a constant factor that
-Adam undoes. The teacher is frozen, and so is what it says of every window: its latents are computed once.
+Adam undoes. The teacher is frozen, so its latents of every window are computed once.
 """
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from contract.arrays import Index
 from contract.config.tree import Config
-from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
+from train.fit import Checkpoints, Schedule, optimise, seeded
 from train.loss import prediction_loss
 from train.model import Encoder
+from train.progress import Phase, Progress, silent
+from train.rows import Rows
+from train.sampler import SegmentSampler, add_sensor_noise
 from train.streaming import fit_stream
-from train.windows import Rows, SegmentSampler, noisy
 
 _CHUNK = 1024
 """Windows encoded at a time: their gates stay in the processor's cache."""
@@ -40,13 +41,13 @@ def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
 def distil(
     teacher: Encoder,
     rows: Rows,
-    chosen: npt.NDArray[np.intp],
+    chosen: Index,
     config: Config,
     *,
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
-    """Train an encoder on the chosen sensors to say what the teacher says on all 90.
+    """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
     First as a stream, where 64 samples cost little more than one window does, then window by window, as it will run.
 
@@ -74,8 +75,8 @@ def distil(
             fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
 
         def loss(step: int) -> dict[str, Tensor]:
-            batch = noisy(sampler.batch(step), noise)
+            batch = add_sensor_noise(sampler.batch(step), noise)
             return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
 
-        optimise(slim, loss, schedule, phase="distil", progress=progress, checkpoints=checkpoints)
+        optimise(slim, loss, schedule, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
     return slim

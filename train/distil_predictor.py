@@ -1,10 +1,10 @@
 """Narrower dynamics and decoder for small ECUs, distilled from the trained ones on roll-outs (ours).
 
 The paper slims the encoder alone. Nearly all work of a control step is in the other two networks, which the
-optimiser rolls out `horizon` steps ahead, forth and back, in every iteration. So the student is judged where it
-will serve: on whole roll-outs of that length, not on single steps whose small errors it has never seen add up.
+optimiser rolls out `horizon` steps ahead, forth and back, in every iteration. So the student is trained as it will
+serve: on whole roll-outs of that length, in which the small errors of single steps add up.
 
-The teacher can be asked about any actions, not only recorded ones. Half the roll-outs take the actions recorded
+The teacher gives a roll-out for any actions, not only for recorded ones. Half the roll-outs take the actions recorded
 after their start, half those recorded elsewhere: the optimiser tries plans that the recording did not hold.
 """
 
@@ -17,10 +17,11 @@ from torch import Tensor, nn
 from contract.config.tree import Config
 from train.distil import encode_all
 from train.evaluate import rollout_starts
-from train.fit import Checkpoints, Progress, Schedule, optimise, seeded, silent
+from train.fit import Checkpoints, Schedule, optimise, seeded
 from train.loss import prediction_loss
 from train.model import Predictor, WakeModel
-from train.windows import Rows
+from train.progress import Phase, Progress, silent
+from train.rows import Rows
 
 _FEWER = 4
 """Times fewer roll-outs a batch than windows in training: each holds H predictions."""
@@ -77,5 +78,5 @@ def distil_predictor(
             return {"total": latent_loss + force_loss, "prediction": latent_loss, "force": force_loss}
 
         student.to(device)
-        optimise(student, loss, schedule, phase="predictor", progress=progress, checkpoints=checkpoints)
+        optimise(student, loss, schedule, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
     return student

@@ -4,17 +4,19 @@ R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat|
 episodes; sigma is the reference signal's. Neither depends on the scaling, so scaled forces serve.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+import dacite
 import torch
 from torch import Tensor
 
+from contract.arrays import Index
 from contract.errors import DatasetError
 from train.distil import encode_all
 from train.model import Encoder, Predictor, WakeModel
-from train.windows import Rows
+from train.rows import Rows
 
 HORIZONS: Final = (5, 10, 25)
 """Control steps ahead at which open-loop prediction is judged; 25 is one shedding cycle, the MPC's horizon."""
@@ -55,6 +57,54 @@ class EncoderMetrics:
         return {**asdict(self), "rollout": [asdict(item) for item in self.rollout]}
 
 
+@dataclass(frozen=True, kw_only=True)
+class ModelMetrics:
+    """How a trained model does on the test episodes.
+
+    Attributes:
+        teacher: the encoder on all 90 sensors.
+        slim: the encoder on the chosen ones, with the teacher's dynamics and decoder.
+        slim_latent: L1/sigma of its latents against the teacher's.
+        deployed: the slim encoder with the narrower dynamics and decoder; None where there are none.
+    """
+
+    teacher: EncoderMetrics
+    slim: EncoderMetrics
+    slim_latent: float
+    deployed: EncoderMetrics | None = None
+
+    def as_tree(self) -> dict[str, Any]:
+        """Nested plain values for JSON; without "deployed" where that is None."""
+        tree = {"teacher": self.teacher.as_tree(), "slim": self.slim.as_tree(), "slim_latent": self.slim_latent}
+        return tree if self.deployed is None else {**tree, "deployed": self.deployed.as_tree()}
+
+    @classmethod
+    def from_tree(cls, tree: Mapping[str, Any]) -> "ModelMetrics":
+        """Back from `as_tree`; raises dacite.DaciteError for a tree of another form."""
+        return dacite.from_dict(cls, tree, config=dacite.Config(strict=True, cast=[tuple]))
+
+
+def evaluate_model(
+    teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
+) -> ModelMetrics:
+    """All figures of a trained model.
+
+    Args:
+        rows: test rows with all sensors' columns.
+        chosen: (N,) indices of the slim encoder's sensors.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    """
+    slim_rows = rows.with_sensors(chosen)
+    return ModelMetrics(
+        teacher=evaluate(teacher.encoder, teacher, rows),
+        slim=evaluate(slim, teacher, slim_rows),
+        slim_latent=latent_error(encode_all(slim, slim_rows), encode_all(teacher.encoder, rows)),
+        deployed=None if predictor is None else evaluate(slim, predictor, slim_rows),
+    )
+
+
 def evaluate(
     encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
@@ -63,10 +113,10 @@ def evaluate(
     Raises:
         DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
     """
-    return judge(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
+    return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
 
 
-def judge(
+def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
     """Figures of latents (n, N_z) that stand beside the rows, NaN where an episode has no window yet.

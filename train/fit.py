@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -20,22 +20,12 @@ from contract.errors import ConfigError
 from train import checkpoint
 from train.loss import joint_loss
 from train.model import WakeModel
-from train.windows import Rows, SegmentSampler
+from train.progress import Phase, Progress, silent
+from train.rows import Rows
+from train.sampler import SegmentSampler
 
 REPORT_EVERY = 10
 """Steps between progress reports: reading the loss waits for the device."""
-
-
-class Progress(Protocol):
-    """Called with the phase ("fit", "finish", "rank", "stream", "distil" or "predictor"), steps done, steps in all and
-    the latest loss terms."""
-
-    def __call__(self, phase: str, step: int, total: int, terms: Mapping[str, float]) -> None: ...
-
-
-def silent(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-    """A Progress that does nothing."""
-    del phase, step, total, terms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +44,7 @@ class Checkpoints:
     resume: bool = False
     every: int = 100
 
-    def path(self, phase: str) -> Path:
+    def path(self, phase: Phase) -> Path:
         return self.folder / f"{phase}.pt"
 
 
@@ -89,7 +79,7 @@ def optimise(
     loss: Callable[[int], Mapping[str, Tensor]],
     schedule: Schedule,
     *,
-    phase: str,
+    phase: Phase,
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
@@ -150,11 +140,11 @@ def fit_joint(
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
-        _fit(model, rows, config.model.window, settings, "fit", progress, checkpoints)
+        _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
             # Its fields bear the names of those they replace.
             last = replace(settings, **asdict(settings.finish))
-            _fit(model, rows, config.model.window, last, "finish", progress, checkpoints)
+            _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model
 
 
@@ -163,7 +153,7 @@ def _fit(
     rows: Rows,
     window: int,
     settings: TrainConfig,
-    phase: str,
+    phase: Phase,
     progress: Progress,
     checkpoints: Checkpoints | None,
 ) -> None:

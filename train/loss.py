@@ -3,10 +3,10 @@
     L = L_pred + lambda_force L_force + lambda_var L_var + lambda_cov L_cov [+ lambda_decode L_decode, ours]
 
 Predicted latents come from unrolling the dynamics k steps from the encoded z_t. Their targets are the encoder's
-own latents at t+1 .. t+k, and gradients flow through them as through the predictions: the encoder is asked for a
+own latents at t+1 .. t+k, and gradients flow through them as through the predictions: the encoder learns a
 state that is predictable, and the VICReg terms, which act on the predictions, keep it from collapsing.
 
-L_decode is L_force at h = 0, on the encoded latent itself. The paper's forces are seen on predictions only, which
+L_decode is L_force at h = 0, on the encoded latent itself. In the paper, forces enter through predictions only, which
 serves while these are short; over 20 steps the decoder learns to read what many steps have blurred.
 """
 
@@ -17,10 +17,10 @@ from torch import Tensor, nn
 
 from contract.config.tree import TrainConfig
 from train.model import WakeModel
-from train.windows import Batch
+from train.sampler import Batch
 
 EPSILON = 1e-4
-"""Inside the variance term's square root, the value of VICReg's authors; the paper says only "small"."""
+"""Inside the variance term's square root, the value of VICReg's authors; in the paper only "small"."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

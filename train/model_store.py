@@ -14,7 +14,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import dacite
 import safetensors
@@ -27,7 +27,9 @@ from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Scaling
+from train.evaluate import ModelMetrics
 from train.model import Encoder, Predictor, WakeModel
+from train.selection.choice import SensorChoice
 
 SCHEMA: Final = "stillwake-model/1"
 WEIGHTS: Final = "model.safetensors"
@@ -48,9 +50,8 @@ class TrainedModel:
         predictor: narrower dynamics and decoder for the vehicle; None where the teacher's serve there.
         sensors: names, in the order of the slim encoder's inputs.
         scaling: of all 90 pressures, the action and the forces.
-        metrics: "teacher", "slim" and with a predictor "deployed" (`train.evaluate.EncoderMetrics`), and "slim_latent"
-            (L1/sigma against the teacher).
-        ranking: method and order of the sensors; of SHAP also every sensor's mean and std, stability of the best sets.
+        metrics: on the test episodes.
+        ranking: how the sensors were chosen.
         versions: of the software.
     """
 
@@ -61,8 +62,8 @@ class TrainedModel:
     predictor: Predictor | None
     sensors: tuple[str, ...]
     dataset_sha256: str
-    metrics: Mapping[str, Any]
-    ranking: Mapping[str, Any]
+    metrics: ModelMetrics
+    ranking: SensorChoice
     versions: Mapping[str, str]
 
     @property
@@ -86,8 +87,8 @@ def save(path: Path, model: TrainedModel) -> None:
         "sensors": model.sensors,
         "dataset_sha256": model.dataset_sha256,
         "weights_sha256": hashlib.sha256(weights).hexdigest(),
-        "metrics": model.metrics,
-        "ranking": model.ranking,
+        "metrics": model.metrics.as_tree(),
+        "ranking": model.ranking.as_tree(),
         "versions": model.versions,
     }
     with replacing(path) as temporary:
@@ -138,8 +139,8 @@ def load(path: Path) -> TrainedModel:
             predictor=None if predictor is None else predictor.eval(),
             sensors=names,
             dataset_sha256=body["dataset_sha256"],
-            metrics=body["metrics"],
-            ranking=body["ranking"],
+            metrics=ModelMetrics.from_tree(body["metrics"]),
+            ranking=SensorChoice.from_tree(body["ranking"]),
             versions=body["versions"],
         )
     except KeyError as error:

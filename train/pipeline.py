@@ -4,11 +4,10 @@ import hashlib
 import json
 import platform
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
 
 import torch
 
@@ -17,19 +16,20 @@ from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording import dataset
 from train import checkpoint, model_store
-from train.distil import distil, encode_all
+from train.distil import distil
 from train.distil_predictor import distil_predictor
-from train.evaluate import HORIZONS, evaluate, latent_error, rollout_starts
-from train.fit import Checkpoints, Progress, device_named, fit_joint, silent
+from train.evaluate import HORIZONS, evaluate_model, rollout_starts
+from train.fit import Checkpoints, device_named, fit_joint
 from train.model import Encoder
 from train.model_store import TrainedModel
+from train.progress import Phase, Progress, silent
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
 from train.selection.budget import check_count
+from train.selection.choice import GIVEN, SensorChoice
 from train.selection.methods import select
-from train.selection.shap_ranking import Ranking, ShapRanker, rank
-from train.windows import Rows, fit_scaling, prepare
-
-STABILITY_SETS: Final = (2, 4, 6, 8)
-"""Sizes of the best sets whose stability over the repeats is reported (paper, appendix C)."""
+from train.selection.ranking import Ranking
+from train.selection.shap_ranking import ShapRanker, rank
 
 
 def train_all(
@@ -47,7 +47,7 @@ def train_all(
     State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored.
 
     Args:
-        progress: called from every phase; see `train.fit.Progress`.
+        progress: called from every phase; see `train.progress.Progress`.
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; without one, start.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
@@ -75,9 +75,9 @@ def train_all(
     rows = train_rows.to(where)
     teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
     if chosen is None:
-        names, ranking = _choice(teacher.encoder, rows, config, checkpoints, progress)
+        names, choice = _choice(teacher.encoder, rows, config, checkpoints, progress)
     else:
-        names, ranking = tuple(chosen), {"method": "given", "order": list(chosen)}
+        names, choice = tuple(chosen), SensorChoice(method=GIVEN, order=tuple(chosen))
     indices = sensors.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     predictor = None
@@ -85,14 +85,6 @@ def train_all(
         predictor = distil_predictor(teacher, rows, config, progress=progress, checkpoints=checkpoints).cpu()
 
     teacher, slim = teacher.cpu(), slim.cpu()
-    slim_rows = test_rows.with_sensors(indices)
-    metrics = {
-        "teacher": evaluate(teacher.encoder, teacher, test_rows).as_tree(),
-        "slim": evaluate(slim, teacher, slim_rows).as_tree(),
-        "slim_latent": latent_error(encode_all(slim, slim_rows), encode_all(teacher.encoder, test_rows)),
-    }
-    if predictor is not None:
-        metrics["deployed"] = evaluate(slim, predictor, slim_rows).as_tree()
     trained = TrainedModel(
         config=config,
         scaling=scaling,
@@ -101,8 +93,8 @@ def train_all(
         predictor=predictor,
         sensors=names,
         dataset_sha256=digest,
-        metrics=metrics,
-        ranking=ranking,
+        metrics=evaluate_model(teacher, slim, predictor, test_rows, indices),
+        ranking=choice,
         versions=_versions(),
     )
     model_store.save(output, trained)
@@ -142,12 +134,12 @@ def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | 
 
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
-) -> tuple[tuple[str, ...], Mapping[str, Any]]:
-    """The chosen sensors, and what the model's file says of how they were found."""
-    settings, path = config.train, checkpoints.path("select")
+) -> tuple[tuple[str, ...], SensorChoice]:
+    """The chosen sensors, and how they were found."""
+    settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)
-        return ranking.top(settings.sensors), _ranking_tree(ranking)
+        return ranking.top(settings.sensors), SensorChoice.of_ranking(ranking)
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
@@ -155,11 +147,11 @@ def _choice(
         checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(sensors.indices(names))})
     else:
         names = tuple(sensors.NAMES[index] for index in state["order"].tolist())
-    return names, {"method": settings.selection, "order": list(names)}
+    return names, SensorChoice(method=settings.selection, order=names)
 
 
 def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
-    settings, path = config.train, checkpoints.path("rank")
+    settings, path = config.train, checkpoints.path(Phase.RANK)
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is not None:
         return Ranking(scores=state["scores"].numpy())
@@ -168,18 +160,6 @@ def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoi
     )
     checkpoint.save(path, checkpoints.identity, {"scores": torch.from_numpy(ranking.scores)})
     return ranking
-
-
-def _ranking_tree(ranking: Ranking) -> Mapping[str, Any]:
-    return {
-        "method": "shap.GradientExplainer",
-        "repeats": len(ranking.scores),
-        "order": list(ranking.top(sensors.COUNT)),
-        "mean": ranking.mean.tolist(),
-        "std": ranking.std.tolist(),
-        "stable": {str(count): ranking.is_stable(count) for count in STABILITY_SETS},
-        "differences": {str(count): dict(ranking.differences(count)) for count in STABILITY_SETS},
-    }
 
 
 def _versions() -> dict[str, str]:

@@ -1,20 +1,23 @@
 """The encoder as a stream: one LSTM step a sample, state carried on, instead of a window of L steps (ours).
 
-The networks are the windowed encoder's; what differs is what the state has seen. A windowed encoder starts from zero
-in every window and forgets a bad sample after L of them; a stream does 1/L of the work and remembers for as long as
-its gates let it. Training reads stretches of L - 1 + `STRETCH` rows from a zero state and counts the last `STRETCH`
-latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained that way also reads windows well:
-it has seen states of every age from L on. That makes it the cheap start of a windowed one (`train.distil`).
+The networks are the windowed encoder's; what differs is the rows that the state has read. A windowed encoder starts
+from zero in every window and forgets a bad sample after L of them; a stream does 1/L of the work and remembers for as
+long as its gates let it. Training reads stretches of L - 1 + `STRETCH` rows from a zero state and counts the last
+`STRETCH` latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained that way also reads
+windows well: it was trained on states of every age from L on. That makes it the cheap start of a windowed one
+(`train.distil`).
 """
 
 import torch
 from torch import Tensor
 
 from contract.config.tree import Config
-from train.fit import Checkpoints, Progress, Schedule, optimise, silent
+from train.fit import Checkpoints, Schedule, optimise
 from train.loss import prediction_loss
 from train.model import Encoder
-from train.windows import Rows, SegmentSampler, noisy
+from train.progress import Phase, Progress, silent
+from train.rows import Rows
+from train.sampler import SegmentSampler, add_sensor_noise
 
 STRETCH = 64
 """Latents learned from in one pass over a stretch."""
@@ -47,7 +50,7 @@ def fit_stream(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
-    """Train an encoder to say `target` (n, N_z) beside the rows (its sensors' columns), reading them as a stream.
+    """Train an encoder to reproduce `target`, (n, N_z) latents of the rows (its sensors' columns), read as a stream.
 
     In place, over `config.train.stream_epochs`; call inside `train.fit.seeded`.
 
@@ -64,8 +67,8 @@ def fit_stream(
     )
 
     def loss(step: int) -> dict[str, Tensor]:
-        batch = noisy(sampler.batch(step), noise)
+        batch = add_sensor_noise(sampler.batch(step), noise)
         hidden, _ = student.lstm(batch.inputs)
         return {"total": prediction_loss(student.read_out(hidden[:, window - 1 :]), target[batch.ends])}
 
-    optimise(student, loss, schedule, phase="stream", progress=progress, checkpoints=checkpoints)
+    optimise(student, loss, schedule, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

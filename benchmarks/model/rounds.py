@@ -26,7 +26,7 @@ from contract.recording.dataset import Role
 from contract.results import versions, write_result
 from train import model_store
 from train.evaluate import evaluate
-from train.windows import prepare
+from train.rows import prepare
 
 _COLUMNS: Final = ("steps", "chirp R2", "chirp h=25", "controlled R2", "controlled h=25", "Cd", "reduction_percent")
 

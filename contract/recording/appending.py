@@ -42,7 +42,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any]) ->
     """Add episodes at the end, or make the data set of them if there is none; the old file stays until the new one is
     whole, and its episodes keep their values to the bit.
 
-    Args: as of `read_to_append`.
+    Args: as for `read_to_append`.
 
     Raises:
         DatasetError: as `read_to_append` and `contract.recording.dataset.write` do, or if a name is taken.

@@ -16,8 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import DatasetError
+from contract.ledger import DragLedger, ledger_of
 from contract.recording.int16_series import pack, unpack
 
 SCHEMA: Final = "stillwake-dataset/2"
@@ -67,7 +69,7 @@ class Episode:
 
     name: str
     role: Role
-    series: Mapping[str, npt.NDArray[np.float64]]
+    series: Mapping[str, Array]
     initial_action: float
     provenance: Mapping[str, Any]
 
@@ -78,19 +80,14 @@ class Episode:
         return len(self.series["t"])
 
     @property
-    def previous_action(self) -> npt.NDArray[np.float64]:
-        """a_{k-1} for every k, shape (n,): what the encoder sees beside Cp_k."""
+    def previous_action(self) -> Array:
+        """a_{k-1} for every k, shape (n,): the encoder's input next to Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     @property
-    def Cd_slot(self) -> npt.NDArray[np.float64]:
-        """Force on the slot faces, shape (n,)."""
-        return self.series["Cd_slot_pressure"] + self.series["Cd_slot_viscous"]
-
-    @property
-    def Cd_net(self) -> npt.NDArray[np.float64]:
-        """Wall, slots and jet momentum together, shape (n,)."""
-        return self.series["Cd"] + self.Cd_slot + self.series["Cd_momentum"]
+    def ledger(self) -> DragLedger[Array]:
+        """The drag ledger, every entry of shape (n,)."""
+        return ledger_of(self.series)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,7 +145,7 @@ def write(path: Path, dataset: Dataset) -> None:
         DatasetError: if a series exceeds what 16 bits can hold; the message names episode and field.
         StillwakeError: if the file cannot be written.
     """
-    # In memory first: HDF5 does not say clearly that a disk is full.
+    # In memory first: HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = SCHEMA
@@ -188,13 +185,13 @@ def _read_episode_1(name: str, node: h5py.Group) -> Episode:
     fields = {"Cd_slot" if field == "Cd_slot_pressure" else field: unit for field, unit in UNITS.items()}
     del fields["Cd_slot_viscous"]
     series = {field: _read_series(name, node, field, unit) for field, unit in fields.items()}
-    # What was never told apart stands under pressure, which is nearly all of it; the sum is as recorded.
+    # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
     series["Cd_slot_pressure"] = series.pop("Cd_slot")
     series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     return _episode(name, node, series)
 
 
-def _episode(name: str, node: h5py.Group, series: dict[str, npt.NDArray[np.float64]]) -> Episode:
+def _episode(name: str, node: h5py.Group, series: dict[str, Array]) -> Episode:
     return Episode(
         name=name,
         role=node.attrs["role"],
@@ -204,7 +201,7 @@ def _episode(name: str, node: h5py.Group, series: dict[str, npt.NDArray[np.float
     )
 
 
-def _read_series(name: str, node: h5py.Group, field: str, unit: str) -> npt.NDArray[np.float64]:
+def _read_series(name: str, node: h5py.Group, field: str, unit: str) -> Array:
     """Floating-point numbers as they are, integers times their quantum."""
     if field not in node:
         raise DatasetError(f"episode {name}: field {field!r} is missing")

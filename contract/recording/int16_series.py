@@ -8,11 +8,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
+
 LARGEST: Final = 32767
 """Largest integer; its negative is the smallest, so that a series and its mirror image are stored alike."""
 
 
-def pack(values: npt.NDArray[np.float64], finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
+def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
     """Integers and their quantum: the finest power of two that holds every value, and not below `finest`.
 
     Args:
@@ -31,6 +33,6 @@ def pack(values: npt.NDArray[np.float64], finest: float, coarsest: float) -> tup
     return np.rint(values / quantum).astype(np.int16), quantum
 
 
-def unpack(integers: npt.NDArray[np.int16], quantum: float) -> npt.NDArray[np.float64]:
+def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
     """The values, each within half a quantum of what was packed."""
     return integers.astype(np.float64) * quantum

@@ -1,7 +1,7 @@
 """The release bundle: what is flashed onto an ECU, as a directory or a zip of it.
 
 `manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built for, the
-data set, weights and program it comes from, and the SHA-256 of every other file and of the DBC it speaks.
+data set, weights and program it comes from, and the SHA-256 of every other file and of its DBC.
 `manifest.sig`, where there is one, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so
 of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
 accidents; a signature by a key that the reader trusts guards against people.
@@ -28,12 +28,11 @@ cost       ()        J of `new_plan`
 """
 
 import hashlib
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, ParamSpec
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -42,15 +41,15 @@ from contract.release import signing
 from contract.release.container import is_plain_name, read_files, write_files
 from contract.release.manifest import MANIFEST as MANIFEST
 from contract.release.manifest import Manifest as Manifest
+from contract.release.manifest import Opened, encode, open_manifest, parse
 from contract.release.manifest import Scaling as Scaling
-from contract.release.manifest import encode, open_manifest, parse
 from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"
 UNSIGNED: Final = "unsigned: its hashes show accidents, not who made it"
 
-_T = TypeVar("_T")
+_P = ParamSpec("_P")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,12 +79,12 @@ class Check:
     """One thing that was verified about a bundle; `error` is None if it is in order."""
 
     name: str
-    found: str
+    found: str = ""
     error: BundleError | None = None
 
 
 def dbc_bytes() -> bytes:
-    """The DBC this version speaks."""
+    """The DBC of this version."""
     return files("contract").joinpath("stillwake.dbc").read_bytes()
 
 
@@ -132,7 +131,7 @@ def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:
     """
     found = read_files(path)
     found.pop(SIGNATURE, None)
-    bundle = _first_error(_examine(path, found, None))
+    bundle = _verified(path, found, None)
     write_files(path, {**found, SIGNATURE: signing.sign(key, found[MANIFEST])})
     return replace(bundle, signer=signing.public_key(key))
 
@@ -142,71 +141,86 @@ def load(path: Path, trusted: PublicKey | None = None) -> Bundle:
 
     Args:
         trusted: the key that must have signed it. Without one an unsigned bundle passes, and so does any key's good
-            signature; `Bundle.signer` says which.
+            signature; `Bundle.signer` names it.
 
     Raises:
         BundleError: if anything is missing, added, altered, of another schema or not signed as demanded; the message
-            names it, and the subclass says of what kind it is.
+            names it, and the subclass is of its kind.
     """
-    return _first_error(_examine(path, read_files(path), trusted))
+    return _verified(path, read_files(path), trusted)
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Every check that `load` makes, the failed ones with their errors, as far as they can be made."""
+    """Every check that `load` makes, in the same order, the failed ones with their errors.
+
+    Where a check cannot be made because an earlier one failed, the list ends.
+    """
     try:
         found = read_files(path)
     except BundleError as error:
-        return [Check(name="container", found="", error=error)]
+        return [Check(name="container", error=error)]
     kind = "directory" if path.is_dir() else "zip"
-    return [Check(name="container", found=f"{kind} of {len(found)} files"), *_examine(path, found, trusted)]
-
-
-def _first_error(checks: Generator[Check, None, Bundle | None]) -> Bundle:
-    # Stops there: nothing is parsed once its signature has failed.
-    while True:
-        try:
-            check = next(checks)
-        except StopIteration as end:
-            assert isinstance(end.value, Bundle)
-            return end.value
-        if check.error is not None:
-            raise check.error
-
-
-def _examine(
-    path: Path, files_found: Mapping[str, bytes], trusted: PublicKey | None
-) -> Generator[Check, None, Bundle | None]:
-    """Check after check; in the end the bundle, if the last ones had something to work on."""
-    found = dict(files_found)
-    raw, signature = found.pop(MANIFEST, None), found.pop(SIGNATURE, None)
-    if raw is None:
-        yield Check(name=MANIFEST, found="", error=BundleManifestError(f"bundle {path}: {MANIFEST} is missing"))
-        return None
-    signer = yield from _check(
-        SIGNATURE,
-        lambda: _verify_signature(path, raw, signature, trusted),
-        lambda key: UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}",
-    )
-    opened = yield from _check(MANIFEST, lambda: open_manifest(path, raw), lambda parts: parts.digest)
-    if opened is None:
-        return None
-    for name in sorted({CONTROLLER} | opened.hashes.keys() | found.keys()):
-        yield from _check(name, partial(_verify_file, path, name, found, opened.hashes), str)
-    yield from _check("DBC", lambda: _verify_dbc(path, opened.dbc), str)
-    manifest = yield from _check("content", lambda: parse(path, opened.body), lambda parsed: parsed.name)
-    if manifest is None:
-        return None
-    return Bundle(manifest=manifest, files=found, digest=opened.digest, signer=signer, is_trusted=trusted is not None)
-
-
-def _check(name: str, look: Callable[[], _T], say: Callable[[_T], str]) -> Generator[Check, None, _T | None]:
+    container = Check(name="container", found=f"{kind} of {len(found)} files")
     try:
-        value = look()
+        raw, signature, contents = _taken_apart(path, found)
     except BundleError as error:
-        yield Check(name=name, found="", error=error)
-        return None
-    yield Check(name=name, found=say(value))
-    return value
+        return [container, Check(name=MANIFEST, error=error)]
+    signed = _check(SIGNATURE, _signature_found, path, raw, signature, trusted)
+    try:
+        opened = open_manifest(path, raw)
+    except BundleError as error:
+        return [container, signed, Check(name=MANIFEST, error=error)]
+    return [
+        container,
+        signed,
+        Check(name=MANIFEST, found=opened.digest),
+        *(_check(name, _verify_file, path, name, contents, opened.hashes) for name in _names(contents, opened)),
+        _check("DBC", _verify_dbc, path, opened.dbc),
+        _check("content", lambda: parse(path, opened.body).name),
+    ]
+
+
+def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None) -> Bundle:
+    """The bundle of these files; the first check that fails raises. Nothing is parsed before its signature is good."""
+    raw, signature, contents = _taken_apart(path, found)
+    signer = _verify_signature(path, raw, signature, trusted)
+    opened = open_manifest(path, raw)
+    for name in _names(contents, opened):
+        _verify_file(path, name, contents, opened.hashes)
+    _verify_dbc(path, opened.dbc)
+    return Bundle(
+        manifest=parse(path, opened.body),
+        files=contents,
+        digest=opened.digest,
+        signer=signer,
+        is_trusted=trusted is not None,
+    )
+
+
+def _check(name: str, verify: Callable[_P, str], *args: _P.args, **kwargs: _P.kwargs) -> Check:
+    try:
+        return Check(name=name, found=verify(*args, **kwargs))
+    except BundleError as error:
+        return Check(name=name, error=error)
+
+
+def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes | None, dict[str, bytes]]:
+    """Manifest, signature and all other files."""
+    contents = dict(found)
+    raw, signature = contents.pop(MANIFEST, None), contents.pop(SIGNATURE, None)
+    if raw is None:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
+    return raw, signature, contents
+
+
+def _names(contents: Mapping[str, bytes], opened: Opened) -> list[str]:
+    """Of the files that are there or should be."""
+    return sorted({CONTROLLER} | opened.hashes.keys() | contents.keys())
+
+
+def _signature_found(path: Path, raw: bytes, signature: bytes | None, trusted: PublicKey | None) -> str:
+    key = _verify_signature(path, raw, signature, trusted)
+    return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
 
 
 def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: PublicKey | None) -> PublicKey | None:

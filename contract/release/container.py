@@ -67,7 +67,7 @@ def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
 
 
 class _Entry(NamedTuple):
-    """A file that was not read yet; `trouble` says why it must not be."""
+    """A file that was not read yet; `trouble` is the reason why it must not be."""
 
     name: str
     size: int

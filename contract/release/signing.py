@@ -7,7 +7,7 @@ stands in a file of its own with the public key it claims to be of:
     key <32 bytes in hex>
     signature <64 bytes in hex>
 
-The key in the file proves nothing by itself: it lets a reader say who signed, and only a key that the reader has from
+The key in the file proves nothing by itself: it names who signed, and only a key that the reader has from
 elsewhere makes a signature trusted.
 """
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import TaskID
@@ -12,8 +12,12 @@ from rich.table import Table
 
 from contract.config.loading import load_config, to_tree
 from contract.results import write_result
-from stillwake.shipped import RECORDING
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from wake.shipped import RECORDING
+
+if TYPE_CHECKING:
+    # Loading torch takes seconds, which the other commands need not wait for.
+    from train.evaluate import ModelMetrics
 
 
 def train(
@@ -43,31 +47,23 @@ def train(
     model.slim_decoder_width, narrower dynamics and decoder learn its
     roll-outs.
 
-    All are judged on the test episodes: R2 and L1/sigma of Cd and Cl, and
+    All are evaluated on the test episodes: R2 and L1/sigma of Cd and Cl, and
     open-loop roll-outs of 5, 10 and 25 steps. Settings default to the
     release's; --config takes a TOML file, --set one value, such as
     --set train.epochs=300. Seed, recording, settings and machine decide the
     model, also if the run is stopped and resumed.
     """
     from train.pipeline import train_all
+    from train.progress import Phase
 
     began = time.monotonic()
     config = load_config(config_file, overrides)
-    names = {
-        "fit": "joint fit",
-        "finish": "longer unroll",
-        "rank": "SHAP ranking",
-        "select": "sensor selection",
-        "stream": "distil, streamed",
-        "distil": "distil, windows",
-        "predictor": "distil predictor",
-    }
     with progress_bar("iterations") as bar:
-        tasks: dict[str, TaskID] = {}
+        tasks: dict[Phase, TaskID] = {}
 
-        def show(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
+        def show(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
             if phase not in tasks:
-                tasks[phase] = bar.add_task(names.get(phase, phase), total=total, note="")
+                tasks[phase] = bar.add_task(phase.label, total=total, note="")
             note = "  ".join(f"{name} {value:.4f}" for name, value in terms.items())
             bar.update(tasks[phase], completed=step, note=note)
 
@@ -81,11 +77,11 @@ def train(
             chosen=tuple(name.strip() for name in sensors.split(",")) if sensors else None,
         )
     console.print(_metrics_table(trained.metrics))
-    stable = trained.ranking.get("stable", {})
+    stable = trained.ranking.stable or {}
     if json_file is not None:
         write_result(
             json_file,
-            figures={"metrics": trained.metrics, "sensors": trained.sensors, "stable": stable},
+            figures={"metrics": trained.metrics.as_tree(), "sensors": trained.sensors, "stable": stable},
             facts={
                 "dataset_sha256": trained.dataset_sha256,
                 "config": to_tree(config),
@@ -95,18 +91,21 @@ def train(
             on=date.today(),
         )
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
-    found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking['method']}"
+    found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
     console.print(f"sensors: {', '.join(trained.sensors)}   {found}")
     console.print(f"wrote {output}")
 
 
-def _metrics_table(metrics: Mapping[str, Any]) -> Table:
-    ahead = [f"h={item['horizon']}" for item in metrics["teacher"]["rollout"]]
+def _metrics_table(metrics: "ModelMetrics") -> Table:
+    ahead = [f"h={item.horizon}" for item in metrics.teacher.rollout]
     table = Table("Cd, Cl", "R2", "L1/sigma", *ahead, title="test episodes; h = n: L1/sigma n steps ahead")
-    # "deployed" is there if dynamics and decoder were slimmed, too.
-    for name in ("teacher", "slim", "deployed"):
-        if (part := metrics.get(name)) is not None:
-            errors_now = (f"{part['drag'][kind]:.3f} {part['lift'][kind]:.3f}" for kind in ("r2", "l1_over_sigma"))
-            errors_ahead = (f"{item['drag']:.2f} {item['lift']:.2f}" for item in part["rollout"])
-            table.add_row(name, *errors_now, *errors_ahead)
+    for name, part in (("teacher", metrics.teacher), ("slim", metrics.slim), ("deployed", metrics.deployed)):
+        if part is not None:
+            errors_ahead = (f"{item.drag:.2f} {item.lift:.2f}" for item in part.rollout)
+            table.add_row(
+                name,
+                f"{part.drag.r2:.3f} {part.lift.r2:.3f}",
+                f"{part.drag.l1_over_sigma:.3f} {part.lift.l1_over_sigma:.3f}",
+                *errors_ahead,
+            )
     return table

@@ -9,6 +9,8 @@ import pytest
 from contract import sensors
 from contract.config.tree import Config, ModelConfig, TrainConfig
 from contract.recording.dataset import Dataset, Episode, Role
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
 
 PERIOD = 0.2
 MakeEpisode = Callable[..., Episode]
@@ -38,7 +40,7 @@ def observe(state: npt.NDArray[np.complex128], previous: npt.NDArray[np.float64]
     return -0.4 - 0.05 * x + odd + even + jet
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_episode() -> MakeEpisode:
     """Build an episode: `make_episode(name, role, steps, seed)`; `forced=False` leaves the jets off."""
 
@@ -74,7 +76,7 @@ def make_episode() -> MakeEpisode:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def small_config() -> Config:
     """Networks that train in seconds, and few draws of the ranking."""
     return Config(
@@ -94,7 +96,7 @@ def small_config() -> Config:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def small_recording(make_episode: MakeEpisode) -> Dataset:
     """Two training episodes and a test episode, a few hundred steps."""
     return Dataset(
@@ -104,3 +106,10 @@ def small_recording(make_episode: MakeEpisode) -> Dataset:
             make_episode("chirp", "test", 200, 3),
         )
     )
+
+
+@pytest.fixture(scope="session")
+def rows(small_recording: Dataset) -> Rows:
+    """The training episodes and their mirror images, with all sensors."""
+    episodes = small_recording.with_role("train")
+    return prepare(episodes, fit_scaling(episodes), mirrored=True)

@@ -1,4 +1,4 @@
-"""A student can say what the teacher says when its sensors carry it."""
+"""A student reproduces the teacher's latents when its sensors hold them."""
 
 from dataclasses import replace
 
@@ -12,7 +12,8 @@ from train.distil import distil, encode_all
 from train.evaluate import latent_error
 from train.fit import seeded
 from train.model import WakeModel
-from train.windows import fit_scaling, prepare
+from train.rows import prepare
+from train.scaling import fit_scaling
 
 
 def test_encode_all_is_the_encoder_window_by_window(small_recording: Dataset, small_config: Config) -> None:
@@ -44,7 +45,7 @@ def test_the_student_follows_a_frozen_teacher(small_recording: Dataset, small_co
     assert slim.lstm.input_size == 5
     assert all(torch.equal(a, b) for a, b in zip(before, teacher.parameters(), strict=True))
     error = latent_error(encode_all(slim, test.with_sensors(chosen)), encode_all(teacher, test))
-    # measured 0.1; a student that says the mean scores 0.8
+    # measured 0.1; a student that gives the mean scores 0.8
     assert error < 0.25
     assert latent_error(encode_all(teacher, test), encode_all(teacher, test)) == 0.0
     assert not np.isnan(error)

@@ -11,7 +11,8 @@ from train.distil_predictor import distil_predictor
 from train.evaluate import rollout_starts
 from train.fit import fit_joint
 from train.model import Predictor
-from train.windows import fit_scaling, prepare
+from train.rows import prepare
+from train.scaling import fit_scaling
 
 
 def test_the_student_rolls_out_as_the_teacher(small_recording: Dataset, small_config: Config) -> None:

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from contract.errors import DatasetError
 from train.evaluate import evaluate
-from train.windows import Rows
+from train.rows import Rows
 
 WINDOW = 4
 

@@ -9,21 +9,15 @@ import torch
 
 from contract.config.tree import Config, FinishConfig
 from contract.errors import ConfigError, DatasetError, StillwakeError
-from contract.recording.dataset import Dataset
 from train.checkpoint import Identity
 from train.distil import distil
 from train.evaluate import evaluate
 from train.fit import Checkpoints, device_named, fit_joint, seeded
 from train.model import WakeModel
-from train.windows import Rows, fit_scaling, prepare
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
 
 IDENTITY = Identity(settings="{}", dataset_sha256="0" * 64)
-
-
-@pytest.fixture
-def rows(small_recording: Dataset) -> Rows:
-    episodes = small_recording.with_role("train")
-    return prepare(episodes, fit_scaling(episodes), mirrored=True)
 
 
 def trained(config: Config, **changes: object) -> Config:

@@ -9,7 +9,7 @@ import torch
 from contract.config.tree import ModelConfig, TrainConfig
 from train.loss import EPSILON, covariance_loss, joint_loss, prediction_loss, variance_loss
 from train.model import WakeModel
-from train.windows import Batch
+from train.sampler import Batch
 
 
 def test_prediction_loss_by_hand() -> None:

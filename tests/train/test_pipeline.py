@@ -19,7 +19,8 @@ from train.distil import encode_all
 from train.evaluate import evaluate
 from train.model_store import ModelError
 from train.pipeline import train_all
-from train.windows import prepare
+from train.rows import prepare
+from train.selection.choice import SensorChoice
 
 
 @pytest.fixture
@@ -41,14 +42,14 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
     model = model_store.load(stored)
     assert model.config == small_config
     assert len(model.sensors) == 4
-    assert list(model.sensors) == model.ranking["order"][:4]
-    assert set(model.ranking["stable"]) == {"2", "4", "6", "8"}
+    assert list(model.sensors) == list(model.ranking.order[:4])
+    assert set(model.ranking.stable) == {"2", "4", "6", "8"}
     assert not model.teacher.training
     rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
-    again = evaluate(model.teacher.encoder, model.teacher, rows).as_tree()
-    assert again == model.metrics["teacher"]
+    again = evaluate(model.teacher.encoder, model.teacher, rows)
+    assert again == model.metrics.teacher
     slim_rows = rows.with_sensors(sensors.indices(model.sensors))
-    assert evaluate(model.slim, model.deployed, slim_rows).as_tree() == model.metrics["slim"]
+    assert evaluate(model.slim, model.deployed, slim_rows) == model.metrics.slim
     assert encode_all(model.slim, slim_rows).shape == (200, 8)
 
 
@@ -90,7 +91,7 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
     whole = train_all(recording, config, tmp_path / "whole", progress=lambda *args: phases.append(args[0]))
     assert "select" in phases
     assert "rank" not in phases
-    assert model_store.load(tmp_path / "whole").ranking == {"method": "greedy", "order": list(whole.sensors)}
+    assert model_store.load(tmp_path / "whole").ranking == SensorChoice(method="greedy", order=whole.sensors)
 
     def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
         if now == "distil":
@@ -193,10 +194,10 @@ def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(
     for one, two in zip(model.teacher.parameters(), wide.teacher.parameters(), strict=True):
         assert torch.equal(one, two)
     assert wide.predictor is None
-    assert "deployed" not in wide.metrics
+    assert wide.metrics.deployed is None
     rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
-    again = evaluate(model.slim, model.deployed, rows.with_sensors(sensors.indices(model.sensors))).as_tree()
-    assert again == model.metrics["deployed"]
+    again = evaluate(model.slim, model.deployed, rows.with_sensors(sensors.indices(model.sensors)))
+    assert again == model.metrics.deployed
 
 
 def test_an_altered_or_incomplete_model_is_refused(stored: Path) -> None:

@@ -11,8 +11,9 @@ from train.distil import encode_all
 from train.evaluate import latent_error
 from train.fit import seeded
 from train.model import Encoder, WakeModel
+from train.rows import prepare
+from train.scaling import fit_scaling
 from train.streaming import encode_stream, fit_stream
-from train.windows import fit_scaling, prepare
 
 
 def test_a_stream_is_one_cell_step_a_sample(small_recording: Dataset, small_config: Config) -> None:
@@ -54,5 +55,5 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
         student = Encoder(len(chosen), config.model)
         fit_stream(student, encode_all(teacher, rows), rows.with_sensors(chosen), config)
     error = latent_error(encode_stream(student, test.with_sensors(chosen)), encode_all(teacher, test))
-    # measured below 0.2; a student that says the mean scores 0.8
+    # measured below 0.2; a student that gives the mean scores 0.8
     assert error < 0.3

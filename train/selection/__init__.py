@@ -1,4 +1,4 @@
-"""Which sensors the encoder listens to: the paper's SHAP ranking and what it is measured against.
+"""How the slim encoder's sensors are chosen: by the paper's SHAP ranking, and by other methods for comparison.
 
 `methods.select` is the one door; every method has a file of its own.
 """

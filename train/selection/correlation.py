@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from contract import sensors
+from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.dataset import Episode
 
 
-def correlation(episodes: Sequence[Episode], names: Sequence[str]) -> npt.NDArray[np.float64]:
+def correlation(episodes: Sequence[Episode], names: Sequence[str]) -> Array:
     """Pearson correlation of the named sensors' pressures over all episodes together, (N, N).
 
     Raises:

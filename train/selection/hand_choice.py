@@ -3,7 +3,7 @@
 from contract import sensors
 
 
-def outward(count: int) -> tuple[int, ...]:
+def select_by_hand(count: int) -> tuple[int, ...]:
     """Indices of `count` sensors, outward from the two rear corners.
 
     By turns the next pair along the sides, from the rear forward, and the next across the base, from its edges

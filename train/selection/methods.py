@@ -7,16 +7,16 @@ import numpy as np
 from contract import sensors
 from contract.config.tree import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
-from train.fit import Progress, silent
 from train.model import Encoder
+from train.progress import Progress, silent
+from train.rows import Rows
 from train.selection.budget import check_count
-from train.selection.greedy_forward import forward
-from train.selection.hand_choice import outward
-from train.selection.qr_pivoting import pivots
-from train.selection.random_draws import best_draw
+from train.selection.greedy_forward import select_greedy
+from train.selection.hand_choice import select_by_hand
+from train.selection.qr_pivoting import select_qr
+from train.selection.random_draws import select_random
 from train.selection.ridge_student import ridge_student
 from train.selection.shap_ranking import ShapRanker, rank
-from train.windows import Rows
 
 METHODS: Final[tuple[SelectionMethod, ...]] = get_args(SelectionMethod)
 
@@ -55,15 +55,15 @@ def select(
         ranker = ShapRanker.of(settings)
         return rank(ranker, encoder, rows, repeats=1, seed=settings.seed, progress=progress).top(count)
     if method == "qr":
-        chosen = pivots(rows, count)
+        chosen = select_qr(rows, count)
     elif method == "hand":
-        chosen = outward(count)
+        chosen = select_by_hand(count)
     else:
         # Neighbouring run seeds, and the two uses of one, must not share draws.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
         student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":
-            chosen = forward(student, count, progress=progress)
+            chosen = select_greedy(student, count, progress=progress)
         else:
-            chosen = best_draw(student, count, draws=draws, seed=choices, progress=progress)
+            chosen = select_random(student, count, draws=draws, seed=choices, progress=progress)
     return tuple(sensors.NAMES[index] for index in chosen)

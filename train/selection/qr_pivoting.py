@@ -1,4 +1,4 @@
-"""Sensors from which the pressure field itself is best rebuilt, whatever the latents say of it.
+"""Sensors from which the pressure field itself is best rebuilt, whatever the latents hold of it.
 
 QR with column pivoting on the transposed leading POD modes, Manohar, Brunton, Kutz and Brunton, "Data-driven sparse
 sensor placement for reconstruction", IEEE Control Systems Magazine 38 (2018), section "Sensor placement for
@@ -6,16 +6,16 @@ reconstruction": each pivot is the sensor whose row of the modes is longest afte
 """
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
 from contract import sensors
-from train.windows import Rows
+from contract.arrays import Array
+from train.rows import Rows
 
 # PyPI's python-sensors 0.4 does this too, but brings scikit-learn, matplotlib and pandas for one call of SciPy's.
 
 
-def pod_modes(rows: Rows, count: int) -> npt.NDArray[np.float64]:
+def pod_modes(rows: Rows, count: int) -> Array:
     """(90, count) leading modes of the standardised pressures, those of most variance first."""
     pressure = rows.inputs[:, : sensors.COUNT].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
@@ -23,12 +23,12 @@ def pod_modes(rows: Rows, count: int) -> npt.NDArray[np.float64]:
     return vectors[:, ::-1][:, :count]
 
 
-def pivots(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
+def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
     """Indices of the first `count` pivots, in their order.
 
     Args:
         modes: size of the basis; as many as sensors if None or fewer than those, because a basis of r modes
-            tells no more than r sensors apart.
+            distinguishes no more than r sensors.
     """
     basis = pod_modes(rows, max(count, modes or 0))
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)

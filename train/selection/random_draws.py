@@ -4,17 +4,17 @@ import numpy as np
 
 from contract import sensors
 from contract.errors import ConfigError
-from train.fit import Progress, silent
+from train.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 
-def draw(count: int, draws: int, seed: int) -> list[tuple[int, ...]]:
+def draw_choices(count: int, draws: int, seed: int) -> list[tuple[int, ...]]:
     """That many choices of `count` sensors, each without repetition and in the sensors' order."""
     generator = np.random.default_rng(seed)
     return [tuple(np.sort(generator.choice(sensors.COUNT, count, replace=False)).tolist()) for _ in range(draws)]
 
 
-def best_draw(
+def select_random(
     student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
 ) -> tuple[int, ...]:
     """The draw of which the ridge student makes the smallest error; raises ConfigError without a draw."""
@@ -22,9 +22,9 @@ def best_draw(
         raise ConfigError(f"draws = {draws}: must be at least 1")
     best: tuple[int, ...] = ()
     least = np.inf
-    for number, chosen in enumerate(draw(count, draws, seed)):
+    for number, chosen in enumerate(draw_choices(count, draws, seed)):
         error = student.error(chosen)
         if error < least:
             best, least = chosen, error
-        progress("select", number + 1, draws, {"error": least})
+        progress(Phase.SELECT, number + 1, draws, {"error": least})
     return best

@@ -1,6 +1,6 @@
 """A student that costs milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
 
-It stands for the slim encoder where thousands of choices are compared and none can be distilled. With the centred
+It stands in for the slim encoder where thousands of choices are compared and none can be distilled. With the centred
 lags X (n, F) and latents Z (n, N_z) of the windows it is fitted to,
 
     W = (X'X/n + lambda I)^-1 X'Z/n
@@ -14,17 +14,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 import torch
 
 from contract import sensors
+from contract.arrays import Array
 from contract.errors import DatasetError
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.window_draws import first_rows, windows_at
-from train.windows import Rows
-
-Array = npt.NDArray[np.float64]
 
 STRIDE: Final = 4
 """Every 4th row of the window is a lag: 0.8 t_c, six to a shedding cycle, 8 lags in a window of 32."""
@@ -107,7 +105,7 @@ def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float =
     White noise only adds its power to the diagonal of the lags' products, so none has to be drawn.
 
     Raises:
-        DatasetError: if there are too few windows, or the encoder says the same of all of them.
+        DatasetError: if there are too few windows, or their latents are all the same.
     """
     (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
     mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)

@@ -1,81 +1,33 @@
-"""The paper's method: which sensors the encoder listens to (section 2.3.1 and appendix C).
+"""The paper's method: which sensors the encoder depends on (section 2.3.1 and appendix C).
 
 A `Ranker` scores the 90 sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
 ranker is `ShapRanker`.
 """
 
 import copy
-from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 import shap
 import torch
 from torch import Tensor, nn
 
 from contract import sensors
+from contract.arrays import Array
 from contract.config.tree import TrainConfig
 from contract.errors import DatasetError
-from train.fit import Progress, silent
 from train.model import Encoder
-from train.selection.budget import check_count
+from train.progress import Phase, Progress, silent
+from train.rows import Rows
+from train.selection.ranking import Ranking
 from train.selection.window_draws import first_rows, windows_at
-from train.windows import Rows
-
-Scores = npt.NDArray[np.float64]
 
 
 class Ranker(Protocol):
     """Scores of the sensors, (90,), larger is more important; one independent draw per seed."""
 
-    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores: ...
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ranking:
-    """Scores of repeated draws, (repeats, 90)."""
-
-    scores: Scores
-
-    @property
-    def mean(self) -> Scores:
-        """(90,) mean over the repeats."""
-        mean: Scores = self.scores.mean(axis=0)
-        return mean
-
-    @property
-    def std(self) -> Scores:
-        """(90,) sample standard deviation over the repeats; zero for a single one."""
-        return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
-
-    def top(self, count: int) -> tuple[str, ...]:
-        """Names of the best sensors by mean score, best first; equal scores keep the sensors' order.
-
-        Raises:
-            ConfigError: if there are not that many sensors.
-        """
-        check_count(count)
-        return _names(_best(self.mean, count))
-
-    def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
-        """The set of the best sensors in each repeat."""
-        return tuple(frozenset(_names(_best(scores, count))) for scores in self.scores)
-
-    def is_stable(self, count: int) -> bool:
-        """Whether every repeat has the same set of best sensors."""
-        return len(set(self.top_sets(count))) == 1
-
-    def differences(self, count: int) -> Mapping[str, float]:
-        """Share of the repeats that have a sensor among their best, for those that some have and others not.
-
-        In the sensors' order; empty if the set is stable.
-        """
-        repeats = len(self.scores)
-        found = Counter(name for names in self.top_sets(count) for name in names)
-        return {name: found[name] / repeats for name in sensors.NAMES if 0 < found[name] < repeats}
+    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
 
 
 def rank(
@@ -87,7 +39,7 @@ def rank(
         # Spawned seeds: neighbouring run seeds must not share draws.
         draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
         scores.append(ranker(encoder, rows, draw))
-        progress("rank", repeat + 1, repeats, {})
+        progress(Phase.RANK, repeat + 1, repeats, {})
     return Ranking(scores=np.stack(scores))
 
 
@@ -115,7 +67,7 @@ class ShapRanker:
             background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
         )
 
-    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Scores:
+    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
         """Scores (90,); windows are drawn from `rows` without replacement.
 
         Raises:
@@ -133,12 +85,10 @@ class ShapRanker:
             total += self._magnitude(packed, background, packs, generator)
         if full < len(explained):
             total += self._magnitude(packed, background, explained[full:][None], generator)
-        scores: Scores = total[: sensors.COUNT] / (len(explained) * encoder.window)
+        scores: Array = total[: sensors.COUNT] / (len(explained) * encoder.window)
         return scores
 
-    def _magnitude(
-        self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator
-    ) -> Scores:
+    def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
         """Sum of |SHAP| over packs, windows, rows and latents: (P, M, L, F) packs -> (F,)."""
         # Every place in a pack meets every background window, in an order of its own.
         order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
@@ -148,7 +98,7 @@ class ShapRanker:
             values = explainer.shap_values(packs, nsamples=self.samples, rseed=int(generator.integers(2**31)))
         finally:
             np.random.set_state(state)
-        magnitude: Scores = np.abs(values).sum(axis=(0, 1, 2, 4))
+        magnitude: Array = np.abs(values).sum(axis=(0, 1, 2, 4))
         return magnitude
 
 
@@ -177,11 +127,3 @@ def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.rando
     if len(firsts) < count:
         raise DatasetError(f"recording has {len(firsts)} windows, too few to draw {count} {purpose} samples")
     return windows_at(rows, generator.choice(firsts, count, replace=False), window)
-
-
-def _best(scores: Scores, count: int) -> npt.NDArray[np.intp]:
-    return np.argsort(-scores, kind="stable")[:count]
-
-
-def _names(chosen: Sequence[int] | npt.NDArray[np.intp]) -> tuple[str, ...]:
-    return tuple(sensors.NAMES[index] for index in chosen)

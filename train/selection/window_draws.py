@@ -1,19 +1,19 @@
 """Windows drawn from a recording at random."""
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from train.windows import Rows
+from contract.arrays import Index
+from train.rows import Rows
 
 
-def first_rows(rows: Rows, window: int) -> npt.NDArray[np.intp]:
+def first_rows(rows: Rows, window: int) -> Index:
     """Index of the first row of every full window."""
     return np.concatenate([np.arange(span.start, span.stop - window + 1) for span in rows.spans()])
 
 
-def windows_at(rows: Rows, firsts: npt.NDArray[np.intp], window: int) -> Tensor:
+def windows_at(rows: Rows, firsts: Index, window: int) -> Tensor:
     """The windows that begin at those rows, (n, L, F)."""
     start = torch.as_tensor(firsts, device=rows.inputs.device)
     return rows.inputs[start[:, None] + torch.arange(window, device=start.device)]

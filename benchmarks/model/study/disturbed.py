@@ -1,5 +1,6 @@
 """How slim encoders err off their training data: other frequencies, disturbed sensors, a larger amplitude."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -7,15 +8,17 @@ import numpy as np
 import torch
 
 from benchmarks.model.study.lab import Lab, episodes, test_rows
+from benchmarks.model.study.sliding_error import sliding_error
 from contract import sensors
 from contract.recording import dataset
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
+from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault
 from train.distil import encode_all
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel
 from train.model_store import load
-from train.robustness import Fault, bias, dead, drift, noise, sliding_error
-from train.windows import Rows, prepare, unit_steps
+from train.rows import Rows, prepare
+from train.scaling import unit_steps
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 
@@ -30,6 +33,9 @@ THIN: Final = 25
 LIMIT: Final = 0.1
 """Of a chirp past the training amplitude of 0.075, U_inf W."""
 STEPS: Final = 2000
+
+StartFault = Callable[[int], SensorFault]
+"""The fault of an episode of that many steps."""
 
 
 def measure(lab: Lab, scaling: Scaling) -> dict[str, Any]:
@@ -57,17 +63,30 @@ def _faults(slim: Encoder, names: tuple[str, ...], teacher: WakeModel, scaling: 
     chosen = sensors.indices(names)
     unit, rows = unit_steps(scaling, chosen), test_rows().with_sensors(chosen)
 
-    def judged(fault: Fault) -> dict[str, Any]:
-        found = evaluate(slim, teacher, fault(rows)).as_tree()
+    def evaluated(start: StartFault) -> dict[str, Any]:
+        found = evaluate(slim, teacher, _disturbed(rows, start)).as_tree()
         return {"drag": found["drag"], "lift": found["lift"]}
+
+    def noise(level: float) -> StartFault:
+        through_all = Noise(level, unit, seed=1)
+        return lambda steps: through_all
+
+    def dead(place: int) -> StartFault:
+        return lambda steps: Dead(place)
+
+    def bias(level: float, place: int) -> StartFault:
+        return lambda steps: Bias(level, unit, place)
+
+    def drift(level: float, place: int) -> StartFault:
+        return lambda steps: Drift(level, unit, place, steps=steps)
 
     def one(name: str, place: int) -> dict[str, Any]:
         return {"sensor": names[place], "fault": name}
 
     places = range(len(names))
-    single = [{**one("dead", place), "level": None, **judged(dead(place))} for place in places]
+    single = [{**one("dead", place), "level": None, **evaluated(dead(place))} for place in places]
     single += [
-        {**one(name, place), "level": level, **judged(make(level, unit, place))}
+        {**one(name, place), "level": level, **evaluated(make(level, place))}
         for name, make in (("bias", bias), ("drift", drift))
         for level in OFFSETS
         for place in places
@@ -75,9 +94,18 @@ def _faults(slim: Encoder, names: tuple[str, ...], teacher: WakeModel, scaling: 
     return {
         "sensors": list(names),
         "own_deviation": (1.0 / unit).tolist(),
-        "noise": [{"level": level, **judged(noise(level, unit, seed=1))} for level in NOISE],
+        "noise": [{"level": level, **evaluated(noise(level))} for level in NOISE],
         "single": single,
     }
+
+
+def _disturbed(rows: Rows, start: StartFault) -> Rows:
+    """The rows with each episode's pressures read through the fault that starts there."""
+    inputs = rows.inputs.clone()
+    for span in rows.spans():
+        fault = start(span.stop - span.start)
+        inputs[span, :-1] = torch.from_numpy(fault(rows.inputs[span, :-1].numpy()))
+    return replace(rows, inputs=inputs)
 
 
 def _slid(encoder: Encoder, teacher: WakeModel, rows: Rows) -> list[list[float]]:

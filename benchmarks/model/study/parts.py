@@ -14,18 +14,19 @@ from benchmarks.common.markdown import read
 from benchmarks.model.study import disturbed
 from benchmarks.model.study.lab import Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
+from contract.arrays import Array
 from contract.config.tree import SelectionMethod
 from contract.errors import StillwakeError
 from train import model_store
 from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
-from train.evaluate import evaluate, judge, latent_error, rollout_starts
+from train.evaluate import evaluate, evaluate_latents, latent_error, rollout_starts
 from train.fit import fit_joint, seeded
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
+from train.rows import Rows, prepare
 from train.selection.methods import METHODS, select
 from train.streaming import encode_stream, fit_stream
-from train.windows import Array, Rows, prepare
 
 SEEDS: Final = (0, 1, 2)
 COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)
@@ -86,8 +87,8 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "sensors": list(trained.sensors),
-        "metrics": dict(trained.metrics),
-        "ranking": dict(trained.ranking),
+        "metrics": trained.metrics.as_tree(),
+        "ranking": trained.ranking.as_tree(),
         "growth": {
             "teacher": evaluate(trained.teacher.encoder, trained.teacher, rows, horizons=GROWTH).as_tree()["rollout"],
             "slim": evaluate(trained.slim, trained.deployed, slim_rows, horizons=GROWTH).as_tree()["rollout"],
@@ -99,7 +100,7 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
 
 def count(lab: Lab, number: int) -> dict[str, Any]:
     """A student on the ranking's best `number` sensors."""
-    return student(lab, lab.model().teacher, tuple(lab.model().ranking["order"][:number]), seed=0)[1]
+    return student(lab, lab.model().teacher, lab.model().ranking.order[:number], seed=0)[1]
 
 
 def without(lab: Lab, place: int) -> dict[str, Any]:
@@ -223,7 +224,7 @@ def stream(lab: Lab) -> dict[str, Any]:
             {
                 "case": case,
                 "latent": latent_error(values, teacher_latents),
-                **judge(values, trained.teacher, test, window=window).as_tree(),
+                **evaluate_latents(values, trained.teacher, test, window=window).as_tree(),
             }
             for case, values in latents.items()
         ],

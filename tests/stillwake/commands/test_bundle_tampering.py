@@ -272,6 +272,9 @@ def test_tampering_is_refused_by_its_name(cli, signed, public_key_file, tamper, 
     assert type(refused.value) is kind
     assert named in str(refused.value)
     assert str(path) in str(refused.value)
+    # The list that people read and the error that a loader raises must never part.
+    failed = [check.error for check in bundle.examine(path, TRUSTED) if check.error is not None]
+    assert (type(failed[0]), str(failed[0])) == (kind, str(refused.value))
 
     run = cli("run", path.parent / "run", "--bundle", path, "--trust", public_key_file)
     assert (run.code, run.err.count("\n")) == (1, 1)

@@ -7,8 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.recording.dataset import Dataset
-from train.windows import Rows, fit_scaling, prepare
+from train.rows import Rows
 
 WINDOW = 32
 MakeRows = Callable[..., Rows]
@@ -47,9 +46,3 @@ def noise_rows() -> MakeRows:
         return Rows(inputs=inputs, actions=torch.zeros(total), forces=torch.zeros(total, 2), lengths=lengths)
 
     return make
-
-
-@pytest.fixture
-def rows(small_recording: Dataset) -> Rows:
-    episodes = small_recording.with_role("train")
-    return prepare(episodes, fit_scaling(episodes), mirrored=True)

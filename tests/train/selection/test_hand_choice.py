@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from train.selection.hand_choice import outward
+from train.selection.hand_choice import select_by_hand
 
 
 def test_four_are_the_two_corners_from_both_sides() -> None:
-    assert [sensors.NAMES[index] for index in outward(4)] == ["upper_39", "lower_39", "base_0", "base_9"]
+    assert [sensors.NAMES[index] for index in select_by_hand(4)] == ["upper_39", "lower_39", "base_0", "base_9"]
 
 
 @pytest.mark.parametrize("count", range(1, 91))
 def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one(count: int) -> None:
-    chosen = outward(count)
+    chosen = select_by_hand(count)
     assert len(set(chosen)) == count
     image = set(sensors.mirror_permutation()[list(chosen)].tolist())
     assert len(set(chosen) - image) == count % 2
@@ -28,7 +28,7 @@ def test_none_left_out_is_nearer_to_a_corner_along_its_own_wall() -> None:
     position = np.abs(sensors.positions())
     distance = np.abs(position - corner).sum(axis=1)
     for count in range(2, 91, 2):
-        inside = np.isin(np.arange(90), outward(count))
+        inside = np.isin(np.arange(90), select_by_hand(count))
         for wall in (slice(0, 80), sensors.BASE):
             taken, left = distance[wall][inside[wall]], distance[wall][~inside[wall]]
             # The paper prints one base position a hundred-thousandth off its mirror image.

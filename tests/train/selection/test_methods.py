@@ -9,8 +9,8 @@ from contract.config.loading import load_config
 from contract.config.tree import Config, SelectionMethod
 from contract.errors import ConfigError
 from train.model import Encoder, WakeModel
+from train.rows import Rows
 from train.selection.methods import METHODS, select
-from train.windows import Rows
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from contract import sensors
-from train.selection.qr_pivoting import pivots, pod_modes
-from train.windows import Rows
+from train.rows import Rows
+from train.selection.qr_pivoting import pod_modes, select_qr
 
 PEAKS = (12, 83, 55)
 """Sensor where each mode is largest."""
@@ -37,9 +37,9 @@ def test_modes_are_the_pressures_own_in_the_order_of_their_variance() -> None:
 
 def test_pivots_are_the_peaks_of_disjoint_modes() -> None:
     rows, _ = concentrated()
-    assert set(pivots(rows, 3)) == set(PEAKS)
-    assert pivots(rows, 1) == (PEAKS[0],)  # of one mode, the strongest
-    assert set(pivots(rows, 2)) == set(PEAKS[:2])
+    assert set(select_qr(rows, 3)) == set(PEAKS)
+    assert select_qr(rows, 1) == (PEAKS[0],)  # of one mode, the strongest
+    assert set(select_qr(rows, 2)) == set(PEAKS[:2])
 
 
 def test_a_sensor_that_repeats_a_pivot_is_passed_over() -> None:
@@ -48,7 +48,7 @@ def test_a_sensor_that_repeats_a_pivot_is_passed_over() -> None:
     pressure = np.zeros((200, sensors.COUNT))
     pressure[:, 10] = pressure[:, 11] = np.sin(t)
     pressure[:, 70] = 0.5 * np.cos(t)
-    first, second = pivots(rows_of(pressure), 2)
+    first, second = select_qr(rows_of(pressure), 2)
     assert {first, second} in ({10, 70}, {11, 70})
 
 
@@ -58,7 +58,7 @@ def test_more_modes_than_sensors_are_used_as_told() -> None:
     strong, weak = np.zeros(sensors.COUNT), np.zeros(sensors.COUNT)
     strong[[5, 6, 8]], weak[[6, 8]] = (1.0, 0.9, 0.6), (0.6, -0.9)
     rows = rows_of(np.outer(2.0 * np.sin(t), strong) + np.outer(np.cos(t), weak))
-    assert pivots(rows, 1) == (5,)
-    assert pivots(rows, 1, modes=2) == (8,)
+    assert select_qr(rows, 1) == (5,)
+    assert select_qr(rows, 1, modes=2) == (8,)
     # A basis smaller than the budget grows to it.
-    assert pivots(rows, 2, modes=1) == pivots(rows, 2)
+    assert select_qr(rows, 2, modes=1) == select_qr(rows, 2)

@@ -10,8 +10,8 @@ import torch
 from contract import sensors
 from contract.errors import DatasetError
 from train.model import Encoder
+from train.rows import Rows
 from train.selection.ridge_student import RIDGE, lagged, ridge_student, sample
-from train.windows import Rows
 
 MakeRows = Callable[..., Rows]
 MakeTeacher = Callable[..., Encoder]
@@ -51,7 +51,7 @@ def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(
     teacher = listener((("upper_07", 12, 1.0), ("action", 28, 1.0)))
     student = ridge_student(teacher, noise_rows((2000,)), seed=0)
     assert student.error([7]) < 1e-7  # lambda squared, but for how the sample departs from unit variance
-    # Half the variance is the action's; 650 judged windows know it to a few per cent.
+    # Half the variance is the action's; 650 judged windows give it to a few per cent.
     assert student.error([8]) == pytest.approx(0.5, abs=0.1)
     deaf = ridge_student(listener((("upper_07", 13, 1.0),)), noise_rows((2000,)), seed=0)
     assert deaf.error([7]) == pytest.approx(1.0, abs=0.1)

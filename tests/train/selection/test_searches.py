@@ -6,47 +6,47 @@ import pytest
 
 from contract import sensors
 from train.model import Encoder
-from train.selection.greedy_forward import forward
-from train.selection.random_draws import best_draw, draw
+from train.rows import Rows
+from train.selection.greedy_forward import select_greedy
+from train.selection.random_draws import draw_choices, select_random
 from train.selection.ridge_student import RidgeStudent, ridge_student
-from train.windows import Rows
 
 HEARD = ("lower_35", "base_0", "upper_12")
 
 
 @pytest.fixture(scope="module")
 def student(listener: Callable[..., Encoder], noise_rows: Callable[..., Rows]) -> RidgeStudent:
-    """Of a teacher with two latents, which listens to three sensors; the first the most."""
+    """Of a teacher with two latents, which depends on three sensors; the first the most."""
     teacher = listener((("lower_35", 0, 2.0), ("base_0", 12, 1.0)), (("base_0", 4, -1.0), ("upper_12", 8, 0.7)))
     return ridge_student(teacher, noise_rows((3000,)), seed=0)
 
 
 def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(student: RidgeStudent) -> None:
-    said = []
-    chosen = forward(student, 3, progress=lambda *now: said.append(now))
+    reports = []
+    chosen = select_greedy(student, 3, progress=lambda *now: reports.append(now))
     assert tuple(sensors.NAMES[index] for index in chosen) == HEARD
     assert student.error(chosen) < 1e-6
-    assert [(phase, step, total) for phase, step, total, _ in said] == [
+    assert [(phase, step, total) for phase, step, total, _ in reports] == [
         ("select", 1, 3),
         ("select", 2, 3),
         ("select", 3, 3),
     ]
     # Squared weights: 4, 1 + 1 and 0.49 of 6.49; the samples' variances are unity to a few per cent.
-    assert [terms["error"] for *_, terms in said] == pytest.approx([2.49 / 6.49, 0.49 / 6.49, 0.0], abs=0.03)
+    assert [terms["error"] for *_, terms in reports] == pytest.approx([2.49 / 6.49, 0.49 / 6.49, 0.0], abs=0.03)
 
 
 def test_greedy_is_a_prefix_of_itself(student: RidgeStudent) -> None:
-    assert forward(student, 2) == forward(student, 3)[:2]
+    assert select_greedy(student, 2) == select_greedy(student, 3)[:2]
 
 
 def test_random_is_the_best_of_its_own_draws_and_repeats_with_its_seed(student: RidgeStudent) -> None:
-    drawn = draw(20, 30, seed=4)
+    drawn = draw_choices(20, 30, seed=4)
     assert all(len(set(chosen)) == 20 for chosen in drawn)
     assert len(set(drawn)) == 30
-    found = best_draw(student, 20, draws=30, seed=4)
+    found = select_random(student, 20, draws=30, seed=4)
     assert found in drawn
     assert all(student.error(found) <= student.error(chosen) for chosen in drawn)
     # 20 of 90 hold lower_35, two thirds of the power, in 2 of 9 draws: the best of 30 surely does.
     assert sensors.NAMES.index("lower_35") in found
-    assert found == best_draw(student, 20, draws=30, seed=4)
-    assert drawn != draw(20, 30, seed=5)
+    assert found == select_random(student, 20, draws=30, seed=4)
+    assert drawn != draw_choices(20, 30, seed=5)

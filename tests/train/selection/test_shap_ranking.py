@@ -1,4 +1,4 @@
-"""The ranking finds the sensors a model listens to, and agrees with Shapley values known exactly."""
+"""The ranking finds the sensors a model depends on, and agrees with Shapley values known exactly."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,9 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
 from train.model import WakeModel
-from train.selection.shap_ranking import Ranking, ShapRanker, rank
-from train.windows import Rows
+from train.rows import Rows
+from train.selection.ranking import Ranking
+from train.selection.shap_ranking import ShapRanker, rank
 
 
 class Linear(nn.Module):

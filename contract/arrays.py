@@ -1,0 +1,15 @@
+"""Types of the NumPy arrays that pass between functions; each docstring gives shape, unit and order."""
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+"""Numbers in double precision."""
+
+Index: TypeAlias = npt.NDArray[np.intp]
+"""Positions in another array; `np.arange` and `np.argsort` return such."""
+
+Mask: TypeAlias = npt.NDArray[np.bool_]
+"""Which entries of another array are meant."""

@@ -1,0 +1,79 @@
+"""What a setting may hold, stated in its type and checked when the setting is built.
+
+    epochs: Positive[float] = 300.0
+
+A rule is metadata of an `Annotated` type. `Settings` checks the rules of its fields; a condition on two fields is a
+`require` in the class's own `__post_init__`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
+
+from contract.errors import ConfigError
+
+T = TypeVar("T", int, float)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rule:
+    """A condition on a number, which must also be finite.
+
+    Attributes:
+        wording: of the condition, after "must be".
+        holds: whether a finite number meets it.
+        or_none: whether None is also allowed.
+    """
+
+    wording: str
+    holds: Callable[[float], bool]
+    or_none: bool = False
+
+    def admits(self, value: float | None) -> bool:
+        """Whether a field may hold this value."""
+        if value is None and self.or_none:
+            return True
+        return isfinite(value) and self.holds(value)  # type: ignore[arg-type]  # None elsewhere is a TypeError
+
+
+def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
+    """A lower bound, with the reason for it where there is one."""
+    wording = f"at least {least}{f', {reason}' if reason else ''}"
+    return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
+
+
+def within(least: int, most: int, reason: str) -> Rule:
+    """Both bounds, and the reason for them."""
+    return Rule(wording=f"in {least}..{most}, {reason}", holds=lambda value: least <= value <= most)
+
+
+Finite = Annotated[T, Rule(wording="finite", holds=isfinite)]
+Positive = Annotated[T, Rule(wording="positive", holds=lambda value: value > 0)]
+NonNegative = Annotated[T, Rule(wording="non-negative", holds=lambda value: value >= 0)]
+Fraction = Annotated[T, Rule(wording="in [0, 1)", holds=lambda value: 0 <= value < 1)]
+AtLeastOne = Annotated[T, at_least(1)]
+AtLeastOneOrNone = Annotated[int | None, at_least(1, or_none=True)]
+
+
+class Settings:
+    """Base of the dataclasses of settings: one that exists is valid.
+
+    Raises ConfigError for a value that breaks its field's rule; the message names class, field, value and rule.
+    """
+
+    _rules: ClassVar[Mapping[str, Rule]] = {}
+
+    def __init_subclass__(cls) -> None:
+        hints: Mapping[str, Any] = get_type_hints(cls, include_extras=True)
+        cls._rules = {name: rule for name, hint in hints.items() for rule in get_args(hint) if isinstance(rule, Rule)}
+
+    def __post_init__(self) -> None:
+        for name, rule in self._rules.items():
+            require(rule.admits(getattr(self, name)), self, name, rule.wording)
+
+
+def require(holds: bool, owner: object, name: str, wording: str) -> None:
+    """Raise ConfigError with the value of that field, unless the condition holds."""
+    if not holds:
+        raise ConfigError(f"{type(owner).__name__}.{name} = {getattr(owner, name)!r}: must be {wording}")

@@ -1,0 +1,75 @@
+"""Settings of the bus, the ECU and the vehicle around it. The paper has the actuator's delay alone (appendix B)."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from contract.config.rules import AtLeastOne, NonNegative, Positive, Settings, require, within
+from contract.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class E2eConfig(Settings):
+    """When a receiver of an E2E-protected message trusts the stream."""
+
+    max_delta: Annotated[int, within(1, 127, "half the counter's period")] = 4
+    """Largest step of the counter that still counts as the next frame: with 4, three may be lost in a row, as
+    many as the ECU's fail-safe rides out."""
+    window: AtLeastOne[int] = 5
+    """Latest checks that are judged together."""
+    min_ok: int = 2
+    """Good ones among them that make a stream valid."""
+    max_errors: int = 2
+    """Most wrong CRCs among them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(1 <= self.min_ok <= self.window, self, "min_ok", "in 1..window")
+        require(0 <= self.max_errors < self.window, self, "max_errors", "in 0..window-1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusConfig(Settings):
+    """The CAN FD bus. Bit rates in bit/s."""
+
+    interface: Literal["virtual", "udp_multicast", "slcan", "socketcan"] = "virtual"
+    channel: str = "stillwake"
+    """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
+    device (socketcan, e.g. can0)."""
+    nominal_bitrate: Positive[int] = 500_000
+    data_bitrate: Positive[int] = 2_000_000
+    e2e: E2eConfig = field(default_factory=E2eConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.channel:
+            raise ConfigError("BusConfig.channel = '': must name a channel")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuConfig(Settings):
+    """Timing and fail-safe behaviour of the ECU."""
+
+    compute_time_ms: NonNegative[float] = 8.0
+    """Time between frame and command that the virtual ECU charges for its control step. It is a stated
+    budget share, not a measurement; measured latency is reported next to it."""
+    hold_periods: NonNegative[int] = 1
+    """Missed periods during which the last command is held."""
+    decay_periods: NonNegative[int] = 2
+    """Missed periods after that during which the command is halved each period, before zero and latch."""
+    rearm_frames: AtLeastOne[int] = 5
+    """Consecutive good frames, together with an enable edge, that end a latched fault."""
+    deadline_misses: AtLeastOne[int] = 3
+    """Steps in a row that each came a whole period or more late, after which the ECU switches itself off."""
+    delay_steps: NonNegative[int] = 0
+    """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
+    command_step: Positive[float] = 0.075
+    """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: half the full
+    range, three times what the training waveform does at full amplitude."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleConfig(Settings):
+    """The simulated vehicle."""
+
+    actuator_delay: NonNegative[int] = 0
+    """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller assumes."""

@@ -1,0 +1,64 @@
+"""Faults change what their descriptions name and nothing else, frame by frame as at once."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from contract.errors import ConfigError
+from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault
+
+UNIT = np.array([2.0, 3.0])
+STEPS = 4000
+READINGS = np.random.default_rng(1).standard_normal((STEPS, 2))
+
+FAULTS: dict[str, Callable[[], SensorFault]] = {
+    "noise": lambda: Noise(0.5, UNIT, seed=2),
+    "bias": lambda: Bias(0.5, UNIT, 1),
+    "drift": lambda: Drift(0.5, UNIT, 0, steps=STEPS),
+    "dead": lambda: Dead(0),
+}
+
+
+@pytest.mark.parametrize("start", FAULTS.values(), ids=FAULTS)
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_frame_by_frame_is_as_at_once_and_the_argument_stays(start, kind):
+    readings = READINGS[:50].astype(kind)
+    before = readings.copy()
+    at_once = start()(readings)
+    fault = start()
+    one_by_one = np.stack([fault(frame) for frame in readings])
+    np.testing.assert_array_equal(one_by_one, at_once, strict=True)
+    fault = start()
+    np.testing.assert_array_equal(np.vstack([fault(readings[:20]), fault(readings[20:])]), at_once)
+    np.testing.assert_array_equal(readings, before)
+
+
+def test_noise_has_its_level_and_its_seed():
+    change = Noise(0.5, UNIT, seed=2)(READINGS) - READINGS
+    # 4,000 draws: the deviation of a standard deviation is 1.1 %
+    assert change.std(axis=0) == pytest.approx([1.0, 1.5], rel=0.05)
+    assert abs(np.corrcoef(change.T)[0, 1]) < 0.06
+    assert not np.array_equal(Noise(0.5, UNIT, seed=3)(READINGS), Noise(0.5, UNIT, seed=2)(READINGS))
+    fault = Noise(0.5, UNIT, seed=2)
+    assert not np.array_equal(fault(READINGS), fault(READINGS))
+    with pytest.raises(ConfigError, match=r"noise level -0\.1"):
+        Noise(-0.1, UNIT, seed=0)
+
+
+def test_bias_shifts_one_sensor():
+    change = Bias(0.5, UNIT, 1)(READINGS) - READINGS
+    np.testing.assert_allclose(change, np.broadcast_to([0.0, 1.5], change.shape), atol=1e-12)
+
+
+def test_drift_grows_evenly_over_its_steps_and_stays():
+    change = Drift(0.5, UNIT, 0, steps=101)(np.zeros((200, 2)))
+    np.testing.assert_allclose(change[:101, 0], np.arange(101) / 100.0, atol=1e-12)
+    assert np.all(change[101:, 0] == 1.0)
+    assert np.all(change[:, 1] == 0.0)
+
+
+def test_a_dead_sensor_keeps_its_first_reading():
+    stuck = Dead(0)(READINGS)
+    assert np.all(stuck[:, 0] == READINGS[0, 0])
+    np.testing.assert_array_equal(stuck[:, 1], READINGS[:, 1])

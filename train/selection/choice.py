@@ -1,0 +1,63 @@
+"""How a model's sensors were chosen, as its description keeps it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import dacite
+
+from contract import sensors
+from train.selection.ranking import Ranking
+
+STABILITY_SETS: Final = (2, 4, 6, 8)
+"""Sizes of the best sets whose stability over the repeats is reported (paper, appendix C)."""
+
+GIVEN: Final = "given"
+"""The method of a choice that the caller made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorChoice:
+    """Method and outcome. All but `method` and `order` are SHAP's, and None for the other methods.
+
+    Attributes:
+        method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
+        repeats: of the ranking.
+        order: all 90 names, best first, of SHAP; the chosen ones of the others.
+        mean: (90,) scores over the repeats.
+        std: (90,) of them.
+        stable: by size of the best set, whether it is the same in every repeat.
+        differences: by that size, the share of the repeats in which a sensor is among the best, for those that are in
+            some and not in others.
+    """
+
+    method: str
+    repeats: int | None = None
+    order: tuple[str, ...]
+    mean: tuple[float, ...] | None = None
+    std: tuple[float, ...] | None = None
+    stable: Mapping[str, bool] | None = None
+    differences: Mapping[str, Mapping[str, float]] | None = None
+
+    @classmethod
+    def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
+        """By the paper's method."""
+        return cls(
+            method="shap.GradientExplainer",
+            repeats=len(ranking.scores),
+            order=ranking.top(sensors.COUNT),
+            mean=tuple(ranking.mean.tolist()),
+            std=tuple(ranking.std.tolist()),
+            stable={str(count): ranking.is_stable(count) for count in STABILITY_SETS},
+            differences={str(count): dict(ranking.differences(count)) for count in STABILITY_SETS},
+        )
+
+    def as_tree(self) -> dict[str, Any]:
+        """Plain values for JSON; without those that are None."""
+        tree = {name: value for name, value in asdict(self).items() if value is not None}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
+
+    @classmethod
+    def from_tree(cls, tree: Mapping[str, Any]) -> "SensorChoice":
+        """Back from `as_tree`; raises dacite.DaciteError for a tree of another form."""
+        return dacite.from_dict(cls, tree, config=dacite.Config(strict=True, cast=[tuple]))
