@@ -160,7 +160,7 @@ def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_de
 
 def _next_stream(stream: StreamState, check: Check, window: tuple[Check, ...], config: E2eConfig) -> StreamState:
     """The stream's state after one check, the newest in the window."""
-    good = sum(item in GOOD for item in window)
+    good = sum(map(window.count, GOOD))
     too_many_errors = window.count(Check.ERROR) > config.max_errors
     if stream is StreamState.NODATA:
         return stream if check in (Check.ERROR, Check.NO_NEW_DATA) else StreamState.INIT

@@ -124,7 +124,10 @@ class ControllerMemory:
         for name, values in (("plan", step.plan), ("forecast", step.forces)):
             if not np.isfinite(values).all():
                 raise ControllerError(f"the controller's {name} is not finite")
-        return replace(self, plan=step.plan), step
+        memory = ControllerMemory(
+            window=self.window, rows=self.rows, gap=self.gap, plan=step.plan, under_way=self.under_way
+        )
+        return memory, step
 
     def _extended(self, cp: Array, *, gap: int) -> "ControllerMemory":
         window = np.empty_like(self.window)
