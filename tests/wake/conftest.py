@@ -1,5 +1,7 @@
 """One plant for the room's tests: building it takes longer than most of them. And one that costs nothing."""
 
+import fcntl
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,17 @@ from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 
 
-@pytest.fixture(scope="session")
-def shared_wake() -> TruckWake:
-    return TruckWake()
+@pytest.fixture(scope="session", autouse=True)
+def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> TruckWake:
+    """Of one test process; built before any other plant, so that only one of the processes compiles the kernels.
+
+    The others wait, and load from numba's cache what it compiled.
+    """
+    with (tmp_path_factory.getbasetemp().parent / "kernels.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        wake = TruckWake()
+        wake.solver.start()
+    return wake
 
 
 @pytest.fixture
