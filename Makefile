@@ -1,17 +1,30 @@
-# `make demo` closes the loop, `make test` checks everything; both set up .venv by themselves.
+# `make demo` closes the loop, `make test` checks everything, `make check` what is fast; all set up .venv themselves.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint retrain full openfoam tables clean
+.PHONY: demo check test lint pristine retrain full openfoam tables clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo
 
+# The loop of the day: what is fast of `test`.
+check: lint
+	$(BIN)/python -m pytest -n 2 -m "not (openfoam or slow or compiler or mcu or processes)"
+
 test: lint
 	$(BIN)/python -m pytest -n 2 -m "not openfoam"
+
+# What a vehicle installs, alone: every module of its rooms, and an ECU in control with the shipped release.
+pristine:
+	rm -rf build/pristine build/lib
+	$(PYTHON) -m venv build/pristine
+	build/pristine/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt .
+	build/pristine/bin/python -I tests/install/step_an_ecu.py
+	build/pristine/bin/stillwake bundle verify
+	build/pristine/bin/stillwake --help > build/pristine/help.txt
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -91,3 +91,26 @@ def public_key_file(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("keys")
     signing.write_key_pair(folder, SIGNING_KEY)
     return folder / signing.PUBLIC_KEY
+
+
+@pytest.fixture
+def run_metadata():
+    """What a run was made with; never read from a bundle."""
+    from can_bridge.wire.messages import EcuStatus, Mode, Reason
+    from firmware_sim.runs.metadata import RunMetadata
+
+    return RunMetadata(
+        controller="random (int8, 0123456789ab)",
+        computed_by="a test",
+        signer=None,
+        plant="two numbers",
+        sensors=("upper_39", "lower_39", "base_0", "base_9"),
+        mpc=MpcConfig(horizon=8),
+        budget_ms=20.0,
+        settle=0.4,
+        status=EcuStatus(
+            state=Mode.HOLD, reason=Reason(0), overruns=1, missed=2, crc_errors=3, bus_off=4, bundle_hash=2**32 - 1
+        ),
+        config=Config(),
+        versions={"python": "3.11"},
+    )

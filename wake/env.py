@@ -1,6 +1,5 @@
 """The wake as a Gymnasium environment, registered as `stillwake/TruckWake-v0`."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -11,13 +10,16 @@ import numpy.typing as npt
 from contract import sensors
 from contract.config.tree import FlowConfig
 from contract.errors import ConfigError, PlantError
+from contract.ledger import LEDGER_FIELDS
 from wake.pictures.drawing import WakePicture
-from wake.truck.truck_wake import Sample, State, TruckWake, developed_state
+from wake.truck.sample import Sample
+from wake.truck.state import State, developed_state
+from wake.truck.truck_wake import TruckWake
 
 Observation = npt.NDArray[np.float32]
 
-LEDGER: Final = (*(item.name for item in dataclasses.fields(Sample) if item.type is float), "Cd_slot", "Cd_net")
-"""What `info` carries of a `wake.truck.truck_wake.Sample`: all but the 90 pressures."""
+LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
+"""What `info` carries of a `wake.truck.sample.Sample`: all but the 90 pressures."""
 
 
 class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -27,7 +29,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and keeps
     saying so if it is stepped further.
 
-    `info` holds at every step the drag ledger, by the names and in the units of `wake.truck.truck_wake.Sample`: time,
+    `info` holds at every step the drag ledger, by the names and in the units of `wake.truck.sample.Sample`: time,
     wall force, slot force, jet momentum, jet power, their net, the wake probe and the action in force; and `clipped`,
     whether this step's action lay beyond the bound and was cut to it, with `clipped_count`, how often in this episode.
 
@@ -37,7 +39,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     Options of `reset`:
 
     - `phase_steps`: this phase instead of a random one;
-    - `start`: a `wake.truck.truck_wake.State` to start from instead, at a control period's start.
+    - `start`: a `wake.truck.state.State` to start from instead, at a control period's start.
 
     Args:
         sensor_names: the observed sensors; all 90 by default.
@@ -146,7 +148,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
 
     def _checked_start(self, start: Any) -> State:
         if not isinstance(start, State):
-            raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.truck_wake.State")
+            raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.state.State")
         into = start.substep % self._wake.config.substeps
         if into:
             raise PlantError(f"start lies {into} substeps inside a control period: must lie between two")

@@ -1,8 +1,15 @@
-"""What a closed loop needs of a flow."""
+"""What others need of a flow around the truck; the own solver and OpenFOAM both give it."""
 
 from typing import Protocol
 
-from wake.truck.truck_wake import Sample
+import numpy as np
+import numpy.typing as npt
+
+from contract.config.tree import FlowConfig
+from wake.solver.grid import Grid
+from wake.truck.sample import Sample
+
+Array = npt.NDArray[np.float64]
 
 
 class Plant(Protocol):
@@ -11,5 +18,34 @@ class Plant(Protocol):
     def sample(self) -> Sample:
         """Measure now."""
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the control period; with an action, ramp so as to reach it at the period's end."""
+
+
+class Drawable(Protocol):
+    """What a picture needs of a flow."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def config(self) -> FlowConfig: ...
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+
+    def sample(self) -> Sample:
+        """Measure now."""
+
+    def vorticity(self) -> Array:
+        """In the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
+
+    def pressure(self) -> Array | None:
+        """Cp in the grid's cells, (nx, ny); None if the plant gives it on the walls only."""
+
+
+class LivePlant(Plant, Drawable, Protocol):
+    """What a run needs of a flow."""
+
+    @property
+    def description(self) -> str:
+        """Solver, mesh and time step in a few words."""

@@ -1,24 +1,16 @@
-"""The flows that a closed loop can run on."""
+"""Opening the flow that a closed loop runs on, by name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from contract.config.tree import Config
-from wake.pictures.drawing import Pictured
-from wake.plant import Plant
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.plant import LivePlant
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 PlantName = Literal["stillwake", "openfoam"]
-
-
-class LivePlant(Plant, Pictured, Protocol):
-    """What a run needs of a flow."""
-
-    @property
-    def description(self) -> str:
-        """Solver, mesh and time step in a few words."""
 
 
 @contextmanager
@@ -35,7 +27,7 @@ def open_plant(
         name: the own solver from its shipped start, or OpenFOAM.
         output: run folder; OpenFOAM's case lives in it while it runs, and its developed start stays there.
         config: clock and bounds.
-        duration: how long the run will be, t_c; OpenFOAM wants to know.
+        duration: how long the run will be, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while OpenFOAM's start develops.
 
     Raises:

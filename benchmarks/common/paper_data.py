@@ -1,13 +1,10 @@
 """The paper's episodes of the shipped recording, without those that were recorded under a controller since."""
 
 from pathlib import Path
-from typing import Final
 
-from benchmarks.common.commands import ROOT
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
-
-RECORDING: Final = ROOT / "wake" / "data" / "recording.h5"
+from wake.shipped import RECORDING
 
 
 def of_the_paper(episode: Episode) -> bool:

@@ -48,7 +48,7 @@ class CasadiVariant:
 
     Attributes:
         name: for the table.
-        solve: (z (n_z,), plan to start from (H,), action in force) -> plan (H,).
+        solve: (z (n_z,), plan to start from (H,), previous action) -> plan (H,).
     """
 
     name: str
@@ -69,19 +69,21 @@ def variants(program: ControllerProgram) -> tuple[CasadiVariant, ...]:
 
 
 def cost_function(program: ControllerProgram) -> Any:
-    """J(z, plan, action in force) with its kinks, as a CasADi function."""
-    z, plan, previous = _symbols(program)
-    return ca.Function("J", [z, plan, previous], [_kinked(program, _forces(program, z, plan), plan, previous)])
+    """J(z, plan, previous action) with its kinks, as a CasADi function."""
+    z, plan, previous_action = _symbols(program)
+    return ca.Function(
+        "J", [z, plan, previous_action], [_kinked(program, _forces(program, z, plan), plan, previous_action)]
+    )
 
 
 def _single(program: ControllerProgram, name: str, solver: str, options: dict[str, Any]) -> CasadiVariant:
-    z, plan, previous = _symbols(program)
-    cost = _kinked(program, _forces(program, z, plan), plan, previous)
-    nlp = ca.nlpsol("nlp", solver, {"x": plan, "p": ca.vertcat(z, previous), "f": cost}, options)
+    z, plan, previous_action = _symbols(program)
+    cost = _kinked(program, _forces(program, z, plan), plan, previous_action)
+    nlp = ca.nlpsol("nlp", solver, {"x": plan, "p": ca.vertcat(z, previous_action), "f": cost}, options)
     limit = program.action_limit
 
-    def solve(state: Array, start: Array, in_force: float) -> Array:
-        found = nlp(x0=start, p=np.append(state, in_force), lbx=-limit, ubx=limit)
+    def solve(state: Array, start: Array, before: float) -> Array:
+        found = nlp(x0=start, p=np.append(state, before), lbx=-limit, ubx=limit)
         return np.asarray(np.clip(np.array(found["x"]).ravel(), -limit, limit))
 
     return CasadiVariant(name=name, solve=solve)
@@ -89,56 +91,60 @@ def _single(program: ControllerProgram, name: str, solver: str, options: dict[st
 
 def _multiple(program: ControllerProgram, name: str, options: dict[str, Any]) -> CasadiVariant:
     horizon, limit = program.mpc.horizon, program.action_limit
-    z, plan, previous = _symbols(program)
+    z, plan, previous_action = _symbols(program)
     later = ca.MX.sym("later", program.latent, horizon)
     slack = ca.MX.sym("slack", horizon)
     top, bottom = ca.MX.sym("top"), ca.MX.sym("bottom")
 
-    before, action = ca.MX.sym("before", program.latent), ca.MX.sym("action")
-    one = ca.Function("one", [before, action], [_step(program, before, action)]).map(horizon)
-    forces = ca.Function("forces", [before], [_decode(program, before)]).map(horizon)(later)
+    z_k, a_k = ca.MX.sym("z_k", program.latent), ca.MX.sym("a_k")
+    one = ca.Function("one", [z_k, a_k], [_step(program, z_k, a_k)]).map(horizon)
+    forces = ca.Function("forces", [z_k], [_decode(program, z_k)]).map(horizon)(later)
     cd, cl = forces[0, :].T, forces[1, :].T
     gaps = later - one(ca.horzcat(z, later[:, :-1]), plan.T)
-    cost = _cost(program, ca.sum1(cd) / horizon, top - bottom, ca.sum1(slack) / horizon, cl, plan, previous)
+    cost = _cost(program, ca.sum1(cd) / horizon, top - bottom, ca.sum1(slack) / horizon, cl, plan, previous_action)
     constraints = ca.vertcat(ca.vec(gaps), top - cd, cd - bottom, slack - cl, slack + cl)
     unknowns = ca.vertcat(plan, ca.vec(later), slack, top, bottom)
-    nlp = ca.nlpsol("nlp", "ipopt", {"x": unknowns, "p": ca.vertcat(z, previous), "f": cost, "g": constraints}, options)
+    nlp = ca.nlpsol(
+        "nlp", "ipopt", {"x": unknowns, "p": ca.vertcat(z, previous_action), "f": cost, "g": constraints}, options
+    )
     states = program.latent * horizon
     lower = np.concatenate([np.full(horizon, -limit), np.full(states, -np.inf), np.zeros(horizon), [-np.inf, -np.inf]])
     upper = np.concatenate([np.full(horizon, limit), np.full(states + horizon + 2, np.inf)])
     most = np.concatenate([np.zeros(states), np.full(4 * horizon, np.inf)])
 
-    def solve(state: Array, start: Array, in_force: float) -> Array:
+    def solve(state: Array, start: Array, before: float) -> Array:
         # The states and slacks of the plan to start from: the warm start is feasible.
         latents = rollout(program, state, start)[1:]
         drag, lift = decode(program, latents).T
         begin = np.concatenate([start, latents.ravel(), np.abs(lift), [drag.max(), drag.min()]])
-        found = nlp(x0=begin, p=np.append(state, in_force), lbx=lower, ubx=upper, lbg=0.0, ubg=most)
+        found = nlp(x0=begin, p=np.append(state, before), lbx=lower, ubx=upper, lbg=0.0, ubg=most)
         return np.asarray(np.clip(np.array(found["x"]).ravel()[:horizon], -limit, limit))
 
     return CasadiVariant(name=name, solve=solve)
 
 
 def _symbols(program: ControllerProgram) -> tuple[Any, Any, Any]:
-    return ca.MX.sym("z", program.latent), ca.MX.sym("plan", program.mpc.horizon), ca.MX.sym("previous")
+    return ca.MX.sym("z", program.latent), ca.MX.sym("plan", program.mpc.horizon), ca.MX.sym("previous_action")
 
 
 def _forces(program: ControllerProgram, z: Any, plan: Any) -> Any:
     """(2, H) under the plan, by a roll-out whose steps are calls of one function."""
-    before, action = ca.MX.sym("before", program.latent), ca.MX.sym("action")
-    one = ca.Function("one", [before, action], [_step(program, before, action)])
+    z_k, a_k = ca.MX.sym("z_k", program.latent), ca.MX.sym("a_k")
+    one = ca.Function("one", [z_k, a_k], [_step(program, z_k, a_k)])
     latents = one.mapaccum(program.mpc.horizon)(z, plan.T)
-    return ca.Function("forces", [before], [_decode(program, before)]).map(program.mpc.horizon)(latents)
+    return ca.Function("forces", [z_k], [_decode(program, z_k)]).map(program.mpc.horizon)(latents)
 
 
-def _kinked(program: ControllerProgram, forces: Any, plan: Any, previous: Any) -> Any:
+def _kinked(program: ControllerProgram, forces: Any, plan: Any, previous_action: Any) -> Any:
     cd, cl = forces[0, :].T, forces[1, :].T
     horizon = program.mpc.horizon
     spread = ca.mmax(cd) - ca.mmin(cd)
-    return _cost(program, ca.sum1(cd) / horizon, spread, ca.sum1(ca.fabs(cl)) / horizon, cl, plan, previous)
+    return _cost(program, ca.sum1(cd) / horizon, spread, ca.sum1(ca.fabs(cl)) / horizon, cl, plan, previous_action)
 
 
-def _cost(program: ControllerProgram, drag: Any, spread: Any, lift: Any, cl: Any, plan: Any, previous: Any) -> Any:
+def _cost(
+    program: ControllerProgram, drag: Any, spread: Any, lift: Any, cl: Any, plan: Any, previous_action: Any
+) -> Any:
     horizon = program.mpc.horizon
     terms = {
         "drag_mean": drag - program.mpc.drag_reference,
@@ -147,7 +153,7 @@ def _cost(program: ControllerProgram, drag: Any, spread: Any, lift: Any, cl: Any
         "lift_mean": (ca.sum1(cl) / horizon) ** 2,
         "smoothness": ca.sumsqr(ca.diff(plan)) / (horizon - 1),
         "effort": ca.sumsqr(plan) / horizon,
-        "rate": (plan[0] - previous) ** 2,
+        "rate": (plan[0] - previous_action) ** 2,
     }
     return sum(weight * terms[name] for name, weight in zip(TERMS, program.mpc.weights.as_tuple(), strict=True))
 

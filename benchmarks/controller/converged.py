@@ -2,7 +2,7 @@
 
 The cost has kinks (the maximum and minimum of Cd, |Cl|), where a quasi-Newton method may stop early and Adam with a
 constant rate circles. So Adam runs with a rate that falls, L-BFGS-B starts where it ends and at the given plans too,
-and the lowest cost found counts. What both find on their own stands beside it.
+and the lowest cost found counts. What both find on their own is reported next to it.
 """
 
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.controller.many_plans import adam, costs, costs_and_gradients
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
+from export.reference.mpc import adam, gradient, plan_cost
 
-RATES: Final = 3e-3 * 10.0 ** np.linspace(0.0, -2.0, 240)
+FALLING: Final = 3e-3 * 10.0 ** np.linspace(0.0, -2.0, 240)
 """Adam's learning rate falls from 3e-3 to 3e-5: the first half can cross the whole range of actions."""
 EVALUATIONS: Final = 200
 """Most evaluations of one L-BFGS-B run: at a kink it would go on without gain."""
@@ -43,23 +43,26 @@ class Optimum:
 
 
 def converged(
-    program: ControllerProgram, z: Array, previous: float, starts: Array, scattered: Array, rates: Array = RATES
+    program: ControllerProgram,
+    z: Array,
+    previous_action: float,
+    starts: Array,
+    scattered: Array,
+    learning_rates: Array = FALLING,
 ) -> Optimum:
     """Optimise until nothing is gained.
 
     Args:
         z: latent state (n_z,).
-        previous: action in force.
         starts: (s, H), plans for both optimisers.
         scattered: (m, H), more plans for Adam; those reported as `Optimum.scattered`.
     """
     plans = np.vstack([scattered, starts])
-    many_z, many_previous = np.tile(z, (len(plans), 1)), np.full(len(plans), previous)
-    ended = adam(program, many_z, plans, many_previous, rates)[len(rates)]
-    ended_costs = costs(program, many_z, ended, many_previous)
+    *_, ended = adam(program, z, plans, previous_action, learning_rates)
+    ended_costs = plan_cost(program, z, ended, previous_action)
     best = ended[np.argmin(ended_costs)]
-    alone = [_quasi_newton(program, z, previous, start) for start in starts]
-    polished = _quasi_newton(program, z, previous, best)
+    alone = [_quasi_newton(program, z, previous_action, start) for start in starts]
+    polished = _quasi_newton(program, z, previous_action, best)
     found = [*alone, polished, (best, float(ended_costs.min()))]
     plan, cost = min(found, key=lambda pair: pair[1])
     return Optimum(
@@ -71,14 +74,14 @@ def converged(
     )
 
 
-def valleys(program: ControllerProgram, z: Array, previous: float, plans: Array, gain: float) -> int:
+def valleys(program: ControllerProgram, z: Array, previous_action: float, plans: Array, gain: float) -> int:
     """How many different minima the plans (m, H) are in: without a barrier between them, two count as one."""
     share = np.linspace(0.0, 1.0, _ON_THE_WAY + 2)[:, None]
     centres: list[Array] = []
     for plan in plans:
         for centre in centres:
             way = (1.0 - share) * centre + share * plan
-            on_it = costs(program, np.tile(z, (len(way), 1)), way, np.full(len(way), previous))
+            on_it = plan_cost(program, z, way, previous_action)
             if on_it.max() <= max(on_it[0], on_it[-1]) + BARRIER * gain:
                 break
         else:
@@ -86,22 +89,22 @@ def valleys(program: ControllerProgram, z: Array, previous: float, plans: Array,
     return len(centres)
 
 
-def _quasi_newton(program: ControllerProgram, z: Array, previous: float, start: Array) -> tuple[Array, float]:
-    before = np.array([previous])
+def _quasi_newton(program: ControllerProgram, z: Array, previous_action: float, start: Array) -> tuple[Array, float]:
+    def cost(plan: Array) -> float:
+        return float(plan_cost(program, z, plan, previous_action))
 
-    def cost(plan: Array) -> tuple[float, Array]:
-        values, slopes = costs_and_gradients(program, z[None], plan[None], before)
-        return float(values[0]), slopes[0]
+    def slope(plan: Array) -> Array:
+        return gradient(program, z, plan, previous_action)
 
     limit = program.action_limit
     found = minimize(
         cost,
         start,
-        jac=True,
+        jac=slope,
         method="L-BFGS-B",
         bounds=[(-limit, limit)] * len(start),
         options={"maxfun": EVALUATIONS, "ftol": 1e-12, "gtol": 1e-9},
     )
     # A run that ends at the limit of evaluations may report the cost of another point than x.
     plan = np.clip(found.x, -limit, limit)
-    return plan, float(costs(program, z[None], plan[None], before)[0])
+    return plan, cost(plan)

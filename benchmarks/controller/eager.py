@@ -51,8 +51,7 @@ class EagerController:
     def encode(self, window: Array) -> Tensor:
         """Latent state (n_z,) of a window (L, S+1)."""
         scaling = self._program.scaling
-        mean = self._tensor([*scaling.pressure_mean, 0.0])
-        std = self._tensor([*scaling.pressure_std, scaling.action_std])
+        mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         _, (hidden, _) = self._lstm(((self._tensor(window) - mean) / std)[None])
         z: Tensor = self._encoder_head(hidden[-1, 0])
         return z

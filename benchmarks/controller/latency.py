@@ -125,8 +125,9 @@ def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None
     if not __package__:
         # Run as a file: its neighbours are a package of the folder above.
         sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-    from benchmarks.controller.situations import RECORDING, choose_episode
+    from benchmarks.controller.situations import choose_episode
     from benchmarks.controller.solvers import compare, random_problem, recorded_problems
+    from wake.shipped import RECORDING
 
     if model_folder is None:
         return compare(program, [random_problem(program, window)])

@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.controller.situations import RECORDING, choose_episode
+from benchmarks.controller.situations import choose_episode
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.results import versions, write_result
@@ -26,6 +26,7 @@ from export.int8.nearest import quantise
 from export.program.from_training import load_trained
 from export.program.recorded_windows import recorded_windows
 from export.release.pipeline import GATE_WINDOWS, calibration_windows
+from wake.shipped import RECORDING
 
 
 def main(

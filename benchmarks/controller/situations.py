@@ -1,22 +1,18 @@
 """Recorded situations to plan in: windows of an episode, and plans that have receded over them as in the loop."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.common.commands import ROOT
-from benchmarks.controller.many_plans import adam
 from contract.recording.dataset import Dataset, Episode
 from export.program.controller_program import ControllerProgram
 from export.program.recorded_windows import recorded_windows
 from export.program.weights import Array
 from export.reference.model import encode
-from export.reference.mpc import shift
-
-RECORDING: Final[Path] = ROOT / "wake" / "data" / "recording.h5"
+from export.reference.mpc import adam, shift
 
 LEAD: Final = 30
 """Control steps before a figure counts: an action is planned 25 times before it is applied, so the first plans have
@@ -31,32 +27,30 @@ def choose_episode(data: Dataset) -> Episode:
     return controlled[-1] if controlled else data.with_role("test")[0]
 
 
-def see(program: ControllerProgram, episode: Episode, steps: range) -> tuple[Array, Array]:
-    """Latent states (n, n_z) and actions in force (n,) at these of the episode's windows."""
-    windows = recorded_windows(program, episode, len(episode) - program.window + 1)
-    chosen = [windows[k] for k in steps]
-    return np.array([encode(program, window) for window in chosen]), np.array([window[-1, -1] for window in chosen])
+def encode_windows(program: ControllerProgram, episode: Episode, steps: ArrayLike) -> tuple[Array, Array]:
+    """Latent states (..., n_z) and previous actions (...,) at the episode's windows of these numbers (...,)."""
+    windows = np.array(recorded_windows(program, episode, len(episode) - program.window + 1))[np.asarray(steps)]
+    return encode(program, windows), windows[..., -1, -1]
 
 
-def see_before(program: ControllerProgram, episode: Episode, snapshots: int) -> tuple[Array, Array]:
-    """The `LEAD` steps before each of the snapshots, and these: (LEAD + 1, n, n_z) and (LEAD + 1, n)."""
-    count = len(episode) - program.window + 1
-    ends = np.linspace(LEAD, count - 1, snapshots).astype(int)
-    seen = [see(program, episode, range(end - LEAD, end + 1)) for end in ends]
-    return np.stack([item[0] for item in seen], axis=1), np.stack([item[1] for item in seen], axis=1)
+def snapshot_steps(program: ControllerProgram, episode: Episode, snapshots: int) -> NDArray[np.int_]:
+    """Numbers of windows, (LEAD + 1, n): n snapshots over the episode in the last row, the steps before above it."""
+    last = np.linspace(LEAD, len(episode) - program.window, snapshots).astype(int)
+    return last + np.arange(-LEAD, 1)[:, None]
 
 
-def receding(program: ControllerProgram, z: Array, previous: Array, rates: Array) -> Array:
-    """Plans (t, n, H) of consecutive control steps, each from the one before, shifted; z (t, n, n_z), rates (n,)."""
-    plans = [np.zeros((len(rates), program.mpc.horizon))]
-    iterations = program.mpc.iterations
-    steps = list(zip(z, previous, strict=True))
-    for now, in_force in track(steps, "receding", console=Console(stderr=True)):
-        every = np.tile(rates, (iterations, 1))
-        plans.append(adam(program, now, shifted(plans[-1]), in_force, every)[iterations])
+def receding(program: ControllerProgram, z: Array, previous_action: Array, learning_rates: Array) -> Array:
+    """Plans (t, n, H) of consecutive control steps, each from the one before, shifted.
+
+    Args:
+        z: latent states (t, n, n_z).
+        previous_action: (t, n).
+        learning_rates: of each of the n, (n,).
+    """
+    plans = [np.zeros((len(learning_rates), program.mpc.horizon))]
+    every = np.tile(learning_rates, (program.mpc.iterations, 1))
+    steps = list(zip(z, previous_action, strict=True))
+    for now, before in track(steps, "receding", console=Console(stderr=True)):
+        *_, plan = adam(program, now, shift(plans[-1]), before, every)
+        plans.append(plan)
     return np.array(plans[1:])
-
-
-def shifted(plans: Array) -> Array:
-    """Every plan (n, H) one step on."""
-    return np.array([shift(plan) for plan in plans])

@@ -4,7 +4,7 @@ A gap is J - J* as a share of the gain J(zero plan) - J*, where J* is the lowest
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,38 +12,43 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.controller.casadi_mpc import variants
-from benchmarks.controller.situations import receding, see_before, shifted
+from benchmarks.controller.situations import encode_windows, receding, snapshot_steps
 from contract.recording.dataset import Episode
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.reference.model import encode
-from export.reference.mpc import evaluate, optimise, shift
+from export.reference.mpc import optimise, plan_cost, shift
 
 _WARM = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """A control step for every solver: latent state (n_z,), action in force, and the last plan, shifted (H,)."""
+    """A control step for every solver: latent state (n_z,), previous action, and the previous plan, shifted (H,)."""
 
     z: Array
-    previous: float
+    previous_action: float
     start: Array
 
 
 def random_problem(program: ControllerProgram, window: Array) -> Problem:
     """After a few control steps from a zero plan at the same window: for programs without a recording."""
-    problem = Problem(z=encode(program, window), previous=float(window[-1, -1]), start=np.zeros(program.mpc.horizon))
+    problem = Problem(
+        z=encode(program, window), previous_action=float(window[-1, -1]), start=np.zeros(program.mpc.horizon)
+    )
     for _ in range(_WARM):
-        problem = Problem(z=problem.z, previous=problem.previous, start=shift(_ours(program, problem)))
+        problem = replace(problem, start=shift(_ours(program, problem)))
     return problem
 
 
 def recorded_problems(program: ControllerProgram, episode: Episode, count: int) -> list[Problem]:
     """Over an episode, each after control steps of our own."""
-    z, previous = see_before(program, episode, count)
-    plans = receding(program, z[:-1], previous[:-1], np.full(count, program.mpc.learning_rate))[-1]
-    return [Problem(z=z[-1, i], previous=float(previous[-1, i]), start=start) for i, start in enumerate(shifted(plans))]
+    z, previous_action = encode_windows(program, episode, snapshot_steps(program, episode, count))
+    plans = receding(program, z[:-1], previous_action[:-1], np.full(count, program.mpc.learning_rate))[-1]
+    return [
+        Problem(z=now, previous_action=float(before), start=start)
+        for now, before, start in zip(z[-1], previous_action[-1], shift(plans), strict=True)
+    ]
 
 
 def compare(program: ControllerProgram, problems: list[Problem]) -> dict[str, Any]:
@@ -59,9 +64,9 @@ def compare(program: ControllerProgram, problems: list[Problem]) -> dict[str, An
         plans, taken = [np.zeros_like(problem.start), problem.start, _ours(program, problem)], []
         for solver in solvers:
             begin = time.perf_counter()
-            plans.append(solver.solve(problem.z, problem.start, problem.previous))
+            plans.append(solver.solve(problem.z, problem.start, problem.previous_action))
             taken.append((time.perf_counter() - begin) * 1e3)
-        prices.append([_cost(program, problem, plan) for plan in plans])
+        prices.append(plan_cost(program, problem.z, np.array(plans), problem.previous_action))
         times.append(taken)
     costs = np.array(prices)
     best = costs.min(axis=1, keepdims=True)
@@ -77,10 +82,4 @@ def compare(program: ControllerProgram, problems: list[Problem]) -> dict[str, An
 
 def _ours(program: ControllerProgram, problem: Problem) -> Array:
     """Our plan: the reference's, whatever the lowering."""
-    weights = np.array(program.mpc.weights.as_tuple())
-    return optimise(program, problem.z, problem.start, problem.previous, np.ones_like(problem.start), weights)
-
-
-def _cost(program: ControllerProgram, problem: Problem, plan: Array) -> float:
-    weights = np.array(program.mpc.weights.as_tuple())
-    return evaluate(program, problem.z, plan, problem.previous, weights).cost
+    return optimise(program, problem.z, problem.start, problem.previous_action)

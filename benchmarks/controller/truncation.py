@@ -24,9 +24,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.controller.converged import EVALUATIONS, RATES, Optimum, converged, valleys
-from benchmarks.controller.many_plans import adam, costs
-from benchmarks.controller.situations import LEAD, RECORDING, choose_episode, receding, see, see_before, shifted
+from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
+from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
 from contract.config.loading import load_config
 from contract.config.tree import MpcConfig
 from contract.errors import ExportError
@@ -37,6 +36,8 @@ from contract.results import versions, write_result
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import load_trained
 from export.program.weights import Array
+from export.reference.mpc import adam, plan_cost, shift
+from wake.shipped import RECORDING
 
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50)
 LEARNING_RATES: Final = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
@@ -73,7 +74,7 @@ def main(
             "steps": steps,
             "lead": LEAD,
             "noise": NOISE,
-            "optimum": {"adam_iterations": len(RATES), "quasi_newton_evaluations": EVALUATIONS},
+            "optimum": {"adam_iterations": len(FALLING), "quasi_newton_evaluations": EVALUATIONS},
             "seed": seed,
             "horizon": program.mpc.horizon,
             "learning_rate": program.mpc.learning_rate,
@@ -89,24 +90,26 @@ def at_snapshots(
 ) -> dict[str, Any]:
     """Gaps and action errors by number of iterations, and where random starts end."""
     horizon, limit = program.mpc.horizon, program.action_limit
-    z, previous = see_before(program, episode, snapshots)
-    warm = receding(program, z[:-1], previous[:-1], np.full(snapshots, program.mpc.learning_rate))[-1]
+    z, previous_action = encode_windows(program, episode, snapshot_steps(program, episode, snapshots))
+    warm = receding(program, z[:-1], previous_action[:-1], np.full(snapshots, program.mpc.learning_rate))[-1]
 
-    rates = np.full(max(ITERATIONS), program.mpc.learning_rate)
+    learning_rates = np.full(max(ITERATIONS), program.mpc.learning_rate)
     ladder: dict[tuple[str, int], list[tuple[float, float]]] = {}
     spreads, optimisers = [], []
     for i in track(range(snapshots), "snapshots", console=Console(stderr=True)):
-        begin = {"cold": np.zeros(horizon), "warm": shifted(warm[[i]])[0]}
+        now, before = z[-1, i], float(previous_action[-1, i])
+        begin = {"cold": np.zeros(horizon), "warm": shift(warm[i])}
         plans, scattered = np.array(list(begin.values())), rng.uniform(-limit, limit, (starts, horizon))
-        best = converged(program, z[-1, i], previous[-1, i], plans, scattered)
-        two = np.tile(z[-1, i], (2, 1)), np.full(2, previous[-1, i])
-        gain = costs(program, two[0], 0.0 * plans, two[1])[0] - best.cost
-        for number, found in {0: plans, **adam(program, two[0], plans, two[1], rates, ITERATIONS)}.items():
-            gaps = (costs(program, two[0], found, two[1]) - best.cost) / gain
+        best = converged(program, now, before, plans, scattered)
+        gain = float(plan_cost(program, now, np.zeros(horizon), before)) - best.cost
+        for number, found in enumerate([plans, *adam(program, now, plans, before, learning_rates)]):
+            if number not in (0, *ITERATIONS):
+                continue
+            gaps = (plan_cost(program, now, found, before) - best.cost) / gain
             errors = np.abs(found[:, 0] - best.plan[0]) / limit
             for name, gap, error in zip(begin, gaps, errors, strict=True):
                 ladder.setdefault((name, number), []).append((gap, error))
-        spreads.append(_spread(program, z[-1, i], previous[-1, i], best, gain))
+        spreads.append(_spread(program, now, before, best, gain))
         optimisers.append(np.array([best.quasi_newton, best.scattered_costs.min()]) - best.cost)
         optimisers[-1] /= gain
     return {
@@ -128,23 +131,23 @@ def by_learning_rate(
     """Receding plans over consecutive steps at the end of the episode, each rate with and without noise."""
     count, limit = len(episode) - program.window + 1, program.action_limit
     last = range(count - LEAD - steps, count)
-    z, previous = see(program, episode, last)
-    noisy_z, _ = see(program, _with_noise(episode, rng), last)
+    z, previous_action = encode_windows(program, episode, last)
+    noisy_z, _ = encode_windows(program, _with_noise(episode, rng), last)
     n = len(LEARNING_RATES)
     both = np.concatenate([np.repeat(z[:, None], n, axis=1), np.repeat(noisy_z[:, None], n, axis=1)], axis=1)
-    plans = receding(program, both, np.repeat(previous[:, None], 2 * n, axis=1), np.tile(LEARNING_RATES, 2))[LEAD:]
-    z, previous = z[LEAD:], previous[LEAD:]
+    plans = receding(program, both, np.repeat(previous_action[:, None], 2 * n, axis=1), np.tile(LEARNING_RATES, 2))
+    z, previous_action, plans = z[LEAD:], previous_action[LEAD:], plans[LEAD:]
 
     # The optimum of every step by Adam alone, from a zero plan, the plans of two rates, and a random one.
     starts = (np.zeros_like(plans[:, 0]), plans[:, 2], plans[:, n - 1], rng.uniform(-limit, limit, plans[:, 0].shape))
-    ended = [
-        adam(program, z, start, previous, RATES)[len(RATES)]
-        for start in track(starts, "optimum of every step", console=Console(stderr=True))
-    ]
+    ended = []
+    for start in track(starts, "optimum of every step", console=Console(stderr=True)):
+        *_, plan = adam(program, z, start, previous_action, FALLING)
+        ended.append(plan)
     candidates = np.stack([*ended, *(plans[:, j] for j in range(n))], axis=1)
-    found = np.stack([costs(program, z, candidates[:, j], previous) for j in range(candidates.shape[1])], axis=1)
+    found = plan_cost(program, z[:, None], candidates, previous_action[:, None])
     best = candidates[np.arange(steps), found.argmin(axis=1)]
-    gain = costs(program, z, np.zeros_like(best), previous) - found.min(axis=1)
+    gain = plan_cost(program, z, np.zeros_like(best), previous_action) - found.min(axis=1)
     applied = plans[:, :, 0] / limit
     rows: list[dict[str, Any]] = []
     for j, rate in enumerate(LEARNING_RATES):
@@ -187,7 +190,9 @@ def _with_noise(episode: Episode, rng: np.random.Generator) -> Episode:
     return replace(episode, series={**episode.series, "Cp": pressure + noise})
 
 
-def _spread(program: ControllerProgram, z: Array, previous: float, best: Optimum, gain: float) -> dict[str, float]:
+def _spread(
+    program: ControllerProgram, z: Array, previous_action: float, best: Optimum, gain: float
+) -> dict[str, float]:
     """Of the random starts: costs in per cent of the optimum's and of the gain, first actions in per cent of limit."""
     ended = best.scattered_costs
     near = best.scattered[ended <= ended.min() + NEAR * gain]
@@ -198,7 +203,7 @@ def _spread(program: ControllerProgram, z: Array, previous: float, best: Optimum
         "worst_gap": 100.0 * float((ended.max() - best.cost) / gain),
         "near_share": 100.0 * len(near) / len(ended),
         "first_action_range_near": 100.0 * float(np.ptp(near[:, 0]) / program.action_limit),
-        "valleys": valleys(program, z, previous, best.scattered, gain),
+        "valleys": valleys(program, z, previous_action, best.scattered, gain),
     }
 
 

@@ -22,7 +22,6 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
 
-from benchmarks.common.paper_data import RECORDING
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.recording import dataset
@@ -33,6 +32,7 @@ from train.rows import Rows, prepare
 from train.sampler import SegmentSampler
 from train.scaling import fit_scaling
 from train.streaming import STRETCH
+from wake.shipped import RECORDING
 
 GEMM: Final = 1024
 """Size of the square product that sets the floor's speed."""

@@ -26,8 +26,10 @@ from contract import sensors
 from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
+from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
-from wake.truck.truck_wake import Sample, TruckWake
+from wake.truck.sample import Sample
+from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
 
@@ -110,25 +112,22 @@ def _average(
         samples.append(wake.advance(signal(wake.t)))
         balance.append(_momentum_loss(wake))
         progress(samples[-1].t)
-    cl = np.array([s.Cl for s in samples])
-    up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
-    crossings = up - cl[up] / (cl[up + 1] - cl[up])
-    cycles = slice(up[0] + 1, up[-1] + 1)
-    samples, Cp = samples[cycles], np.array([s.Cp for s in samples[cycles]])
+
+    def series(name: str) -> Array:
+        return np.array([getattr(s, name) for s in samples])
+
+    average, Cp = over_cycles(series("t"), series("Cl")), series("Cp")
     return {
-        "Cd": float(np.mean([s.Cd for s in samples])),
-        "Cd_std": float(np.std([s.Cd for s in samples])),
-        "Cd_slot": float(np.mean([s.Cd_slot for s in samples])),
-        "Cd_momentum": float(np.mean([s.Cd_momentum for s in samples])),
-        "jet_power": float(np.mean([s.jet_power for s in samples])),
-        "Cd_momentum_balance": float(np.mean(balance[cycles])),
-        "Cl_std": float(np.std([s.Cl for s in samples])),
-        "Cl_mean": float(np.mean([s.Cl for s in samples])),
-        "St": float(1.0 / (np.diff(crossings).mean() * wake.config.control_period)),
-        "base_Cp": float(Cp[:, sensors.BASE].mean()),
-        "Uy": float(np.std([s.Uy_probe for s in samples])),
-        "Cp_mean": Cp.mean(axis=0).tolist(),
-        "Cp_std": Cp.std(axis=0).tolist(),
+        **{name: float(average.mean(series(name))) for name in ("Cd", "Cd_slot", "Cd_momentum", "jet_power")},
+        "Cd_std": float(average.std(series("Cd"))),
+        "Cd_momentum_balance": float(average.mean(balance)),
+        "Cl_std": float(average.std(series("Cl"))),
+        "Cl_mean": float(average.mean(series("Cl"))),
+        "St": average.frequency,
+        "base_Cp": float(average.mean(Cp[:, sensors.BASE].mean(axis=1))),
+        "Uy": float(average.std(series("Uy_probe"))),
+        "Cp_mean": average.mean(Cp).tolist(),
+        "Cp_std": average.std(Cp).tolist(),
     }
 
 
@@ -141,8 +140,8 @@ def _momentum_loss(wake: TruckWake) -> float:
 
 def _momentum_flux(wake: TruckWake, i: int) -> float:
     grid, flow = wake.grid, wake.flow
-    u, p = flow.u[i, 1:-1], 0.5 * (flow.p[i - 1] + flow.p[i])
-    stretching = (flow.u[i + 1, 1:-1] - flow.u[i - 1, 1:-1]) / (grid.xf[i + 1] - grid.xf[i - 1])
+    u, p = flow.faces_u[i], 0.5 * (flow.cells_p[i - 1] + flow.cells_p[i])
+    stretching = (flow.faces_u[i + 1] - flow.faces_u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
     stress = 2.0 * wake.solver.viscosity * stretching
     return float(2.0 * np.sum((p + u * u - stress) * grid.dy))
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.progress import track
@@ -19,7 +20,12 @@ from rich.table import Table
 
 from contract import sensors
 from contract.results import versions, write_result
-from wake.truck.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.averages import Average
+from wake.truck.sample import Sample
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
+
+Array = npt.NDArray[np.float64]
 
 FREQUENCIES = (0.18, 0.19, 0.20, 0.21)
 LEADS = (0, 12)
@@ -62,17 +68,21 @@ def _force(wake: TruckWake, frequency: float, lead: int, controlled: float, sett
         sample = wake.advance(limit * float(np.sin(2.0 * np.pi * frequency * k * period)))
         if sample.t > began + settle:
             samples.append(sample)
-    cl = np.array([s.Cl for s in samples])
+
+    def series(name: str) -> Array:
+        return np.array([getattr(s, name) for s in samples])
+
+    average = Average.of_all(len(samples))
     return {
         "frequency": frequency,
         "lead": lead,
-        "Cd": float(np.mean([s.Cd for s in samples])),
-        "base_Cp": float(np.mean([s.Cp[sensors.BASE].mean() for s in samples])),
-        "abs_Cl": float(np.abs(cl).mean()),
-        "mean_Cl": float(cl.mean()),
-        "rms_action": float(np.sqrt(np.mean([s.action**2 for s in samples]))),
-        "Cd_net": float(np.mean([s.Cd_net for s in samples])),
-        "jet_power": float(np.mean([s.jet_power for s in samples])),
+        "Cd": float(average.mean(series("Cd"))),
+        "base_Cp": float(average.mean(series("Cp")[:, sensors.BASE].mean(axis=1))),
+        "abs_Cl": float(average.mean(np.abs(series("Cl")))),
+        "mean_Cl": float(average.mean(series("Cl"))),
+        "rms_action": float(np.sqrt(average.mean(series("action") ** 2))),
+        "Cd_net": float(average.mean(series("Cd_net"))),
+        "jet_power": float(average.mean(series("jet_power"))),
     }
 
 

@@ -28,14 +28,18 @@ from contract.config.loading import load_config
 from contract.config.tree import FlowConfig
 from contract.release.bundle import load
 from contract.results import versions, write_result
-from firmware_sim.bench.closed_loop import run_closed_loop, summary
+from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.runs.summary import summary
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
 from wake.openfoam.measurements import Instruments, read_all
 from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.process import LOG
-from wake.truck.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.averages import over_cycles
+from wake.truck.sample import Sample
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 FOLDER: Final = ROOT / "runs" / "openfoam"
@@ -176,27 +180,22 @@ def _loop(show: Bar) -> list[dict[str, Any]]:
 
 
 def _figures(samples: list[Sample]) -> dict[str, Any]:
-    """Averages over whole cycles of the lift, so that they do not depend on where the series was cut."""
-    cl, t = np.array([s.Cl for s in samples]), np.array([s.t for s in samples])
-    up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
-    crossings = t[up] - cl[up] * (t[up + 1] - t[up]) / (cl[up + 1] - cl[up])
-    at = np.linspace(crossings[0], crossings[-1], 200 * (len(crossings) - 1), endpoint=False)
+    """Averages over whole cycles of the lift."""
 
-    def over_cycles(name: str) -> Any:
-        return np.interp(at, t, [getattr(s, name) for s in samples])
+    def series(name: str) -> Array:
+        return np.array([getattr(s, name) for s in samples])
 
-    lift = over_cycles("Cl")
-    base = np.interp(at, t, [s.Cp[sensors.BASE].mean() for s in samples])
+    average = over_cycles(series("t"), series("Cl"))
     means = ("Cd", "Cd_slot_pressure", "Cd_slot_viscous", "Cd_momentum", "Cd_net", "jet_power")
     return {
-        **{name: float(over_cycles(name).mean()) for name in means},
-        "Cd_std": float(over_cycles("Cd").std()),
-        "Cl_std": float(lift.std()),
-        "mean_Cl": float(lift.mean()),
-        "base_Cp": float(base.mean()),
-        "Uy": float(over_cycles("Uy_probe").std()),
-        "St": float(1.0 / np.diff(crossings).mean()),
-        "cycles": len(crossings) - 1,
+        **{name: float(average.mean(series(name))) for name in means},
+        "Cd_std": float(average.std(series("Cd"))),
+        "Cl_std": float(average.std(series("Cl"))),
+        "mean_Cl": float(average.mean(series("Cl"))),
+        "base_Cp": float(average.mean(series("Cp")[:, sensors.BASE].mean(axis=1))),
+        "Uy": float(average.std(series("Uy_probe"))),
+        "St": average.frequency,
+        "cycles": average.cycles,
     }
 
 

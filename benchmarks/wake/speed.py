@@ -33,7 +33,7 @@ from wake.truck.truck_wake import TruckWake
 Array = npt.NDArray[np.float64]
 
 _PARTS: Final = {
-    "stage": "convection, diffusion, walls",
+    "stages": "convection, diffusion, walls",
     "clear_walls": "walls",
     "divergence": "divergence",
     "solve_into": "Poisson",

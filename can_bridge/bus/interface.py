@@ -1,4 +1,4 @@
-"""What a bus offers in a driver's loop; real, virtual and simulated buses share it."""
+"""What a bus offers to a node; real, virtual and simulated buses share it."""
 
 from typing import Protocol
 
@@ -6,7 +6,7 @@ from can_bridge.wire.frame import Frame
 
 
 class Bus(Protocol):
-    """A place to put frames and to collect them without waiting."""
+    """One node's connection: sends frames, and returns received ones without waiting."""
 
     def send(self, frame: Frame) -> None:
         """Hand over one frame; raises BusError if the bus does not take it."""

@@ -1,4 +1,4 @@
-"""A mailbox for one value: the newest wins, nothing queues up."""
+"""A mailbox for one value: a new one replaces the last, nothing queues up."""
 
 from threading import Lock
 from typing import Generic, TypeVar
@@ -15,7 +15,7 @@ class Mailbox(Generic[T]):
         self._overwritten = 0
 
     def put(self, value: T) -> None:
-        """Leave a value; one that nobody took is lost and counted."""
+        """Leave a value; one that was not taken is lost and counted."""
         with self._lock:
             if self._value is not None:
                 self._overwritten += 1

@@ -20,8 +20,8 @@ QUEUE_SIZE: Final = 1024
 """Frames a virtual bus holds for a reader, and the most one `receive_all` returns."""
 
 GARBAGE_LIMIT: Final = 1000
-"""Unreadable receptions in a row, without an idle moment or a good frame between them, that make a bus failed:
-a dead backend that raises on every call would otherwise look like endless noise."""
+"""Unreadable receptions in a row, without an idle moment or a good frame between them, after which the bus counts as
+failed: a dead backend that raises on every call would otherwise look like endless noise."""
 
 _SAMPLE_POINT: Final = 80.0
 """Percent, for both bit rates, where this adapter sets the bit timing."""
@@ -56,9 +56,9 @@ class PythonCanBus:
     def open(cls, config: BusConfig, *, accept: Collection[int] | None = None) -> Self:
         """Connect as configured.
 
-        A `virtual` bus keeps the timestamps frames are sent with, so that it can carry virtual time; the others stamp
-        on reception, in ns since the epoch, to the resolution of a float. `socketcan` takes the bit rates its
-        network device was set up with. `udp_multicast` stays on this machine.
+        A `virtual` bus keeps the timestamps that frames are sent with; the others stamp on reception, in ns since the
+        epoch, to the resolution of a float. `socketcan` takes the bit rates that its network device was set up with.
+        `udp_multicast` stays on this machine.
 
         Raises:
             BusError: naming interface and channel, if that cannot be opened.
@@ -129,7 +129,7 @@ class PythonCanBus:
         self.close()
 
     def _poll(self, timeout_s: float) -> tuple[Frame | None, bool]:
-        """One look at the bus: a frame that is wanted, if that is what came, and whether nothing came at all."""
+        """One reception: the frame if an accepted one came, and whether nothing came at all."""
         try:
             message = self._bus.recv(timeout=timeout_s)
         except (can.CanError, OSError, ValueError, TypeError, LookupError, AttributeError) as error:
@@ -148,8 +148,8 @@ class PythonCanBus:
         return frame, False
 
     def _reject_or_fail(self, error: Exception) -> None:
-        # Backends wrap what went wrong. A fault of the system or of python-can itself is the bus's end; anything
-        # else is their parser, stumbling over what it was sent.
+        # Backends wrap what went wrong. A fault of the system or of python-can itself ends the bus; anything else is
+        # an error of their parser on what it was sent.
         root = error.__cause__ or error
         if isinstance(root, OSError | can.CanError):
             raise BusError(f"CAN bus failed: {_reason(error)}") from error
@@ -157,7 +157,7 @@ class PythonCanBus:
         self._garbage_in_a_row += 1
         if self._garbage_in_a_row > GARBAGE_LIMIT:
             raise BusError(f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row, last: {error}") from error
-        # slcan keeps an undecodable line in its buffer and would stumble over it for ever.
+        # slcan keeps an undecodable line in its buffer and would fail on it at every call.
         flush = getattr(self._bus, "flush", None)
         if flush is not None:
             flush()
@@ -186,7 +186,7 @@ def from_message(message: can.Message) -> Frame | None:
     """
     if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
         return None
-    # A backend that was sent a cut-off line says so only by the two lengths.
+    # A backend shows a cut-off line only by the two lengths.
     if message.dlc != len(message.data):
         return None
     try:
@@ -197,7 +197,7 @@ def from_message(message: can.Message) -> Frame | None:
             is_fd=message.is_fd,
         )
     except (ValueError, OverflowError, TypeError):
-        # udp_multicast passes on whatever types and values a datagram held.
+        # udp_multicast passes on a datagram's values whatever their type and range.
         return None
 
 

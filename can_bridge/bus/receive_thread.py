@@ -1,4 +1,4 @@
-"""A thread that reads a bus and delivers what comes. If it dies, it says so."""
+"""A thread that reads a bus and delivers its frames. What ends it early is kept as a fault, never lost."""
 
 from collections.abc import Callable
 from threading import Event, Thread
@@ -17,11 +17,11 @@ class ReceiveThread:
     """Runs while the `with` block does. Stop it before closing the bus.
 
     Attributes:
-        fault: what ended the thread before it was stopped; None while all is well.
+        fault: the error that ended the thread before it was stopped; None without one.
     """
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        """Args: deliver: called in the thread with each frame; `Mailbox.put`, or anything that does not wait."""
+        """Args: deliver: called in the thread with each frame; must not wait (`Mailbox.put` does not)."""
         self._bus = bus
         self._deliver = deliver
         self._stop = Event()
@@ -49,5 +49,5 @@ class ReceiveThread:
                 frame = self._bus.receive(POLL_S)
                 if frame is not None:
                     self._deliver(frame)
-        except BaseException as error:  # noqa: BLE001 - whatever it was, nobody else would hear of it
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is kept
             self.fault = error

@@ -34,7 +34,7 @@ def protect(data: bytes, *, data_id: int, counter: int) -> bytes:
 
 
 def check(data: bytes, *, data_id: int) -> bool:
-    """Whether the CRC fits; False for anything too short. Says nothing of repeats: see `e2e_receiver`."""
+    """Whether the CRC fits; False for anything too short. Repeats are the receiver's to find."""
     if len(data) < HEADER_LENGTH:
         return False
     return data[CRC] == _crc(data[CRC.stop :], data_id).to_bytes(2, "little")
@@ -46,5 +46,5 @@ def counter_of(data: bytes) -> int:
 
 
 def _crc(covered: bytes, data_id: int) -> int:
-    # The standard library's crc_hqx is this polynomial; only its start value is ours to give.
+    # The standard library's crc_hqx has this polynomial and takes the start value.
     return binascii.crc_hqx(covered + data_id.to_bytes(2, "little"), _CRC_START)

@@ -13,27 +13,27 @@ checks out of the window. As in the standard, a jump moves the receiver to the n
 is followed from its second frame on.
 """
 
-from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import Final
 
-from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e import profile5
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 from contract.config.tree import E2eConfig
 
 
 class Check(Enum):
-    """What was found on one look at the stream."""
+    """What was found on one look at the stream; the values count from zero."""
 
-    OK = auto()
-    OK_SOME_LOST = auto()
-    REPEATED = auto()
-    WRONG_SEQUENCE = auto()
-    ERROR = auto()
+    OK = 0
+    OK_SOME_LOST = 1
+    REPEATED = 2
+    WRONG_SEQUENCE = 3
+    ERROR = 4
     """Wrong CRC or length."""
-    NO_NEW_DATA = auto()
+    NO_NEW_DATA = 5
 
 
 class StreamState(Enum):
@@ -45,7 +45,8 @@ class StreamState(Enum):
     INVALID = auto()
 
 
-GOOD = frozenset({Check.OK, Check.OK_SOME_LOST})
+GOOD: Final = (Check.OK, Check.OK_SOME_LOST)
+_REJECTED: Final = (Check.REPEATED, Check.WRONG_SEQUENCE, Check.ERROR)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,79 +54,120 @@ class Reception:
     """The outcome of one period.
 
     Attributes:
-        state: after this period.
+        stream: its state after this period.
         checks: one for each frame of the message, oldest first; NO_NEW_DATA alone if there was none.
         accepted: the newest frame that was good by itself, whatever the state; None if there was none.
     """
 
-    state: StreamState
+    stream: StreamState
     checks: tuple[Check, ...]
     accepted: Frame | None
 
     @property
     def live(self) -> Frame | None:
         """The accepted frame if the stream is VALID: the only thing that may refresh liveness."""
-        return self.accepted if self.state is StreamState.VALID else None
+        return self.accepted if self.stream is StreamState.VALID else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReceiverState:
+    """What the receiver of one message must remember.
+
+    Attributes:
+        stream: whether it is to be trusted.
+        last_counter: of the latest frame with a good CRC; None before the first.
+        window: the latest checks, oldest first.
+        counts: how often each check came out, by the check's value; read them with `count`.
+    """
+
+    stream: StreamState = StreamState.NODATA
+    last_counter: int | None = None
+    window: tuple[Check, ...] = ()
+    counts: tuple[int, ...] = (0,) * len(Check)
+
+    def count(self, check: Check) -> int:
+        """How often this check came out."""
+        return self.counts[check.value]
+
+    @property
+    def frames_rejected(self) -> int:
+        """Frames that came but were not good."""
+        return sum(self.count(check) for check in _REJECTED)
+
+
+def receive(
+    state: ReceiverState, frames: Iterable[Frame], *, spec: MessageSpec, config: E2eConfig
+) -> tuple[ReceiverState, Reception]:
+    """The state after one period, and its outcome.
+
+    Args:
+        state: after the period before.
+        frames: all that were received in the period, oldest first; those of other messages are left alone.
+        spec: the message.
+        config: when its stream is to be trusted.
+    """
+    checks: list[Check] = []
+    accepted: Frame | None = None
+    last_counter = state.last_counter
+    for frame in frames:
+        if frame.frame_id != spec.frame_id:
+            continue
+        check, last_counter = _checked(frame.data, last_counter, spec=spec, max_delta=config.max_delta)
+        checks.append(check)
+        if check in GOOD:
+            accepted = frame
+    found = tuple(checks) or (Check.NO_NEW_DATA,)
+    stream, window, counts = state.stream, state.window, list(state.counts)
+    for check in found:
+        counts[check.value] += 1
+        window = (*window, check)[-config.window :]
+        stream = _next_stream(stream, check, window, config)
+    after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
+    return after, Reception(stream=stream, checks=found, accepted=accepted)
 
 
 class E2eReceiver:
     """Checks one message; `tick` it once a period with whatever arrived.
 
     Attributes:
-        state: of the stream.
-        last_counter: of the latest frame with a good CRC; None before the first.
-        counts: how often each check came out since construction.
-        window: the latest checks, oldest first.
+        state: after the latest period.
     """
 
     def __init__(self, spec: MessageSpec, config: E2eConfig) -> None:
         self.spec = spec
         self.config = config
-        self.state = StreamState.NODATA
-        self.last_counter: int | None = None
-        self.counts: Counter[Check] = Counter()
-        self.window: deque[Check] = deque(maxlen=config.window)
+        self.state = ReceiverState()
 
     def tick(self, frames: Iterable[Frame]) -> Reception:
-        """One period with all frames received in it, oldest first; those of other messages are left alone."""
-        checks: list[Check] = []
-        accepted: Frame | None = None
-        for frame in frames:
-            if frame.frame_id != self.spec.frame_id:
-                continue
-            check = self._check(frame.data)
-            checks.append(check)
-            if check in GOOD:
-                accepted = frame
-        for check in checks or [Check.NO_NEW_DATA]:
-            self._advance(check)
-        return Reception(state=self.state, checks=tuple(checks) or (Check.NO_NEW_DATA,), accepted=accepted)
+        """See `receive`."""
+        self.state, reception = receive(self.state, frames, spec=self.spec, config=self.config)
+        return reception
 
-    def _check(self, data: bytes) -> Check:
-        if len(data) != self.spec.length or not e2e_profile5.check(data, data_id=self.spec.data_id):
-            return Check.ERROR
-        counter, last = e2e_profile5.counter_of(data), self.last_counter
-        self.last_counter = counter
-        # The first frame has nothing to be compared with.
-        delta = 1 if last is None else (counter - last) % e2e_profile5.COUNTER_PERIOD
-        if delta == 0:
-            return Check.REPEATED
-        if delta == 1:
-            return Check.OK
-        return Check.OK_SOME_LOST if delta <= self.config.max_delta else Check.WRONG_SEQUENCE
 
-    def _advance(self, check: Check) -> None:
-        self.counts[check] += 1
-        self.window.append(check)
-        good = sum(item in GOOD for item in self.window)
-        too_many_errors = self.window.count(Check.ERROR) > self.config.max_errors
-        if self.state is StreamState.NODATA:
-            if check not in (Check.ERROR, Check.NO_NEW_DATA):
-                self.state = StreamState.INIT
-        elif self.state is StreamState.VALID:
-            if too_many_errors or good == 0:
-                self.state = StreamState.INVALID
-        elif not too_many_errors and good >= self.config.min_ok:
-            self.state = StreamState.VALID
-        elif self.state is StreamState.INIT and too_many_errors:
-            self.state = StreamState.INVALID
+def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int) -> tuple[Check, int | None]:
+    """The check of one frame, and the counter to compare the next one with."""
+    if len(data) != spec.length or not profile5.check(data, data_id=spec.data_id):
+        return Check.ERROR, last_counter
+    counter = profile5.counter_of(data)
+    # The first frame has nothing to be compared with.
+    delta = 1 if last_counter is None else (counter - last_counter) % profile5.COUNTER_PERIOD
+    if delta == 0:
+        return Check.REPEATED, counter
+    if delta == 1:
+        return Check.OK, counter
+    return Check.OK_SOME_LOST if delta <= max_delta else Check.WRONG_SEQUENCE, counter
+
+
+def _next_stream(stream: StreamState, check: Check, window: tuple[Check, ...], config: E2eConfig) -> StreamState:
+    """The stream's state after one check, the newest in the window."""
+    good = sum(item in GOOD for item in window)
+    too_many_errors = window.count(Check.ERROR) > config.max_errors
+    if stream is StreamState.NODATA:
+        return stream if check in (Check.ERROR, Check.NO_NEW_DATA) else StreamState.INIT
+    if stream is StreamState.VALID:
+        return StreamState.INVALID if too_many_errors or good == 0 else stream
+    if not too_many_errors and good >= config.min_ok:
+        return StreamState.VALID
+    if stream is StreamState.INIT and too_many_errors:
+        return StreamState.INVALID
+    return stream

@@ -1,29 +1,52 @@
 """The sending end of a protected message: payload in, frame out, counter kept."""
 
-from can_bridge.e2e import profile5 as e2e_profile5
+from dataclasses import dataclass
+
+from can_bridge.e2e import profile5
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
+
+
+@dataclass(frozen=True, kw_only=True)
+class SenderState:
+    """What the sender of one message must remember.
+
+    Attributes:
+        counter: what the next frame will carry.
+    """
+
+    counter: int = 0
+
+    def next(self) -> "SenderState":
+        """The state after one more frame."""
+        return SenderState(counter=(self.counter + 1) % profile5.COUNTER_PERIOD)
+
+
+def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
+    """The next frame of a message, for data from `can_bridge.wire.codec`.
+
+    Raises:
+        ValueError: if the data is not as long as the message.
+    """
+    if len(data) != spec.length:
+        raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.length}")
+    protected = profile5.protect(data, data_id=spec.data_id, counter=state.counter)
+    return Frame(frame_id=spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=True)
 
 
 class E2eSender:
     """Numbers and protects the frames of one message.
 
     Attributes:
-        counter: what the next frame will carry.
+        state: after the latest frame.
     """
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
-        self.counter = 0
+        self.state = SenderState()
 
     def frame(self, data: bytes, *, now_ns: int) -> Frame:
-        """The frame for a message from `can_bridge.wire.codec`.
-
-        Raises:
-            ValueError: if the data is not as long as the message.
-        """
-        if len(data) != self.spec.length:
-            raise ValueError(f"{self.spec.name} of {len(data)} bytes: must have {self.spec.length}")
-        protected = e2e_profile5.protect(data, data_id=self.spec.data_id, counter=self.counter)
-        self.counter = (self.counter + 1) % e2e_profile5.COUNTER_PERIOD
-        return Frame(frame_id=self.spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=True)
+        """See `protected_frame`."""
+        frame = protected_frame(self.state, data, spec=self.spec, now_ns=now_ns)
+        self.state = self.state.next()
+        return frame

@@ -18,7 +18,7 @@ class Frame:
     Attributes:
         frame_id: 0 to 0x7FF; the smaller wins arbitration.
         data: 0 to 8 bytes, or a CAN FD length.
-        timestamp_ns: when it was sent or received, in the clock of whoever built it.
+        timestamp_ns: when it was sent or received, in the clock of its sender or receiver.
         is_fd: CAN FD rather than classic CAN.
 
     Raises:

@@ -1,7 +1,7 @@
 """Identifiers, lengths and resolutions on the wire.
 
-These restate `contract/stillwake.dbc`, which is the truth: the runtime carries no DBC parser, and the tests
-compare every number here with the file.
+These restate `contract/stillwake.dbc`, which defines them: the runtime has no DBC parser, and the tests compare
+every number here with the file.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The three messages in engineering units. `contract/stillwake.dbc` says what each signal means."""
+"""The three messages in engineering units. `contract/stillwake.dbc` defines each signal."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -8,14 +8,14 @@ SENSORS: Final = 4
 """Pressures in a Pressure message."""
 
 COUNT_LIMIT: Final = 0xFFFF
-"""Where the 16-bit event counts of EcuStatus stay."""
+"""Largest value of the 16-bit event counts of EcuStatus, at which they stay."""
 
 BUS_OFF_LIMIT: Final = 0xFF
-"""Where its bus-off count stays."""
+"""Largest value of its bus-off count, likewise."""
 
 
 class Mode(IntEnum):
-    """State of the control loop, and how a jet command came about."""
+    """State of the control loop on the wire, and how a jet command came about."""
 
     OFF = 0
     WARMUP = 1
@@ -44,7 +44,7 @@ class Pressure:
     Attributes:
         pressure_pa: relative to the free stream, (4,), in the order of the bundle's sensors.
         valid: the sensors' own diagnosis, (4,).
-        enable_request: the vehicle wants control to be active.
+        enable_request: the vehicle requests control.
         age_ns: from sampling to handing the frame to the bus.
     """
 
@@ -76,7 +76,7 @@ class EcuStatus:
     """Health of the controller; events since power-on.
 
     Attributes:
-        overruns, missed, crc_errors: up to COUNT_LIMIT. Whoever counts stops there.
+        overruns, missed, crc_errors: up to COUNT_LIMIT; the sender limits them.
         bus_off: up to BUS_OFF_LIMIT, likewise.
         bundle_hash: 32 bits, `contract.release.bundle.Bundle.short_hash`.
     """

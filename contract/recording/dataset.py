@@ -19,6 +19,7 @@ from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import DatasetError
+from contract.ledger import DragLedger, ledger_of
 from contract.recording.int16_series import pack, unpack
 
 SCHEMA: Final = "stillwake-dataset/2"
@@ -84,14 +85,9 @@ class Episode:
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     @property
-    def Cd_slot(self) -> Array:
-        """Force on the slot faces, shape (n,)."""
-        return self.series["Cd_slot_pressure"] + self.series["Cd_slot_viscous"]
-
-    @property
-    def Cd_net(self) -> Array:
-        """Wall, slots and jet momentum together, shape (n,)."""
-        return self.series["Cd"] + self.Cd_slot + self.series["Cd_momentum"]
+    def ledger(self) -> DragLedger[Array]:
+        """The drag ledger, every entry of shape (n,)."""
+        return ledger_of(self.series)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

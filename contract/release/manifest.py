@@ -34,6 +34,16 @@ class Scaling:
     force_mean: tuple[float, ...]
     force_std: tuple[float, ...]
 
+    @property
+    def window_mean(self) -> tuple[float, ...]:
+        """Means of the columns of the controller's window (Cp_k, a_{k-1}), (S+1,): an action is only divided."""
+        return (*self.pressure_mean, 0.0)
+
+    @property
+    def window_std(self) -> tuple[float, ...]:
+        """Standard deviations of the columns of the controller's window, (S+1,)."""
+        return (*self.pressure_std, self.action_std)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:

@@ -1,7 +1,7 @@
-"""What every layer of the controller sees on recorded windows: the data that int8 rounding is calibrated on.
+"""The inputs of every layer of the controller on recorded windows: the data that int8 rounding is calibrated on.
 
-The encoder's layers see the windows. Dynamics and decoder see roll-outs from every window's latent state under a few
-plans: none, full amplitude either way, random ones, and random ones that wander as an optimised plan does.
+The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state under a few
+plans: zero, full amplitude either way, random ones, and random ones that wander as an optimised plan does.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,9 @@ import numpy as np
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
-from export.reference.layers import elu, layer_norm, linear, sigmoid
+from export.reference.layers import linear
+from export.reference.model import decoder_layers, dynamics_layers, encoder_layers
+from export.reference.mpc import rollout
 
 _RANDOM: Final = 2
 _WANDERING: Final = 2
@@ -51,56 +53,27 @@ def layer_inputs(program: ControllerProgram, windows: Sequence[Array], *, seed: 
     """Run a program on windows (L, S+1); raises ExportError if there are none."""
     if not windows:
         raise ExportError("int8 calibration: no windows to measure activations on")
-    encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
-    rows, recurrent, output = _lstm(program, np.array(windows))
-    head = layer_norm(encoder.norm, output)
-    latent = elu(linear(encoder.hidden, head))
-
+    encoder = encoder_layers(program, np.array(windows))
     plans = _plans(program, np.random.default_rng(seed))
-    z = np.repeat(linear(encoder.output, latent)[:, None], len(plans), axis=1)
-    states, firsts, seconds, latents = [], [], [], []
-    for actions in plans.T / program.scaling.action_std:
-        states.append(np.concatenate([z, np.broadcast_to(actions, z.shape[:-1])[..., None]], axis=-1))
-        firsts.append(elu(layer_norm(dynamics.norm_in, linear(dynamics.input, states[-1]))))
-        seconds.append(elu(layer_norm(dynamics.norm_hidden, linear(dynamics.hidden, firsts[-1]))))
-        z = z + linear(dynamics.output, seconds[-1])
-        latents.append(z)
-
-    x = linear(decoder.input, _rows(latents))
-    blocks, elus = [], []
-    for block in decoder.blocks:
-        blocks.append(x)
-        elus.append(elu(layer_norm(block.norm, linear(block.linear, x))))
-        x = x + elus[-1]
+    # Every latent state under every plan; the rows of a step are together.
+    z = np.repeat(linear(program.encoder.output, encoder.latent), len(plans), axis=0)
+    actions = np.tile(plans, (len(windows), 1))
+    latents = np.moveaxis(rollout(program, z, actions), 1, 0)
+    dynamics = dynamics_layers(program, _rows(latents[:-1]), actions.T.ravel())
+    decoder = decoder_layers(program, _rows(latents[1:]))
     return LayerInputs(
-        row=_rows(rows),
-        recurrent=_rows(recurrent),
-        head=head,
-        latent=latent,
-        state=_rows(states),
-        hidden1=_rows(firsts),
-        hidden2=_rows(seconds),
-        z=_rows(latents),
-        blocks=tuple(blocks),
-        elus=tuple(elus),
-        forces=x,
+        row=_rows(np.moveaxis(encoder.rows, 1, 0)),
+        recurrent=_rows(np.moveaxis(encoder.recurrent, 1, 0)),
+        head=encoder.head,
+        latent=encoder.latent,
+        state=dynamics.state,
+        hidden1=dynamics.hidden1,
+        hidden2=dynamics.hidden2,
+        z=_rows(latents[1:]),
+        blocks=tuple(block.x for block in decoder.blocks),
+        elus=tuple(block.elu for block in decoder.blocks),
+        forces=decoder.forces,
     )
-
-
-def _lstm(program: ControllerProgram, windows: Array) -> tuple[list[Array], list[Array], Array]:
-    """Scaled rows and the output before each, both by step, and the last output, (n, width)."""
-    lstm, scaling = program.encoder.lstm, program.scaling
-    mean, std = np.append(scaling.pressure_mean, 0.0), np.append(scaling.pressure_std, scaling.action_std)
-    h, c = np.zeros((len(windows), lstm.width)), np.zeros((len(windows), lstm.width))
-    rows, before = [], []
-    for row in np.moveaxis((windows - mean) / std, 1, 0):
-        rows.append(row)
-        before.append(h)
-        gates = row @ lstm.weight_input.T + lstm.bias_input + h @ lstm.weight_recurrent.T + lstm.bias_recurrent
-        i, f, g, o = np.split(gates, 4, axis=-1)
-        c = sigmoid(f) * c + sigmoid(i) * np.tanh(g)
-        h = sigmoid(o) * np.tanh(c)
-    return rows, before, h
 
 
 def _plans(program: ControllerProgram, rng: np.random.Generator) -> Array:
@@ -117,6 +90,5 @@ def _plans(program: ControllerProgram, rng: np.random.Generator) -> Array:
     )
 
 
-def _rows(parts: Sequence[Array]) -> Array:
-    stacked = np.array(parts)
-    return stacked.reshape(-1, stacked.shape[-1])
+def _rows(values: Array) -> Array:
+    return values.reshape(-1, values.shape[-1])

@@ -1,8 +1,8 @@
 """The MPC's cost as separate, named terms with hand-written gradients (paper, equations 8-11), in float64.
 
 J = sum over terms of weight * term, everything in physical units. The terms depend on the predicted forces
-(Cd_k, Cl_k) at t+1 .. t+H, shape (H, 2), on the plan a_0 .. a_{H-1}, shape (H,), and on the action in force,
-a_{-1}:
+(Cd_k, Cl_k) at t+1 .. t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), and on the previous
+action a_{-1}, shape (...,) or one for all:
 
 ================  =======================================================
 drag_mean         mean Cd - Cd_ref
@@ -32,47 +32,48 @@ TERMS: Final = tuple(item.name for item in fields(CostWeights))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CostGradient:
-    """dJ/dforces (H, 2), and dJ/da (H,) with the forces held fixed."""
+    """dJ/dforces (..., H, 2), and dJ/da (..., H) with the forces held fixed."""
 
     forces: Array
     plan: Array
 
 
-def cost_terms(forces: Array, plan: Array, previous_action: float, drag_reference: float) -> Array:
-    """The unweighted terms, shape (7,), in the order of `TERMS`."""
-    cd, cl = forces[:, 0], forces[:, 1]
+def cost_terms(forces: Array, plan: Array, previous_action: Array | float, drag_reference: float) -> Array:
+    """The unweighted terms, shape (..., 7), in the order of `TERMS`."""
+    cd, cl = forces[..., 0], forces[..., 1]
     terms = {
-        "drag_mean": cd.mean() - drag_reference,
-        "drag_fluctuation": cd.max() - cd.min(),
-        "lift": np.abs(cl).mean(),
-        "lift_mean": cl.mean() ** 2,
-        "smoothness": (np.diff(plan) ** 2).mean(),
-        "effort": (plan**2).mean(),
-        "rate": (plan[0] - previous_action) ** 2,
+        "drag_mean": cd.mean(axis=-1) - drag_reference,
+        "drag_fluctuation": cd.max(axis=-1) - cd.min(axis=-1),
+        "lift": np.abs(cl).mean(axis=-1),
+        "lift_mean": cl.mean(axis=-1) ** 2,
+        "smoothness": (np.diff(plan) ** 2).mean(axis=-1),
+        "effort": (plan**2).mean(axis=-1),
+        "rate": (plan[..., 0] - previous_action) ** 2,
     }
-    return np.array([terms[name] for name in TERMS])
+    return np.stack([terms[name] for name in TERMS], axis=-1)
 
 
-def cost_gradient(forces: Array, plan: Array, previous_action: float, weights: Array) -> CostGradient:
+def cost_gradient(forces: Array, plan: Array, previous_action: Array | float, weights: Array) -> CostGradient:
     """Gradient of J = weights . terms; `weights` is (7,) in the order of `TERMS`."""
     weight = dict(zip(TERMS, weights, strict=True))
-    horizon = len(plan)
-    cd, cl = forces[:, 0], forces[:, 1]
+    horizon = plan.shape[-1]
+    cd, cl = forces[..., 0], forces[..., 1]
 
-    d_cd = weight["drag_mean"] * np.full(horizon, 1.0 / horizon)
-    d_cd += weight["drag_fluctuation"] * (_share(cd == cd.max()) - _share(cd == cd.min()))
+    d_cd = weight["drag_mean"] * np.full_like(cd, 1.0 / horizon)
+    highest, lowest = cd.max(axis=-1, keepdims=True), cd.min(axis=-1, keepdims=True)
+    d_cd += weight["drag_fluctuation"] * (_share(cd == highest) - _share(cd == lowest))
 
     d_cl = weight["lift"] * np.sign(cl) / horizon
-    d_cl += weight["lift_mean"] * 2.0 * cl.mean() / horizon
+    d_cl += weight["lift_mean"] * 2.0 * cl.mean(axis=-1, keepdims=True) / horizon
 
     d_plan = weight["effort"] * 2.0 * plan / horizon
     increments = np.diff(plan)
-    d_plan[1:] += weight["smoothness"] * 2.0 * increments / (horizon - 1)
-    d_plan[:-1] -= weight["smoothness"] * 2.0 * increments / (horizon - 1)
-    d_plan[0] += weight["rate"] * 2.0 * (plan[0] - previous_action)
+    d_plan[..., 1:] += weight["smoothness"] * 2.0 * increments / (horizon - 1)
+    d_plan[..., :-1] -= weight["smoothness"] * 2.0 * increments / (horizon - 1)
+    d_plan[..., 0] += weight["rate"] * 2.0 * (plan[..., 0] - previous_action)
 
-    return CostGradient(forces=np.column_stack([d_cd, d_cl]), plan=d_plan)
+    return CostGradient(forces=np.stack([d_cd, d_cl], axis=-1), plan=d_plan)
 
 
 def _share(ties: np.typing.NDArray[np.bool_]) -> Array:
-    return ties / np.count_nonzero(ties)
+    return ties / np.count_nonzero(ties, axis=-1, keepdims=True)

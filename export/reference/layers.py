@@ -14,7 +14,7 @@ def linear(layer: Linear, x: Array) -> Array:
     return x @ layer.weight.T + layer.bias
 
 
-def linear_vjp(layer: Linear, dy: Array) -> Array:
+def linear_adjoint(layer: Linear, dy: Array) -> Array:
     """dx = W^T dy; (..., outputs) -> (..., inputs)."""
     return dy @ layer.weight
 
@@ -25,7 +25,7 @@ def elu(x: Array) -> Array:
     return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
 
 
-def elu_vjp(x: Array, dy: Array) -> Array:
+def elu_adjoint(x: Array, dy: Array) -> Array:
     """dx = dy for x > 0, exp(x) dy otherwise."""
     return np.asarray(dy * np.exp(np.minimum(x, 0.0)))
 
@@ -36,7 +36,7 @@ def layer_norm(norm: Norm, x: Array) -> Array:
     return normalised * norm.weight + norm.bias
 
 
-def layer_norm_vjp(norm: Norm, x: Array, dy: Array) -> Array:
+def layer_norm_adjoint(norm: Norm, x: Array, dy: Array) -> Array:
     """dx = r (v - mean v - xhat mean(v xhat)) with v = g dy and r = 1 / sqrt(var x + 1e-5)."""
     normalised, inverse_std = _normalise(x)
     v = dy * norm.weight

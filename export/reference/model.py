@@ -1,22 +1,85 @@
 """The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints the MPC needs.
 
-This is the specification that every lowering is tested against. Latent states z are (..., n_z), actions a
-(...,) in U_inf W, forces (..., 2) are the physical (Cd, Cl).
+This is the specification that every lowering is tested against. All functions act on the last axes of their arrays,
+whatever axes lead: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces
+(..., 2) are the physical (Cd, Cl).
+
+The `*_layers` functions return what goes into every layer on the way to an output. An adjoint needs it, and so does
+int8 calibration.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
+from export.program.weights import Array, Lstm
 from export.reference.layers import (
     elu,
-    elu_vjp,
+    elu_adjoint,
     layer_norm,
-    layer_norm_vjp,
+    layer_norm_adjoint,
     linear,
-    linear_vjp,
+    linear_adjoint,
     sigmoid,
 )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EncoderLayers:
+    """Inside the encoder.
+
+    Attributes:
+        rows: x_k, the scaled rows of the window, (..., L, S+1).
+        recurrent: h before each row, (..., L, width); before the first it is 0.
+        output: h after the last row, (..., width).
+        head: LayerNorm(h), input of the first linear layer.
+        latent: input of the last one, after the ELU.
+    """
+
+    rows: Array
+    recurrent: Array
+    output: Array
+    head: Array
+    latent: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DynamicsLayers:
+    """Inside the dynamics.
+
+    Attributes:
+        state: [z, a / action_std], (..., n_z + 1).
+        product1, product2: W x + b of the first two layers, (..., width).
+        normed1, normed2: LN of these.
+        hidden1, hidden2: ELU of these, inputs of the second and of the third layer.
+    """
+
+    state: Array
+    product1: Array
+    normed1: Array
+    hidden1: Array
+    product2: Array
+    normed2: Array
+    hidden2: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockLayers:
+    """Inside a residual block of the decoder: its input x, W x + b, LN of that, and ELU of that, all (..., width)."""
+
+    x: Array
+    product: Array
+    normed: Array
+    elu: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DecoderLayers:
+    """Inside the decoder: its blocks, and the input of its last layer, (..., width)."""
+
+    blocks: tuple[BlockLayers, ...]
+    forces: Array
 
 
 def encode(program: ControllerProgram, window: Array) -> Array:
@@ -27,28 +90,22 @@ def encode(program: ControllerProgram, window: Array) -> Array:
     Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) + b_2.
 
     Args:
-        window: (L, S+1), oldest row first; row k is (Cp_k, a_{k-1}), unscaled.
+        window: (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}), unscaled.
 
     Returns:
-        The latent state, (n_z,).
+        The latent state, (..., n_z).
     """
-    weights = program.encoder
-    h = encoder_output(program, window)
-    return linear(weights.output, elu(linear(weights.hidden, layer_norm(weights.norm, h))))
+    return linear(program.encoder.output, encoder_layers(program, window).latent)
 
 
-def encoder_output(program: ControllerProgram, window: Array) -> Array:
-    """h of the LSTM after the last row, (width,)."""
-    lstm = program.encoder.lstm
-    h = np.zeros(lstm.width)
-    c = np.zeros(lstm.width)
-    for x in _scale_window(program, window):
-        gates = lstm.weight_input @ x + lstm.bias_input
-        gates += lstm.weight_recurrent @ h + lstm.bias_recurrent
-        i, f, g, o = np.split(gates, 4)
-        c = sigmoid(f) * c + sigmoid(i) * np.tanh(g)
-        h = sigmoid(o) * np.tanh(c)
-    return h
+def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
+    """The way to z; arguments as of `encode`."""
+    weights, scaling = program.encoder, program.scaling
+    rows = np.asarray((window - scaling.window_mean) / scaling.window_std)
+    h = _lstm(weights.lstm, rows)
+    head = layer_norm(weights.norm, h[..., -1, :])
+    latent = elu(linear(weights.hidden, head))
+    return EncoderLayers(rows=rows, recurrent=h[..., :-1, :], output=h[..., -1, :], head=head, latent=latent)
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:
@@ -56,26 +113,38 @@ def step(program: ControllerProgram, z: Array, a: Array) -> Array:
 
     f_dyn = W_3 ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3.
     """
-    weights = program.dynamics
-    first = linear(weights.input, _with_action(program, z, a))
-    second = linear(weights.hidden, elu(layer_norm(weights.norm_in, first)))
-    return z + linear(weights.output, elu(layer_norm(weights.norm_hidden, second)))
+    return z + linear(program.dynamics.output, dynamics_layers(program, z, a).hidden2)
 
 
-def step_vjp(program: ControllerProgram, z: Array, a: Array, dz_next: Array) -> tuple[Array, Array]:
+def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array) -> tuple[Array, Array]:
     """Adjoint of `step`: dJ/dz_{t+1} -> (dJ/dz_t, dJ/da_t), shapes (..., n_z) -> (..., n_z), (...,)."""
-    weights = program.dynamics
-    first = linear(weights.input, _with_action(program, z, a))
-    normed_first = layer_norm(weights.norm_in, first)
-    second = linear(weights.hidden, elu(normed_first))
-    normed_second = layer_norm(weights.norm_hidden, second)
-
-    d = linear_vjp(weights.output, dz_next)
-    d = layer_norm_vjp(weights.norm_hidden, second, elu_vjp(normed_second, d))
-    d = linear_vjp(weights.hidden, d)
-    d = layer_norm_vjp(weights.norm_in, first, elu_vjp(normed_first, d))
-    d = linear_vjp(weights.input, d)
+    weights, layers = program.dynamics, dynamics_layers(program, z, a)
+    d = linear_adjoint(weights.output, dz_next)
+    d = layer_norm_adjoint(weights.norm_hidden, layers.product2, elu_adjoint(layers.normed2, d))
+    d = linear_adjoint(weights.hidden, d)
+    d = layer_norm_adjoint(weights.norm_in, layers.product1, elu_adjoint(layers.normed1, d))
+    d = linear_adjoint(weights.input, d)
     return dz_next + d[..., :-1], d[..., -1] / program.scaling.action_std
+
+
+def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> DynamicsLayers:
+    """The way to z_{t+1}; arguments as of `step`."""
+    weights = program.dynamics
+    state = np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
+    product1 = linear(weights.input, state)
+    normed1 = layer_norm(weights.norm_in, product1)
+    hidden1 = elu(normed1)
+    product2 = linear(weights.hidden, hidden1)
+    normed2 = layer_norm(weights.norm_hidden, product2)
+    return DynamicsLayers(
+        state=state,
+        product1=product1,
+        normed1=normed1,
+        hidden1=hidden1,
+        product2=product2,
+        normed2=normed2,
+        hidden2=elu(normed2),
+    )
 
 
 def decode(program: ControllerProgram, z: Array) -> Array:
@@ -83,34 +152,41 @@ def decode(program: ControllerProgram, z: Array) -> Array:
 
     f_dec: x = W_0 z + b_0, then x <- x + ELU(LN(W_i x + b_i)) for every block, then W_out x + b_out.
     """
-    weights = program.decoder
-    x = linear(weights.input, z)
-    for block in weights.blocks:
-        x = x + elu(layer_norm(block.norm, linear(block.linear, x)))
-    return linear(weights.output, x) * program.scaling.force_std + program.scaling.force_mean
+    scaled = linear(program.decoder.output, decoder_layers(program, z).forces)
+    return scaled * program.scaling.force_std + program.scaling.force_mean
 
 
-def decode_vjp(program: ControllerProgram, z: Array, dforces: Array) -> Array:
+def decode_adjoint(program: ControllerProgram, z: Array, dforces: Array) -> Array:
     """Adjoint of `decode`: dJ/d(Cd, Cl) (..., 2) -> dJ/dz (..., n_z)."""
-    weights = program.decoder
-    inputs = [linear(weights.input, z)]
-    for block in weights.blocks:
-        inputs.append(inputs[-1] + elu(layer_norm(block.norm, linear(block.linear, inputs[-1]))))
-
-    d = linear_vjp(weights.output, dforces * program.scaling.force_std)
-    for block, x in zip(reversed(weights.blocks), reversed(inputs[:-1]), strict=True):
-        before = linear(block.linear, x)
-        through = elu_vjp(layer_norm(block.norm, before), d)
-        d = d + linear_vjp(block.linear, layer_norm_vjp(block.norm, before, through))
-    return linear_vjp(weights.input, d)
+    weights, layers = program.decoder, decoder_layers(program, z)
+    d = linear_adjoint(weights.output, dforces * program.scaling.force_std)
+    for block, inside in zip(reversed(weights.blocks), reversed(layers.blocks), strict=True):
+        through = layer_norm_adjoint(block.norm, inside.product, elu_adjoint(inside.normed, d))
+        d = d + linear_adjoint(block.linear, through)
+    return linear_adjoint(weights.input, d)
 
 
-def _scale_window(program: ControllerProgram, window: Array) -> Array:
-    scaling = program.scaling
-    mean = np.append(scaling.pressure_mean, 0.0)
-    std = np.append(scaling.pressure_std, scaling.action_std)
-    return np.asarray((window - mean) / std)
+def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:
+    """The way to the forces at z (..., n_z)."""
+    x = linear(program.decoder.input, z)
+    blocks = []
+    for block in program.decoder.blocks:
+        product = linear(block.linear, x)
+        normed = layer_norm(block.norm, product)
+        blocks.append(BlockLayers(x=x, product=product, normed=normed, elu=elu(normed)))
+        x = x + blocks[-1].elu
+    return DecoderLayers(blocks=tuple(blocks), forces=x)
 
 
-def _with_action(program: ControllerProgram, z: Array, a: Array) -> Array:
-    return np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
+def _lstm(lstm: Lstm, rows: Array) -> Array:
+    """h_0 .. h_L, (..., L+1, width), over rows (..., L, S+1)."""
+    h = c = np.zeros((*rows.shape[:-2], lstm.width))
+    outputs = [h]
+    for x in np.moveaxis(rows, -2, 0):
+        gates = x @ lstm.weight_input.T + lstm.bias_input
+        gates += h @ lstm.weight_recurrent.T + lstm.bias_recurrent
+        i, f, g, o = np.split(gates, 4, axis=-1)
+        c = sigmoid(f) * c + sigmoid(i) * np.tanh(g)
+        h = sigmoid(o) * np.tanh(c)
+        outputs.append(h)
+    return np.stack(outputs, axis=-2)

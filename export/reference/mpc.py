@@ -1,9 +1,14 @@
 """One control step in NumPy float64 (paper, section 2.4): shift, predict, adjoint, projected Adam.
 
-The plan is a_t .. a_{t+H-1}, shape (H,). Adam runs a fixed number of iterations from zero moments, so a
-control step depends on the window and the previous plan only, and always takes the same time.
+The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on
+the window and the previous plan only, and always takes the same time.
+
+`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans at once, (..., H). The
+latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are each plan's own,
+or one for all. Cost weights are (7,), the program's if None.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +17,7 @@ import numpy as np
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.reference.cost import cost_gradient, cost_terms
-from export.reference.model import decode, decode_vjp, encode, step, step_vjp
+from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
 
 ADAM_BETAS: Final = (0.9, 0.999)
 ADAM_EPSILON: Final = 1e-8
@@ -47,74 +52,121 @@ def control_step(
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
         weights: (7,) cost weights; the program's if None.
     """
-    weights = np.array(program.mpc.weights.as_tuple()) if weights is None else weights
     previous_action = float(window[-1, -1])
     z = encode(program, window)
-    return evaluate(
-        program, z, optimise(program, z, shift(plan), previous_action, free, weights), previous_action, weights
-    )
+    optimised = optimise(program, z, shift(plan), previous_action, free, weights)
+    return evaluate(program, z, optimised, previous_action, weights)
 
 
 def shift(plan: Array) -> Array:
     """Warm start: the previous plan one step later, its last action repeated."""
-    return np.append(plan[1:], plan[-1])
+    return np.concatenate([plan[..., 1:], plan[..., -1:]], axis=-1)
 
 
 def rollout(program: ControllerProgram, z: Array, plan: Array) -> Array:
-    """z_t .. z_{t+H} under the plan, shape (H+1, n_z)."""
-    latents = [z]
-    for a in plan:
+    """z_t .. z_{t+H} under the plan, shape (..., H+1, n_z)."""
+    latents = [np.broadcast_to(z, (*plan.shape[:-1], z.shape[-1]))]
+    for a in np.moveaxis(plan, -1, 0):
         latents.append(step(program, latents[-1], a))
-    return np.array(latents)
+    return np.stack(latents, axis=-2)
 
 
-def evaluate(program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array) -> Solution:
-    """Predicted forces and cost of a plan from latent state z."""
-    forces = decode(program, rollout(program, z, plan)[1:])
+def predict(program: ControllerProgram, z: Array, plan: Array) -> Array:
+    """(Cd, Cl) at t+1 .. t+H under the plan, shape (..., H, 2)."""
+    return decode(program, rollout(program, z, plan)[..., 1:, :])
+
+
+def plan_cost(
+    program: ControllerProgram, z: Array, plan: Array, previous_action: Array | float, weights: Array | None = None
+) -> Array:
+    """J of the plan from latent state z, shape (...,)."""
+    terms = cost_terms(predict(program, z, plan), plan, previous_action, program.mpc.drag_reference)
+    return np.asarray(terms @ _weights(program, weights))
+
+
+def evaluate(
+    program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array | None = None
+) -> Solution:
+    """Predicted forces, cost terms and cost of one plan (H,) from latent state z (n_z,)."""
+    forces = predict(program, z, plan)
     terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference)
-    return Solution(plan=plan, forces=forces, terms=terms, cost=float(weights @ terms))
+    return Solution(plan=plan, forces=forces, terms=terms, cost=float(terms @ _weights(program, weights)))
 
 
-def gradient(program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array) -> Array:
-    """dJ/da_k, shape (H,), by the discrete adjoint.
+def gradient(
+    program: ControllerProgram, z: Array, plan: Array, previous_action: Array | float, weights: Array | None = None
+) -> Array:
+    """dJ/da_k, shape (..., H), by the discrete adjoint.
 
     With lambda_k = dJ/dz_{t+k} and lambda_H = dJ/dz_{t+H} through the forces alone, backwards in k:
-    (lambda_k, dJ/da_k) = step_vjp(lambda_{k+1}), each lambda_k taking its own forces' share on top.
+    (lambda_k, dJ/da_k) = step_adjoint(lambda_{k+1}), each lambda_k taking its own forces' share on top.
     """
     latents = rollout(program, z, plan)
-    local = cost_gradient(decode(program, latents[1:]), plan, previous_action, weights)
-    through_forces = decode_vjp(program, latents[1:], local.forces)
+    forces = decode(program, latents[..., 1:, :])
+    local = cost_gradient(forces, plan, previous_action, _weights(program, weights))
+    through_forces = decode_adjoint(program, latents[..., 1:, :], local.forces)
 
     total = local.plan.copy()
-    adjoint = np.zeros_like(z)
-    for k in reversed(range(len(plan))):
-        adjoint, d_action = step_vjp(program, latents[k], plan[k], adjoint + through_forces[k])
-        total[k] += d_action
+    d_latent = np.zeros_like(latents[..., 0, :])
+    for k in reversed(range(plan.shape[-1])):
+        d_latent = d_latent + through_forces[..., k, :]
+        d_latent, d_action = step_adjoint(program, latents[..., k, :], plan[..., k], d_latent)
+        total[..., k] += d_action
     return total
 
 
 def optimise(
-    program: ControllerProgram, z: Array, plan: Array, previous_action: float, free: Array, weights: Array
+    program: ControllerProgram,
+    z: Array,
+    plan: Array,
+    previous_action: Array | float,
+    free_mask: Array | float = 1.0,
+    weights: Array | None = None,
 ) -> Array:
-    """Fixed-iteration projected Adam on the free actions, from `plan`; committed ones come back unchanged.
+    """The program's iterations of `adam` at its learning rate."""
+    learning_rates = [program.mpc.learning_rate] * program.mpc.iterations
+    for optimised in adam(program, z, plan, previous_action, learning_rates, free_mask=free_mask, weights=weights):
+        plan = optimised
+    return plan
+
+
+def adam(
+    program: ControllerProgram,
+    z: Array,
+    plan: Array,
+    previous_action: Array | float,
+    learning_rates: Iterable[Array | float],
+    *,
+    free_mask: Array | float = 1.0,
+    weights: Array | None = None,
+) -> Iterator[Array]:
+    """Projected Adam on the free actions, from `plan`: yields the plan after each iteration.
 
     For i = 1, 2, ..: m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
     a <- project(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
+
+    Args:
+        learning_rates: lr of each iteration, for all plans or, (...,), of each.
+        free_mask: 1 where an action may be changed, 0 where it is committed and stays.
     """
     beta1, beta2 = ADAM_BETAS
-    is_free = free > 0.5
+    is_free = np.asarray(free_mask) > 0.5
     m = np.zeros_like(plan)
     v = np.zeros_like(plan)
-    for i in range(1, program.mpc.iterations + 1):
+    for i, learning_rate in enumerate(learning_rates, start=1):
         g = gradient(program, z, plan, previous_action, weights)
         m = beta1 * m + (1.0 - beta1) * g
         v = beta2 * v + (1.0 - beta2) * g**2
         direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + ADAM_EPSILON)
-        moved = project(plan - program.mpc.learning_rate * direction, program.action_limit)
+        moved = project(plan - np.asarray(learning_rate)[..., None] * direction, program.action_limit)
         plan = np.where(is_free, moved, plan)
-    return plan
+        yield plan
 
 
 def project(plan: Array, limit: float) -> Array:
     """The nearest plan with every |a| <= limit."""
     return np.clip(plan, -limit, limit)
+
+
+def _weights(program: ControllerProgram, weights: Array | None) -> Array:
+    return np.array(program.mpc.weights.as_tuple()) if weights is None else weights

@@ -45,8 +45,8 @@ def scaling_arrays(program: ControllerProgram) -> dict[str, Array]:
     """Scaling of the window and of the forces."""
     scaling = program.scaling
     return {
-        "sw_window_mean": np.array([*scaling.pressure_mean, 0.0]),
-        "sw_window_factor": 1.0 / np.array([*scaling.pressure_std, scaling.action_std]),
+        "sw_window_mean": np.array(scaling.window_mean),
+        "sw_window_factor": 1.0 / np.array(scaling.window_std),
         "sw_force_mean": np.array(scaling.force_mean),
         "sw_force_std": np.array(scaling.force_std),
     }

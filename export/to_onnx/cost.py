@@ -1,4 +1,4 @@
-"""The cost terms and their gradient as ONNX nodes: `reference_cost`, with one matrix for all quadratic terms."""
+"""The cost terms and their gradient as ONNX nodes: `reference.cost`, with one matrix for all quadratic terms."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class CostGradientNames:
 
 
 class Cost:
-    """J for given weights (7,) and action in force (1,); both are values of the outermost graph."""
+    """J for given weights (7,) and previous action (1,); both are values of the outermost graph."""
 
     def __init__(self, graph: Graph, program: ControllerProgram, weights: str, previous_action: str) -> None:
         self._horizon = program.mpc.horizon
@@ -51,7 +51,7 @@ class Cost:
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
     def gradient(self, graph: Graph, forces: str, plan: str) -> CostGradientNames:
-        """As `reference_cost.cost_gradient`."""
+        """As `reference.cost.cost_gradient`."""
         cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
         spread = graph.op("Sub", _share(graph, cd, "ReduceMax"), _share(graph, cd, "ReduceMin"))
         d_cd = graph.op("Add", graph.op("Mul", spread, self._weight["drag_fluctuation"]), self._by_drag)
@@ -61,7 +61,7 @@ class Cost:
         return CostGradientNames(forces=graph.op("Concat", d_cd, d_cl, axis=1), plan=through_plan)
 
     def _prepare(self, graph: Graph) -> None:
-        """What the gradient needs of the weights and of the action in force, once a control step.
+        """What the gradient needs of the weights and of the previous action, once a control step.
 
         The terms in the actions are quadratic: their gradient is Q a - q, with D the matrix of increments and e_0 the
         first unit vector,

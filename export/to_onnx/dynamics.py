@@ -11,10 +11,11 @@ the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its widt
 
     v = d diag(p) (I - xhat xhat^T / n).
 
-For both layers that goes into the matrix on their narrow side, so that from step to step there is left, with e the part
-of the adjoint that comes from later steps and d_k the sum of what the forces from k + 1 on say directly,
+For both layers that goes into the matrix on their narrow side. With d_k the sum of dJ/dz through the forces alone, over
+all steps from k + 1 on, and e_k the rest of the adjoint, which comes through later steps, what is left in the Scan is
 
-    e <- e + (e + d_k) B_k W_2 A_k,    B = W_3 diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - ..) W_1.
+    e_{k-1} = e_k + (e_k + d_k) B_k W_2 A_k,
+    B = W_3 diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
 """
 
 from dataclasses import dataclass
@@ -95,29 +96,31 @@ class Dynamics:
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)
-        along2 = self._along(graph, graph.op("Mul", p2, xhat2), self._output, widths[1])
-        into = graph.op("Sub", graph.op("Mul", p2, self._output), graph.op("Mul", along2, xhat2))
-        along1 = self._along(graph, xhat1, self._forward[0], widths[0])
-        out = graph.op("Mul", graph.op("Sub", self._forward[0], graph.op("Mul", along1, xhat1)), p1)
-        direct = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
-        directly = graph.op("MatMul", graph.op("Unsqueeze", direct, graph.index([1])), into)
+        # B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
+        w3_p2_xhat2 = self._mean_products(graph, graph.op("Mul", p2, xhat2), self._output, widths[1])
+        b = graph.op("Sub", graph.op("Mul", p2, self._output), graph.op("Mul", w3_p2_xhat2, xhat2))
+        w1_xhat1 = self._mean_products(graph, xhat1, self._forward[0], widths[0])
+        a = graph.op("Mul", graph.op("Sub", self._forward[0], graph.op("Mul", w1_xhat1, xhat1)), p1)
+        d = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
+        d_b = graph.op("MatMul", graph.op("Unsqueeze", d, graph.index([1])), b)
 
         body = graph.body()
-        later, own = body.input("later", (1, self._latent)), body.input("direct", (1, widths[1]))
-        b, a = body.input("into", (self._latent, widths[1])), body.input("out", (self._latent, widths[0]))
-        d1 = body.op("MatMul", body.op("Gemm", later, b, own), self._backward)
-        body.output(body.op("Gemm", d1, a, later, transB=1), (1, self._latent))
+        e_k, d_b_k = body.input("later", (1, self._latent)), body.input("direct", (1, widths[1]))
+        b_k, a_k = body.input("into", (self._latent, widths[1])), body.input("out", (self._latent, widths[0]))
+        d1 = body.op("MatMul", body.op("Gemm", e_k, b_k, d_b_k), self._backward)
+        body.output(body.op("Gemm", d1, a_k, e_k, transB=1), (1, self._latent))
         body.output(d1, (1, widths[0]))
 
         zero = graph.constant([[0.0] * self._latent])
-        _, d1s = graph.scan(body, states=[zero], sequences=[directly, into, out], reverse=True)
+        _, d1s = graph.scan(body, states=[zero], sequences=[d_b, b, a], reverse=True)
+        # dJ/da_k = v w, with v of the first layer and w the action's column of W_1.
         t = graph.op("Mul", d1s, p1)
-        along = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
-        v1s = graph.op("Sub", t, graph.op("Mul", along, xhat1))
-        return graph.op("Reshape", graph.op("MatMul", v1s, self._by_action), graph.index([h]))
+        t_xhat1 = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
+        v = graph.op("Sub", t, graph.op("Mul", t_xhat1, xhat1))
+        return graph.op("Reshape", graph.op("MatMul", v, self._by_action), graph.index([h]))
 
-    def _along(self, graph: Graph, rows: str, matrix: str, width: int) -> str:
-        """Products of rows (H, 1, n) with those of a matrix (n_z, n), over n: (H, n_z, 1)."""
+    def _mean_products(self, graph: Graph, rows: str, matrix: str, width: int) -> str:
+        """Products of rows (H, 1, n) with those of a matrix (n_z, n), averaged over n: (H, n_z, 1)."""
         flat = graph.op("Reshape", rows, graph.index([self._horizon, width]))
         return graph.op("Unsqueeze", graph.op("Gemm", flat, matrix, transB=1, alpha=1.0 / width), graph.index([2]))
 

@@ -12,9 +12,9 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     """z_t as a row (1, n_z) from the window (L, S+1)."""
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width
-    mean = graph.constant([*scaling.pressure_mean, 0.0], "window_mean")
+    mean = graph.constant(scaling.window_mean, "window_mean")
     # As a factor, a deviation too small for float32 is refused where a divisor would round to zero.
-    std = np.array([*scaling.pressure_std, scaling.action_std])
+    std = np.array(scaling.window_std)
     scaled = graph.op("Mul", graph.op("Sub", window, mean), graph.constant(1.0 / std, "1 / window_std"))
 
     # The operator has a direction axis in front of everything, and a batch axis of one in the sequence.

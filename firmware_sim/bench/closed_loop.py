@@ -1,37 +1,29 @@
-"""One closed-loop run from bundle to run folder: wiring, progress, figures kept."""
+"""One closed-loop run from bundle to run folder."""
 
 import json
-import math
-import platform
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from can_bridge.bus import frame_log
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.simulated import SimulatedBus
 from contract.atomic import replacing
-from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.controller.onnx_session import OnnxController, RunnableController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
-from firmware_sim.bench.vehicle_node import PressureNode
-from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.runs import run_log
+from firmware_sim.runs.metadata import RunMetadata
+from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
-from firmware_sim.runs.statistics import latency, reduction_percent, regimes
+from firmware_sim.runs.summary import summary
 from wake.pictures.drawing import vorticity_figure
-from wake.plants import LivePlant, open_plant
-
-SERIES: Final = "series.npz"
-FRAMES: Final = "frames.log"
-SUMMARY: Final = "summary.json"
-BEFORE: Final = "vorticity_uncontrolled.png"
-AFTER: Final = "vorticity_controlled.png"
+from wake.plant import LivePlant
+from wake.plants import open_plant
 
 WARM_UP_PLANS: Final = 3
 """Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""
@@ -52,7 +44,7 @@ def run_closed_loop(
     """Run a wake under the bundle's controller and keep the results in `output`.
 
     Args:
-        output: run folder, created if need be: series, captured frames, pictures, summary.
+        output: run folder (`firmware_sim.runs.run_folder`), created if need be; all files but the report.
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         lead_in: t_c without control; the controller's window fills meanwhile.
@@ -68,33 +60,39 @@ def run_closed_loop(
     """
     if config.bus.interface != "virtual":
         raise BusError(f"bus.interface = {config.bus.interface!r}: virtual time needs 'virtual'")
-    before_periods, total = _periods(config, lead_in=lead_in, controlled=controlled)
+    lead_in_periods, total = _periods(config, lead_in=lead_in, controlled=controlled)
     controller = OnnxController(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config)
-    rows: list[Row] = []
-    highlight = bundle.manifest.sensors
+    node = VehicleNode(bundle.manifest.sensors, config)
+    folder, rows = RunFolder(output), list[Row]()
     with ExitStack() as stack:
         # Whole runs only: every file appears when the block has succeeded, and none before.
-        part = {name: stack.enter_context(replacing(output / name)) for name in (SERIES, SUMMARY, BEFORE, AFTER)}
-        capture = stack.enter_context(frame_log.recording(output / FRAMES))
-        vehicle, ecu_bus, monitor = (stack.enter_context(PythonCanBus.open(config.bus)) for _ in range(3))
+        series, figures, uncontrolled_picture, controlled_picture = (
+            stack.enter_context(replacing(path))
+            for path in (folder.series, folder.summary, folder.uncontrolled_picture, folder.controlled_picture)
+        )
+        capture = stack.enter_context(frame_log.recording(folder.frames))
+        bus = SimulatedBus(config.bus, capture)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
-        node = PressureNode(bundle.manifest.sensors, config)
-        wires = Wires(vehicle=vehicle, ecu=ecu_bus, monitor=monitor)
-        loop = VirtualLoop(wake, node, ecu, wires, config, capture)
+        loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
         for k in range(total):
-            if k == before_periods:
-                picture = vorticity_figure(wake, highlight, title=f"without control, t = {wake.t:.1f} $t_c$")
-                picture.savefig(part[BEFORE], format="png")
-            rows.append(loop.period(enable_request=k >= before_periods))
+            if k == lead_in_periods:
+                _draw(wake, bundle, "without control", uncontrolled_picture)
+            rows.append(loop.period(enable_request=k >= lead_in_periods))
             progress(rows[-1], k + 1, total)
-        picture = vorticity_figure(wake, highlight, title=f"under control, t = {wake.t:.1f} $t_c$")
-        picture.savefig(part[AFTER], format="png")
-        facts = _facts(bundle, config, settle, ecu, wake.description, controller.description)
-        log = RunLog.of(rows, before_periods, loop.totals(), facts)
-        run_log.save(part[SERIES], log)
-        part[SUMMARY].write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
+        _draw(wake, bundle, "under control", controlled_picture)
+        metadata = RunMetadata.of(
+            bundle,
+            config,
+            settle=settle,
+            status=ecu.status(),
+            plant=wake.description,
+            computed_by=controller.description,
+        )
+        log = RunLog.of(rows, lead_in_periods, loop.totals(), metadata)
+        run_log.save(series, log)
+        figures.write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
     return log
 
 
@@ -107,57 +105,7 @@ def _periods(config: Config, **spans: float) -> tuple[int, int]:
     return counts[0], sum(counts)
 
 
-def summary(log: RunLog) -> dict[str, Any]:
-    """The run in figures that other programs read; a figure that does not exist is null."""
-    before, under = regimes(log, log.facts["settle"])
-    timing = latency(log)
-    figures = {
-        "Cd_uncontrolled": before.Cd,
-        "Cd_controlled": under.Cd,
-        "reduction_percent": reduction_percent(before, under),
-        "base_Cp_uncontrolled": before.base_Cp,
-        "base_Cp_controlled": under.base_Cp,
-        "abs_Cl_uncontrolled": before.abs_Cl,
-        "abs_Cl_controlled": under.abs_Cl,
-        "mean_Cl_controlled": under.mean_Cl,
-        "rms_action": under.rms_action,
-        "Cd_net_uncontrolled": before.Cd_net,
-        "Cd_net_controlled": under.Cd_net,
-        "jet_power_controlled": under.jet_power,
-        "mpc_ms_p50": timing.p50,
-        "mpc_ms_p99": timing.p99,
-        "mpc_ms_max": timing.max,
-    }
-    return {
-        **{name: None if math.isnan(value) else round(value, 6) for name, value in figures.items()},
-        "mpc_budget_ms": log.facts["budget_ms"],
-        "frames_sent": log.bus.sent,
-        "frames_lost": log.bus.lost,
-        "frames_rejected": log.bus.rejected,
-        "sensors": log.facts["sensors"],
-        "controller": log.facts["controller"],
-        "computed_by": log.facts.get("computed_by"),
-        "signer": log.facts.get("signer"),
-        "controlled_averages_from_t_c_after_enable": log.facts["settle"],
-    }
-
-
-def _facts(bundle: Bundle, config: Config, settle: float, ecu: Ecu, plant: str, computed_by: str) -> dict[str, Any]:
-    manifest = bundle.manifest
-    return {
-        "controller": f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
-        "computed_by": computed_by,
-        "signer": bundle.signer and bundle.signer.fingerprint,
-        "plant": plant,
-        "sensors": list(manifest.sensors),
-        "mpc": asdict(manifest.mpc),
-        "budget_ms": manifest.budget_ms,
-        "settle": settle,
-        "status": {name: int(value) for name, value in asdict(ecu.status()).items()},
-        "config": to_tree(config),
-        "versions": {
-            "python": platform.python_version(),
-            "machine": platform.machine(),
-            **{name: version(name) for name in ("stillwake", "onnxruntime", "numpy", "numba", "python-can")},
-        },
-    }
+def _draw(wake: LivePlant, bundle: Bundle, state: str, target: Path) -> None:
+    """The vorticity now, as PNG, with the bundle's sensors marked."""
+    figure = vorticity_figure(wake, bundle.manifest.sensors, title=f"{state}, t = {wake.t:.1f} $t_c$")
+    figure.savefig(target, format="png")

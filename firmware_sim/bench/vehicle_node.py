@@ -1,6 +1,5 @@
-"""The vehicle's side of the bus: it samples the wall pressures, and drives the jets as commanded."""
+"""The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded."""
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from can_bridge.e2e import profile5 as e2e_profile5
-from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
@@ -16,6 +15,7 @@ from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRES
 from can_bridge.wire.messages import Pressure
 from contract import sensors
 from contract.config.tree import Config
+from firmware_sim.ecu.delay_line import DelayLine
 
 Array = npt.NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Actuation:
     sampled_ns: int | None
 
 
-class PressureNode:
+class VehicleNode:
     """Four transducers and the jets' driver on one CAN node.
 
     Args:
@@ -49,10 +49,8 @@ class PressureNode:
         self._sender = E2eSender(PRESSURE)
         self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
         self._misses = 0
-        self._action = 0.0
-        # Oldest first; the front is what the jets follow now.
-        delay = config.vehicle.actuator_delay
-        self._wanted = deque([0.0] * (delay + 1), maxlen=delay + 1)
+        self._action = 0.0  # commanded last, U_inf W
+        self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._sampled_ns: dict[int, int] = {}  # by the counter of the Pressure frame
         self.frames_sent = 0
 
@@ -61,11 +59,11 @@ class PressureNode:
 
         A pressure beyond the transducer's range saturates and is marked invalid.
         """
-        wanted = cp[self._columns] * self._config.operating_point.dynamic_pressure
+        pressure_pa = cp[self._columns] * self._config.operating_point.dynamic_pressure
         limit = INT16_MAX * PRESSURE_RESOLUTION_PA
         message = Pressure(
-            pressure_pa=tuple(float(value) for value in np.clip(wanted, -limit, limit)),
-            valid=tuple(bool(value) for value in np.abs(wanted) <= limit),
+            pressure_pa=tuple(float(value) for value in np.clip(pressure_pa, -limit, limit)),
+            valid=tuple(bool(value) for value in np.abs(pressure_pa) <= limit),
             enable_request=enable_request,
             age_ns=0,
         )
@@ -74,7 +72,7 @@ class PressureNode:
         self._sampled_ns[e2e_profile5.counter_of(frame.data)] = now_ns
         return frame
 
-    def drive(self, frames: Sequence[Frame]) -> Actuation:
+    def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
         """What the jets do after one control period's frames.
 
         Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut.
@@ -85,21 +83,21 @@ class PressureNode:
             self._misses += 1
             if self._misses > self._config.ecu.hold_periods:
                 self._action = 0.0
-            return Actuation(action=self._follow(), command=None, sampled_ns=None)
+            return Actuation(action=self._delayed_action(), command=None, sampled_ns=None)
         self._misses = 0
         flow = command.flow_m2_per_s if command.enable else 0.0
         limit = self._config.flow.action_limit
         self._action = float(np.clip(flow / self._config.operating_point.flow_rate_scale, -limit, limit))
         echoed = command.pressure_counter
         sampled_ns = None if echoed is None else self._sampled_ns.get(echoed)
-        return Actuation(action=self._follow(), command=frame, sampled_ns=sampled_ns)
+        return Actuation(action=self._delayed_action(), command=frame, sampled_ns=sampled_ns)
 
-    def _follow(self) -> float:
-        """What was wanted `actuator_delay` periods ago, now wanted being the newest."""
-        self._wanted.append(self._action)
-        return self._wanted[0]
+    def _delayed_action(self) -> float:
+        """The action of `actuator_delay` periods ago, the one commanded now being the newest."""
+        self._commanded = self._commanded.pushed(self._action)
+        return self._commanded.in_force
 
     @property
     def frames_rejected(self) -> int:
         """Jet commands that came but failed their end-to-end check."""
-        return sum(self._receiver.counts[check] for check in (Check.ERROR, Check.REPEATED, Check.WRONG_SEQUENCE))
+        return self._receiver.state.frames_rejected

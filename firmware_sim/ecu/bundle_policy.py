@@ -4,29 +4,20 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
-from contract.config.tree import FlowConfig
-from contract.controller.onnx_session import Controller, ControllerError, OnnxController
-from contract.errors import BundleError
+from contract.controller.onnx_session import Controller, OnnxController
 from contract.release.bundle import Bundle
+from firmware_sim.ecu.controller_memory import ControllerMemory
+from firmware_sim.ecu.delay_line import DelayLine
 
 Array = npt.NDArray[np.float64]
-
-
-def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
-    """Raises BundleError if the controller was built for another control period or action limit."""
-    for field, name in (("control_period", "control period"), ("action_limit", "action limit")):
-        built_for, here = getattr(bundle.manifest, field), getattr(flow, field)
-        if built_for != here:
-            raise BundleError(
-                f"bundle {bundle.manifest.name!r} was built for another {name}: {built_for}, the flow has {here}"
-            )
 
 
 class BundlePolicy:
     """Follows `wake.recording.feedback.Policy`: zero until the window is full, then the first action of each plan.
 
-    The memory holds the number of rows seen, the window of rows (Cp_k, a_{k-1}), and the last plan as it came out:
-    the graph shifts it, so that its first action, the one that exploration changed, is not used again.
+    The memory holds the number of rows in the window, the window of rows (Cp_k, a_{k-1}), and the last plan as it
+    came out: the graph shifts it, so that its first action, the one that exploration changed, is not used again.
+    Nothing else is needed: every sample has its pressures, and the plant reports the action in force.
 
     Args:
         bundle: verified release.
@@ -40,26 +31,37 @@ class BundlePolicy:
         manifest = bundle.manifest
         self._columns = sensors.indices(manifest.sensors)
         self._shape = (manifest.window, len(manifest.sensors) + 1)
-        self._free = np.ones(manifest.mpc.horizon)
+        self._horizon = manifest.mpc.horizon
         self._controller = OnnxController(bundle) if controller is None else controller
 
     def start(self) -> Array:
         """No rows, a plan of zeros."""
-        return np.zeros(1 + self._shape[0] * self._shape[1] + len(self._free))
+        length, columns = self._shape
+        return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
         """The command and the memory after it.
 
         Raises:
-            ControllerError: if the controller fails or its plan is not finite.
+            ControllerError: if the controller fails or its answer is not finite.
         """
-        rows, plan = memory[0] + 1.0, memory[-len(self._free) :]
-        old = memory[1 : -len(self._free)].reshape(self._shape)
-        window = np.vstack([old[1:], np.append(Cp[self._columns], action)])
-        command = 0.0
-        if rows >= self._shape[0]:
-            plan = self._controller.control_step(window, plan, self._free).plan
-            if not np.isfinite(plan).all():
-                raise ControllerError("the controller's plan is not finite")
-            command = float(plan[0])
-        return command, np.concatenate([[rows], window.ravel(), plan])
+        after = self._unpacked(memory, action).observed(Cp[self._columns])
+        if not after.is_full:
+            return 0.0, _packed(after)
+        after, answer = after.planned(self._controller)
+        return float(answer.plan[0]), _packed(after)
+
+    def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
+        """What `_packed` wrote, with the action in force."""
+        return ControllerMemory(
+            window=memory[1 : -self._horizon].reshape(self._shape),
+            rows=int(memory[0]),
+            gap=0,
+            plan=memory[-self._horizon :],
+            under_way=DelayLine((action,)),
+        )
+
+
+def _packed(memory: ControllerMemory) -> Array:
+    """(1 + L (S + 1) + H,): rows, window, plan."""
+    return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

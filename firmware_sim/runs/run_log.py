@@ -4,28 +4,30 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
+from contract import sensors
 from contract.atomic import replacing
-from contract.errors import StillwakeError
+from contract.errors import ConfigError, StillwakeError
+from contract.ledger import LEDGER_FIELDS
+from firmware_sim.runs.metadata import RunMetadata
+from wake.truck.sample import Sample
 
 Array = npt.NDArray[np.float64]
 
+SCHEMA: Final = "stillwake-run/1"
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One control period, sampled at its start.
+    """One control period.
 
     Attributes:
-        t: in t_c.
-        Cd, Cl, Cd_slot_pressure, Cd_slot_viscous, Cd_momentum, jet_power, Uy_probe: the plant's ledger
-            (`wake.truck.truck_wake.Sample`).
-        base_Cp: mean over the base sensors.
-        action: jet flow rate in force, U_inf W.
+        sample: of the plant at the period's start.
         command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without one.
         mode: `can_bridge.wire.messages.Mode` of the ECU as of its latest step.
@@ -34,22 +36,29 @@ class Row:
             arrival there, in virtual time; NaN if none came.
     """
 
-    t: float
-    Cd: float
-    Cl: float
-    Cd_slot_pressure: float
-    Cd_slot_viscous: float
-    Cd_momentum: float
-    jet_power: float
-    Uy_probe: float
-    base_Cp: float
-    action: float
+    sample: Sample
     command: float
     predicted_Cd: float
     predicted_Cl: float
     mode: int
     step_ms: float
     age_ms: float
+
+    @property
+    def base_Cp(self) -> float:
+        """Mean over the base sensors."""
+        return float(np.mean(self.sample.Cp[sensors.BASE]))
+
+    def columns(self) -> dict[str, float]:
+        """The row in numbers, by the names in `COLUMNS`."""
+        sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
+        return {**sampled, "base_Cp": self.base_Cp, **{name: getattr(self, name) for name in _EXCHANGED}}
+
+
+_SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
+_EXCHANGED: Final = tuple(item.name for item in fields(Row) if item.name != "sample")
+COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
+"""The series of a run, one value a row: of the plant's sample, and of what bus and ECU made of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,26 +75,34 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: the columns of `Row`, (n,) each.
+        series: the arrays named in `COLUMNS`, (n,) each.
         enabled_at: index of the first row with control requested.
         bus: totals.
-        facts: bundle, sensors, settings and versions, for the report.
+        metadata: what the run was made with.
     """
 
     series: Mapping[str, Array]
     enabled_at: int
     bus: BusTotals
-    facts: Mapping[str, Any]
+    metadata: RunMetadata
 
     @classmethod
-    def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, facts: Mapping[str, Any]) -> "RunLog":
-        series = {item.name: np.array([getattr(row, item.name) for row in rows], dtype=float) for item in fields(Row)}
-        return cls(series=series, enabled_at=enabled_at, bus=bus, facts=facts)
+    def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, metadata: RunMetadata) -> "RunLog":
+        columns = [row.columns() for row in rows]
+        series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
+        return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata)
 
 
 def save(path: Path, log: RunLog) -> None:
     """Write as .npz, whole or not at all."""
-    header = json.dumps({"enabled_at": log.enabled_at, "bus": asdict(log.bus), "facts": log.facts})
+    header = json.dumps(
+        {
+            "schema": SCHEMA,
+            "enabled_at": log.enabled_at,
+            "bus": asdict(log.bus),
+            "metadata": log.metadata.to_tree(),
+        }
+    )
     arrays: dict[str, Any] = dict(log.series)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, header=header, **arrays)
@@ -95,14 +112,18 @@ def load(path: Path) -> RunLog:
     """Read what `save` wrote.
 
     Raises:
-        StillwakeError: if the file is missing or damaged.
+        StillwakeError: if the file is missing, damaged or of another schema.
     """
     try:
         with np.load(path) as data:
             header = json.loads(str(data["header"]))
-            series = {item.name: data[item.name] for item in fields(Row)}
-        return RunLog(
-            series=series, enabled_at=header["enabled_at"], bus=BusTotals(**header["bus"]), facts=header["facts"]
-        )
-    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
+            if (schema := header.get("schema")) != SCHEMA:
+                raise ValueError(f"schema {schema!r}, this version reads {SCHEMA!r}: make the run again")
+            return RunLog(
+                series={name: data[name] for name in COLUMNS},
+                enabled_at=header["enabled_at"],
+                bus=BusTotals(**header["bus"]),
+                metadata=RunMetadata.from_tree(header["metadata"]),
+            )
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, BadZipFile, ConfigError) as error:
         raise StillwakeError(f"{path}: not the series of a run ({error})") from error

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from can_bridge.wire.messages import Mode
+from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import RunLog
 
 Array = npt.NDArray[np.float64]
@@ -13,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over one part of a run; coefficients as in `wake.truck.truck_wake.Sample`."""
+    """Time averages over one part of a run; coefficients as in `contract.ledger.DragLedger`."""
 
     duration: float
     Cd: float
@@ -70,7 +71,7 @@ def _average(log: RunLog, part: slice) -> Regime:
         duration=float(len(s["t"]) * (log.series["t"][1] - log.series["t"][0])),
         Cd=float(s["Cd"].mean()),
         Cd_std=float(s["Cd"].std()),
-        Cd_net=float((s["Cd"] + s["Cd_slot_pressure"] + s["Cd_slot_viscous"] + s["Cd_momentum"]).mean()),
+        Cd_net=float(ledger_of(s).Cd_net.mean()),
         base_Cp=float(s["base_Cp"].mean()),
         mean_Cl=float(s["Cl"].mean()),
         abs_Cl=float(np.abs(s["Cl"]).mean()),

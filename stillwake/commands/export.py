@@ -11,8 +11,8 @@ from rich.table import Table
 from contract.config.loading import load_config
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
-from stillwake.shipped import RECORDING
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
+from wake.shipped import RECORDING
 
 
 def export(

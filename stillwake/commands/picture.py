@@ -79,7 +79,8 @@ def mean(
 ) -> None:
     """Mean flow behind the truck with streamlines; prints the length of the recirculation bubble and mean forces."""
     from wake.pictures.drawing import check_suffix, mean_figure, save_figure
-    from wake.pictures.fields import bubble_length, mean_flow
+    from wake.pictures.fields import mean_flow
+    from wake.truck.recirculation import recirculation_length
 
     check_suffix(output)
     config = load_config(config_file, overrides)
@@ -91,9 +92,9 @@ def mean(
     with progress_bar("steps") as bar:
         task = bar.add_task("mean flow", total=len(actions), note="")
         flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
-    save_figure(output, mean_figure(wake, flow, _time(config, len(actions) - skip)))
-    measured = wake.surface.measure(flow.flat)
-    length = bubble_length(wake.grid, flow)
+    save_figure(output, mean_figure(wake.grid, flow, _time(config, len(actions) - skip)))
+    measured = wake.surface.measure(flow)
+    length = recirculation_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
     console.print(f"wrote {output}")
 
@@ -152,7 +153,8 @@ def _names(listed: str) -> tuple[str, ...] | None:
 
 
 def _start(config: Config, state: Path | None) -> "TruckWake":
-    from wake.truck.truck_wake import TruckWake, developed_state, load_state
+    from wake.truck.state import developed_state, load_state
+    from wake.truck.truck_wake import TruckWake
 
     start = developed_state() if state is None else load_state(state)
     wake = TruckWake(config.flow)
@@ -209,11 +211,11 @@ def _signal(
 
 
 def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
-    from firmware_sim.bench.closed_loop import SERIES
+    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load
 
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
-    return load(folder / SERIES).series["action"][1:]
+    return load(RunFolder(folder).series).series["action"][1:]
 
 
 def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[np.float64]:

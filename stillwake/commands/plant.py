@@ -1,12 +1,15 @@
 """The commands that prepare flows: the developed wake, and the steady one."""
 
+from dataclasses import asdict
 from datetime import date
+from math import log10
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from contract.config.loading import load_config
+from contract.results import versions, write_result
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 
@@ -18,13 +21,14 @@ def develop(
 ) -> None:
     """Start the flow from rest and let the wake establish itself: how the shipped start was made."""
     from wake.truck.develop import develop as develop_wake
-    from wake.truck.truck_wake import TruckWake, save_state
+    from wake.truck.state import save_state
+    from wake.truck.truck_wake import TruckWake
 
     wake = TruckWake(load_config(config_file, overrides).flow)
     with progress_bar("t_c") as bar:
         task = bar.add_task("developing", total=duration, note="")
-        develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
-    save_state(output, wake)
+        state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
+    save_state(output, state)
     console.print(f"wrote {output}")
 
 
@@ -35,10 +39,29 @@ def steady(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
-    from wake.truck.steady import write_steady
+    from wake.truck.state import save_state
+    from wake.truck.steady import TOLERANCE, settle
+    from wake.truck.truck_wake import TruckWake
 
     flow = load_config(config_file, overrides).flow
+    wake = TruckWake(flow)
+    # Rates fall by decades.
+    decades = -log10(TOLERANCE)
     with progress_bar("decades") as bar:
-        task = bar.add_task("settling", total=None, note="")
-        found = write_steady(output, flow, json_file, date.today(), lambda state: bar.update(task, **state))
-    console.print("  ".join(f"{name} {value:.4g}" for name, value in found.figures().items()), f"\nwrote {output}")
+        task = bar.add_task("settling", total=decades, note="")
+
+        def progress(t: float, rate: float) -> None:
+            done = min(decades, max(0.0, -log10(rate)))
+            bar.update(task, completed=round(done, 2), note=f"t {t:.0f}  max |d/dt| {rate:.1e}")
+
+        found = settle(wake, progress=progress)
+    save_state(output, found.state)
+    figures = found.figures()
+    if json_file is not None:
+        facts = {
+            "config": asdict(flow),
+            "grid": list(wake.grid.shape),
+            "versions": versions("numpy", "numba", "scipy"),
+        }
+        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")

@@ -122,7 +122,8 @@ def _record_forced(
 def _record_round(
     output: Path, config: Config, bundle: Path, settings: Mapping[str, Any], processes: Mapping[str, Any]
 ) -> None:
-    from firmware_sim.ecu.bundle_policy import BundlePolicy, check_flow
+    from firmware_sim.ecu.bundle_policy import BundlePolicy
+    from firmware_sim.ecu.fit import check_flow
     from wake.recording.controlled_plan import ControlledRound
     from wake.recording.controlled_recording import record_round
 

@@ -31,10 +31,13 @@ def run(
 ) -> None:
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
     from can_bridge.wire.messages import Mode
-    from firmware_sim.bench.closed_loop import SUMMARY, run_closed_loop, summary
+    from firmware_sim.bench.closed_loop import run_closed_loop
     from firmware_sim.ecu.library_controller import LibraryController
-    from firmware_sim.runs.report import drag_rows, headline, service_rows, write_report
+    from firmware_sim.runs.report import write_report
+    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row
+    from firmware_sim.runs.summary import summary
+    from firmware_sim.runs.tables import drag_rows, headline, service_rows
     from wake.plants import open_plant
 
     config = load_config(config_file, overrides)
@@ -51,8 +54,8 @@ def run(
 
         def show(row: Row, done: int, total: int) -> None:
             note = (
-                f"{Mode(row.mode).name:7s} Cd {row.Cd:.3f}  base Cp {row.base_Cp:+.3f}  "
-                f"action {row.action:+.3f}  step {row.step_ms:.1f} ms"
+                f"{Mode(row.mode).name:7s} Cd {row.sample.Cd:.3f}  base Cp {row.base_Cp:+.3f}  "
+                f"action {row.sample.action:+.3f}  step {row.step_ms:.1f} ms"
             )
             bar.update(task, completed=done, total=total, note=note)
 
@@ -73,26 +76,29 @@ def run(
             plant=flow,
             controller=controller,
         )
-    page = write_report(output)
+    folder = RunFolder(output)
+    page = write_report(folder)
     if json_file is not None:
-        write_result(json_file, figures=summary(log), facts=log.facts, on=date.today())
+        write_result(json_file, figures=summary(log), facts=log.metadata.to_tree(), on=date.today())
     table = Table("", "uncontrolled", "controlled")
     for label, before, under in drag_rows(log):
         table.add_row(label, before, under)
     service = Table("bus and ECU", "")
     for label, value in service_rows(log):
         service.add_row(label, value)
-    for item in (table, service, headline(log), f"wrote {page} and {output / SUMMARY}"):
+    for item in (table, service, headline(log), f"wrote {page} and {folder.summary}"):
         console.print(item)
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder written by `run`.")],
+    run_folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder written by `run`.")],
     picture: Annotated[Path | None, typer.Option(help="Also write the run as one PNG here.")] = None,
 ) -> None:
     """Write a run's HTML page anew from its series."""
     from firmware_sim.runs.report import write_picture, write_report
+    from firmware_sim.runs.run_folder import RunFolder
 
+    folder = RunFolder(run_folder)
     console.print(f"wrote {write_report(folder)}")
     if picture is not None:
         write_picture(folder, picture)

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from contract.config.loading import load_config, to_tree
 from contract.results import write_result
-from stillwake.shipped import RECORDING
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from wake.shipped import RECORDING
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, which the other commands need not wait for.

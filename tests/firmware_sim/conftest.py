@@ -1,7 +1,6 @@
 """A small release, a controller that records what it is asked, and a bench that feeds one ECU by hand."""
 
 from collections.abc import Callable, Sequence
-from itertools import count
 
 import numpy as np
 import pytest
@@ -11,12 +10,11 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
-from contract.config.tree import BusConfig, Config, EcuConfig, MpcConfig
+from contract.config.tree import Config, EcuConfig, MpcConfig
 from contract.controller.onnx_session import ControlStep
 from contract.release.bundle import Bundle, Manifest, Scaling
 from firmware_sim.ecu.ecu import Ecu
 
-CHANNELS = count()
 WINDOW, HORIZON = 4, 5
 
 
@@ -124,9 +122,3 @@ def bench_of() -> Callable[..., Bench]:
 @pytest.fixture
 def bench() -> Bench:
     return make_bench()
-
-
-@pytest.fixture
-def bus_config() -> BusConfig:
-    """A virtual bus of this test's own."""
-    return BusConfig(channel=f"firmware-{next(CHANNELS)}")

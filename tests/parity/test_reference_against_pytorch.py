@@ -17,7 +17,7 @@ from export.gates.parity import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
 from export.reference.cost import cost_gradient
-from export.reference.model import decode, decode_vjp, encode, step, step_vjp
+from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
 from export.reference.mpc import control_step, gradient
 
 TOLERANCE = 1e-9
@@ -113,12 +113,12 @@ def test_adjoints_match_central_differences():
     out, e = rng.normal(size=z.shape), 1e-6
 
     slope = (out * (step(program, z + e * dz, a + e * da) - step(program, z - e * dz, a - e * da))).sum() / (2 * e)
-    back_z, back_a = step_vjp(program, z, a, out)
+    back_z, back_a = step_adjoint(program, z, a, out)
     assert (back_z * dz).sum() + (back_a * da).sum() == pytest.approx(slope, rel=1e-7)
 
     out = rng.normal(size=(4, 2))
     slope = (out * (decode(program, z + e * dz) - decode(program, z - e * dz))).sum() / (2 * e)
-    assert (decode_vjp(program, z, out) * dz).sum() == pytest.approx(slope, rel=1e-7)
+    assert (decode_adjoint(program, z, out) * dz).sum() == pytest.approx(slope, rel=1e-7)
 
 
 def test_ties_and_kinks_take_pytorchs_subgradients():

@@ -15,7 +15,7 @@ import pytest
 
 import stillwake.__main__
 from contract.recording import dataset
-from stillwake.shipped import RECORDING
+from wake.shipped import RECORDING
 
 VERBS = [command.name or command.callback.__name__ for command in stillwake.__main__.app.registered_commands]
 

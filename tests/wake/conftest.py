@@ -6,7 +6,9 @@ import pytest
 from contract import sensors
 from contract.config.tree import FlowConfig
 from wake.recording import episode_job, recorder
-from wake.truck.truck_wake import Sample, State, TruckWake, developed_state
+from wake.truck.sample import Sample
+from wake.truck.state import State, developed_state
+from wake.truck.truck_wake import TruckWake
 
 
 @pytest.fixture(scope="session")

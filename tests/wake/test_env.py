@@ -9,7 +9,8 @@ from gymnasium.utils.env_checker import check_env
 from contract import sensors
 from contract.errors import ConfigError, PlantError
 from wake.env import TruckWakeEnv
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 WATCHED = ("base_0", "upper_39")
 
@@ -131,7 +132,7 @@ def test_another_start_is_where_the_phases_begin(wake: TruckWake) -> None:
         ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
         ({"phase_steps": -1}, "phase_steps = -1"),
         ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
-        ({"start": "file.npz"}, "start is a str: must be a wake.truck.truck_wake.State"),
+        ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv, options: dict[str, object], message: str) -> None:

@@ -15,7 +15,7 @@ from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed
 from wake.openfoam.start import from_own_solver
 from wake.openfoam.state import FoamState, load, save, written
-from wake.truck.truck_wake import developed_state
+from wake.truck.state import developed_state
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]

@@ -17,7 +17,7 @@ from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.sensing import sensor_weights
 from wake.truck import jets
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 Array = npt.NDArray[np.float64]
 

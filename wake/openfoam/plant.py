@@ -1,7 +1,7 @@
 """The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
 
 It is used like `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because icoFoam
-wants to know its instants in advance; and a state can only be taken at the end of a control period, where icoFoam
+needs its instants in advance; and a state can only be taken at the end of a control period, where icoFoam
 writes its fields.
 """
 
@@ -22,7 +22,7 @@ from wake.openfoam.process import IcoFoam, require_installed
 from wake.openfoam.start import between
 from wake.openfoam.state import FoamState, put, read_fields
 from wake.solver.grid import Grid, truck_grid
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 Array = npt.NDArray[np.float64]
 
@@ -146,9 +146,10 @@ class OpenFoamWake:
             PlantError: for an action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails,
                 or at the end of the longest duration.
         """
-        return self.advance_to(self.config.substeps, action)
+        self.advance_to(self.config.substeps, action)
+        return self.sample()
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the current period until `substep` (1 .. substeps).
 
         With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
@@ -167,7 +168,6 @@ class OpenFoamWake:
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        return self.sample()
 
     def sample(self) -> Sample:
         """Measure now."""
@@ -185,6 +185,9 @@ class OpenFoamWake:
         dvdx = np.diff(0.5 * (v[:, 1:] + v[:, :-1]), axis=0) / grid.dxc[1:-1, None]
         dudy = np.diff(0.5 * (u[1:] + u[:-1]), axis=1) / grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
+
+    def pressure(self) -> None:
+        """Not given in the flow, only at the sensors."""
 
     def close(self) -> None:
         """End icoFoam."""

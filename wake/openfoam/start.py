@@ -5,9 +5,9 @@ import numpy.typing as npt
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator, RegularGridInterpolator
 
 from wake.openfoam.mesh import Mesh
+from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
-from wake.solver.navier_stokes import Flow
-from wake.truck.truck_wake import State
+from wake.truck.state import State
 
 Array = npt.NDArray[np.float64]
 
@@ -26,9 +26,9 @@ def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
         look_up = RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=None)
         return np.asarray(look_up(at))
 
-    u = read(grid.xf, grid.yc, flow.u[:-1, 1:-1])
-    v = read(grid.xc, grid.yf, flow.v[1:-1])
-    p = read(grid.xc, grid.yc, flow.p[:-1])
+    u = read(*grid.axes("u"), flow.faces_u)
+    v = read(*grid.axes("v"), flow.faces_v)
+    p = read(*grid.axes("p"), flow.cells_p)
     return np.column_stack([u, v]), p
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +15,13 @@ from matplotlib.ticker import MultipleLocator
 
 from contract import sensors
 from contract.atomic import replacing
-from contract.config.tree import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.pictures.fields import Raster, View, bubble_length, pressure, velocity
+from wake.pictures.fields import Raster, View, velocity
+from wake.plant import Drawable
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
-from wake.truck.truck_wake import Sample, TruckWake
+from wake.truck.recirculation import recirculation_length
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["vorticity", "pressure"]
@@ -47,24 +47,6 @@ _FULL_JET: Final = 1.0
 _SUFFIXES: Final = (".png", ".pdf", ".svg")
 
 
-class Pictured(Protocol):
-    """What a picture needs of a plant."""
-
-    @property
-    def grid(self) -> Grid: ...
-    @property
-    def config(self) -> FlowConfig: ...
-    @property
-    def t(self) -> float:
-        """Time in t_c."""
-
-    def sample(self) -> Sample:
-        """Measure now."""
-
-    def vorticity(self) -> Array:
-        """In the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
-
-
 class WakePicture:
     """One figure of fixed size that shows a plant as it is now, drawn again and again.
 
@@ -78,12 +60,11 @@ class WakePicture:
     """
 
     def __init__(
-        self, wake: Pictured, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
+        self, wake: Drawable, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
     ) -> None:
         self._wake = wake
-        self._flow = wake.flow if isinstance(wake, TruckWake) else None
         self._kind: Kind = kind
-        if kind == "pressure" and self._flow is None:
+        if kind == "pressure" and wake.pressure() is None:
             raise ConfigError("the pressure in the flow can be drawn of the project's own solver only")
         self._chosen = sensors.indices(sensors.NAMES if sensor_names is None else sensor_names)
         grid, level = wake.grid, _LEVEL[kind]
@@ -119,8 +100,8 @@ class WakePicture:
     def update(self, title: str | None = None) -> Figure:
         """Show the plant's present state, under a title or under its time, wall drag and action."""
         sample = self._wake.sample()
-        field = self._wake.vorticity() if self._kind == "vorticity" or self._flow is None else pressure(self._flow)
-        self._image.set_data(self._raster(field))
+        field = self._wake.vorticity() if self._kind == "vorticity" else self._wake.pressure()
+        self._image.set_data(self._raster(np.asarray(field)))
         self._dots.set_array(sample.Cp[self._chosen])
         for side, arrow in self._jets.items():
             share = side * sample.action / self._wake.config.action_limit
@@ -141,21 +122,21 @@ class WakePicture:
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def vorticity_figure(wake: Pictured, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
+def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
     """Vorticity around the truck now, with these sensors or all of them coloured by Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
-def mean_figure(wake: TruckWake, mean: Flow, duration: float) -> Figure:
+def mean_figure(grid: Grid, mean: Flow, duration: float) -> Figure:
     """A mean flow behind the truck: u in colour, streamlines, the edge of backward flow, and the bubble's length.
 
     Args:
-        wake: the plant that the mean is of.
+        grid: of the plant that the mean is of.
         mean: from `wake.pictures.fields.TimeMean`.
         duration: that it was taken over, t_c; for the title.
     """
     figure, axes = _figure(10.0, 4.6, 110.0, NEAR_WAKE)
-    raster = Raster.of(wake.grid.xc, wake.grid.yc, NEAR_WAKE, 900)
+    raster = Raster.of(grid.xc, grid.yc, NEAR_WAKE, 900)
     u, v = (raster(component) for component in velocity(mean))
     inside = (raster.x < LENGTH)[None, :] & (np.abs(raster.y) < HALF_WIDTH)[:, None]
     u[inside] = v[inside] = np.nan
@@ -167,7 +148,7 @@ def mean_figure(wake: TruckWake, mean: Flow, duration: float) -> Figure:
     )
     axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
     _add_truck(axes)
-    length = bubble_length(wake.grid, mean)
+    length = recirculation_length(grid, mean)
     if length > 0.0:
         axes.annotate(
             "", xy=(LENGTH, 0.0), xytext=(LENGTH + length, 0.0), zorder=6,
@@ -179,13 +160,13 @@ def mean_figure(wake: TruckWake, mean: Flow, duration: float) -> Figure:
 
 
 def check_suffix(path: Path) -> None:
-    """Raises ConfigError for a name that says no known format."""
+    """Raises ConfigError for a name that ends in no known format."""
     if path.suffix.lower() not in _SUFFIXES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {', '.join(_SUFFIXES)}")
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write in the format that the name says, whole or not at all; raises as `check_suffix`."""
+    """Write in the format of the name's ending, whole or not at all; raises as `check_suffix`."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())

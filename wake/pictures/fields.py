@@ -1,4 +1,4 @@
-"""What a flow shows: fields in the cell centres, their mean over time, the recirculation bubble, pixels of them."""
+"""What a flow shows: fields in the cell centres, their mean over time, pixels of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,9 +8,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from contract.errors import PlantError
-from contract.geometry import LENGTH
-from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
+from wake.solver.flow import Flow
 from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
@@ -20,13 +18,8 @@ View = tuple[float, float, float, float]
 
 def velocity(flow: Flow) -> tuple[Array, Array]:
     """u and v in the cell centres, (nx, ny) each; units U_inf."""
-    u, v = flow.u[:-1, 1:-1], flow.v[1:-1]
+    u, v = flow.faces_u, flow.faces_v
     return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
-
-
-def pressure(flow: Flow) -> Array:
-    """Cp in the cell centres, (nx, ny)."""
-    return np.asarray(2.0 * flow.p[:-1])
 
 
 class TimeMean:
@@ -68,21 +61,6 @@ def mean_flow(
             mean.add(wake.flow)
         progress(k + 1, len(actions))
     return mean.flow()
-
-
-def bubble_length(grid: Grid, flow: Flow) -> float:
-    """Length of a mean flow's recirculation bubble in W: from the base to where u on the axis y = 0 turns positive
-    for good. Zero if nothing on the axis flows back.
-    """
-    # The axis is a row of faces; u lies half a cell above and below it, one padding column further on.
-    above = grid.shape[1] // 2 + 1
-    u, x = flow.u[grid.rear : -1, above - 1 : above + 1].mean(axis=1), grid.xf[grid.rear :]
-    backward = np.flatnonzero(u < 0.0)
-    if backward.size == 0:
-        return 0.0
-    last = slice(int(backward[-1]), int(backward[-1]) + 2)
-    # From below zero to above: the only order np.interp takes. A bubble that reaches the outlet ends there.
-    return float(np.interp(0.0, u[last], x[last])) - LENGTH
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from contract.recording.dataset import UNITS
-from wake.truck.truck_wake import State
+from wake.truck.state import State
 
 Series = Mapping[str, npt.NDArray[np.float64]]
 

@@ -42,7 +42,7 @@ class ControlledPlan:
     bundle: str
     bundle_digest: str
     packages: ClassVar[tuple[str, ...]] = ("onnxruntime",)
-    """What decides the samples beside the flow solver."""
+    """Packages that decide the samples as well as those of the flow solver."""
 
     @property
     def name(self) -> str:
@@ -50,7 +50,7 @@ class ControlledPlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What the data set tells of the plan, as plain JSON."""
+        """What the data set keeps of the plan, as plain JSON."""
         return {
             "forcing_signal": "controlled",
             "round": self.round,

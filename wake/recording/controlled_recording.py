@@ -1,6 +1,5 @@
 """Recording where the controller lives: a round of episodes under it, added to a data set."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from contract.recording.dataset import Episode
 from wake.recording.controlled_plan import ControlledRound
 from wake.recording.episode_job import EpisodeJob, Progress, setting_of
 from wake.recording.feedback import PolicyFactory
-from wake.recording.recorder import BLOCK_STEPS, clear, finished_jobs, jobs_for, label_file, task_of
+from wake.recording.recorder import BLOCK_STEPS, finished_jobs, jobs_for, task_of
 
 FACTS = ("flow", "grid")
 """Provenance that all episodes of a data set must share; start, versions and forcing may differ."""
@@ -41,7 +40,7 @@ def record_round(
         wanted: what to record.
         config: flow and forcing settings.
         policy: makes the controller in each recording process.
-        workers, scheduler, progress, notice, block_steps: as of `wake.recording.recorder.record`.
+        workers, scheduler, progress, notice, block_steps: as for `wake.recording.recorder.record`.
 
     Returns:
         The round's number.
@@ -56,7 +55,7 @@ def record_round(
     number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1
     before = jobs_for(output, wanted.plans(number - 1), config, block_steps=block_steps, policy=policy)
     if _added(before, there):
-        clear(before[0].parts)
+        before[0].parts.clear()
         return number - 1
     with finished_jobs(
         jobs_for(output, wanted.plans(number), config, block_steps=block_steps, policy=policy),
@@ -71,14 +70,10 @@ def record_round(
 
 def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
     """Whether parts of these jobs are left over although their episodes are in the data set."""
-    try:
-        label = json.loads(label_file(jobs[0].parts).read_text())
-    except (OSError, ValueError):
-        return False
-    if label != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
+    if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
         return False
     by_name = {episode.name: episode for episode in there}
-    # Actions are stored in full, and tell one recording from another.
+    # Actions are stored in full, and no two recordings have the same.
     return all(
         job.plan.name in by_name
         and np.array_equal(by_name[job.plan.name].series["action"], job.blocks.series()["action"])

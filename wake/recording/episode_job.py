@@ -4,8 +4,6 @@ import hashlib
 import platform
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,14 +14,16 @@ from contract.errors import StillwakeError
 from contract.recording.dataset import UNITS, Episode
 from contract.results import versions
 from wake.recording.blocks import EpisodeBlocks, Series
-from wake.recording.controlled_plan import ControlledPlan
-from wake.recording.episode_plan import EpisodePlan
 from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
+from wake.recording.parts_folder import PartsFolder, differing
+from wake.recording.plan import Plan
+from wake.shipped import DEVELOPED
 from wake.solver.grid import truck_grid
-from wake.truck.truck_wake import Sample, TruckWake, developed_state
+from wake.truck.sample import Sample
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 Array = npt.NDArray[np.float64]
-Plan = EpisodePlan | ControlledPlan
 Progress = Callable[[str, int, int], None]
 """Called with (episode, steps done, steps in all)."""
 
@@ -33,13 +33,16 @@ class EpisodeJob:
     """What it takes to record one episode, in this process or in another that sees the same folder.
 
     Attributes:
-        parts: folder of the recording's unfinished work.
-        owner: of the call of `record` that this belongs to; work stops when another one has taken the folder over.
+        parts: the recording's unfinished work.
+        owner: token of the call of `record` that this belongs to; work stops when another has taken the folder over.
+        plan: the episode.
+        config: flow and forcing settings.
+        block_steps: control steps between two writes to disk.
         setting: what every sample depends on; see `setting_of`.
         policy: makes the controller; without one, the plan's signal is all that drives the jets.
     """
 
-    parts: Path
+    parts: PartsFolder
     owner: str
     plan: Plan
     config: Config
@@ -49,20 +52,20 @@ class EpisodeJob:
 
     @property
     def blocks(self) -> EpisodeBlocks:
-        return EpisodeBlocks(folder=self.parts / self.plan.name, steps=self.plan.steps, block_steps=self.block_steps)
+        return EpisodeBlocks(
+            folder=self.parts.path / self.plan.name, steps=self.plan.steps, block_steps=self.block_steps
+        )
 
     def run(self, wake: TruckWake | None = None, progress: Progress = lambda name, done, total: None) -> None:
         """Record what is missing; `wake` is built if not given.
 
         Raises:
-            StillwakeError: if the folder is not to be seen from here, a block cannot be written, this process has
-                other versions or another start than the one that began the recording, or another call took over.
+            StillwakeError: if this process does not find the folder, a block cannot be written, this process has other
+                versions or another start than the one that began the recording, or another call took over.
             PlantError: if the flow diverges.
         """
-        if not self._is_owner():
-            raise StillwakeError(
-                f"{self.parts} is not to be seen from {platform.node()}: it must lie on a shared folder"
-            )
+        if not self.parts.is_owned_by(self.owner):
+            raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must lie on a shared folder")
         mine = setting_of(self.config, self.plan.packages)
         if mine != self.setting:
             raise StillwakeError(f"{platform.node()} would record with other {differing(mine, self.setting)}")
@@ -81,8 +84,8 @@ class EpisodeJob:
             for _ in range(plan.lead):
                 sample = wake.advance(0.0)
         while first < plan.steps:
-            if not self._is_owner():
-                raise StillwakeError(f"{self.parts}: stopped, or taken over by another call")
+            if not self.parts.is_owned_by(self.owner):
+                raise StillwakeError(f"{self.parts.path}: stopped, or taken over by another call")
             block = signal[first : first + self.block_steps]
             series, sample, memory = _advance(wake, sample, policy, memory, block)
             blocks.add(series, wake.state(), memory)
@@ -99,35 +102,20 @@ class EpisodeJob:
             provenance={**self.setting, **self.plan.provenance},
         )
 
-    def _is_owner(self) -> bool:
-        try:
-            return owner_file(self.parts).read_text() == self.owner
-        except OSError:
-            return False
-
 
 def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]:
     """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages`, too."""
-    start = files("wake").joinpath("data/developed.npz").read_bytes()
     return {
         "flow": asdict(config.flow),
         "forcing": asdict(config.forcing),
         "grid": list(truck_grid().shape),
-        "start": "wake/data/developed.npz",
-        "start_sha256": hashlib.sha256(start).hexdigest(),
+        "start": f"wake/data/{DEVELOPED.name}",
+        "start_sha256": hashlib.sha256(DEVELOPED.read_bytes()).hexdigest(),
         "versions": {
             "python": platform.python_version(),
             **versions("stillwake", "numpy", "numba", "scipy", *packages),
         },
     }
-
-
-def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
-    return ", ".join(sorted(key for key in a.keys() | b.keys() if a.get(key) != b.get(key)))
-
-
-def owner_file(parts: Path) -> Path:
-    return parts / "owner"
 
 
 def _advance(

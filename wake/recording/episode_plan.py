@@ -38,7 +38,7 @@ class EpisodePlan:
     seed: int
     lead: int = 0
     packages: ClassVar[tuple[str, ...]] = ()
-    """What decides the samples beside the flow solver."""
+    """Packages that decide the samples as well as those of the flow solver."""
 
     @property
     def role(self) -> Role:
@@ -51,7 +51,7 @@ class EpisodePlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What the data set tells of the plan, as plain JSON."""
+        """What the data set keeps of the plan, as plain JSON."""
         return {"forcing_signal": self.forcing, "seed": self.seed, "lead_steps": self.lead}
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:

@@ -75,7 +75,7 @@ def _finish(future: Future, job: EpisodeJob) -> None:
     if isinstance(error, KilledWorker):
         raise StillwakeError(
             f"episode {job.plan.name}: {error.allowed_failures + 1} workers died over it, killed or for want of "
-            f"memory; finished blocks are kept in {job.parts}"
+            f"memory; finished blocks are kept in {job.parts.path}"
         )
     raise StillwakeError(f"episode {job.plan.name}: lost by its worker ({error or future.status})") from error
 

@@ -1,21 +1,19 @@
 """Recording a data set: episodes one after the other or side by side, then one HDF5 file."""
 
-import json
-import shutil
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.errors import StillwakeError
 from contract.recording.dataset import Dataset, write
-from wake.recording.episode_job import EpisodeJob, Plan, Progress, differing, owner_file, setting_of
+from wake.recording.episode_job import EpisodeJob, Progress, setting_of
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.feedback import NoFeedback, PolicyFactory
+from wake.recording.parts_folder import PartsFolder
+from wake.recording.plan import Plan
 from wake.truck.truck_wake import TruckWake
 
 BLOCK_STEPS: Final = 100
@@ -66,13 +64,7 @@ def jobs_for(
     output: Path, plans: Sequence[Plan], config: Config, *, block_steps: int, policy: PolicyFactory = NoFeedback
 ) -> tuple[EpisodeJob, ...]:
     """The work of one call; nothing is written yet."""
-    # Workers may stand in another folder.
-    output = output.absolute()
-    parts, owner, setting = (
-        output.with_name(output.name + ".parts"),
-        uuid.uuid4().hex,
-        setting_of(config, plans[0].packages),
-    )
+    parts, owner, setting = PartsFolder.beside(output), uuid.uuid4().hex, setting_of(config, plans[0].packages)
     return tuple(
         EpisodeJob(
             parts=parts,
@@ -88,7 +80,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """What tells one recording's parts from another's, as plain JSON."""
+    """By what one recording's parts differ from another's, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -106,9 +98,7 @@ def finished_jobs(
     Arguments and errors are those of `record`.
     """
     parts, config = jobs[0].parts, jobs[0].config
-    _claim(parts, task_of(jobs))
-    with replacing(owner_file(parts)) as temporary:
-        temporary.write_text(jobs[0].owner)
+    parts.claim(task_of(jobs), jobs[0].owner)
     for job in jobs:
         progress(job.plan.name, job.blocks.finished, job.plan.steps)
     unfinished = [job for job in jobs if job.blocks.finished < job.plan.steps]
@@ -123,43 +113,6 @@ def finished_jobs(
 
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)
     finally:
-        owner_file(parts).unlink(missing_ok=True)
+        parts.disown()
     yield jobs
-    clear(parts)
-
-
-def label_file(parts: Path) -> Path:
-    """Where the task stands that parts belong to."""
-    return parts / "task.json"
-
-
-def clear(parts: Path) -> None:
-    """Remove parts that are no longer needed; whoever is killed meanwhile leaves all of them or none."""
-    gone = _gone(parts)
-    shutil.rmtree(gone, ignore_errors=True)
-    parts.replace(gone)
-    shutil.rmtree(gone)
-
-
-def _gone(parts: Path) -> Path:
-    return parts.with_name(parts.name + ".done")
-
-
-def _claim(parts: Path, task: Mapping[str, Any]) -> None:
-    """Make the folder of parts ours, or make sure it already is."""
-    shutil.rmtree(_gone(parts), ignore_errors=True)
-    label = label_file(parts)
-    if parts.is_dir() and any(path.is_dir() for path in parts.iterdir()):
-        try:
-            found = json.loads(label.read_text())
-        except (OSError, ValueError):
-            raise StillwakeError(f"{parts} holds parts of an unknown recording: delete it first") from None
-        if found != task:
-            raise StillwakeError(
-                f"{parts} holds an unfinished recording with other settings ({differing(found, task)}): finish it "
-                f"with those, or delete it first"
-            )
-        return
-    # Nothing is recorded yet, whatever an earlier call had in mind.
-    with replacing(label) as temporary:
-        temporary.write_text(json.dumps(task, sort_keys=True))
+    parts.clear()

@@ -12,11 +12,13 @@ cell of a no-slip wall the volume flow is of the order of the distance squared.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from wake.solver.grid import Grid, bilinear
+from wake.solver.flow import Layout
+from wake.solver.grid import Component, Grid, bilinear
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
@@ -26,17 +28,14 @@ SignedDistance = Callable[[npt.ArrayLike, npt.ArrayLike], Array]
 _ON_WALL = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GhostMap:
-    """Ghost k takes sum of weight * value over entries start[k] .. start[k + 1]; flat indices of a padded array."""
+class GhostMap(NamedTuple):
+    """Ghost k takes the sum of weight * value over entries start[k] .. start[k + 1]; flat indices of the component's
+    padded array (`wake.solver.flow`)."""
 
     target: Index
     start: Index
     source: Index
     weight: Array
-
-    def arrays(self) -> tuple[Index, Index, Index, Array]:
-        return self.target, self.start, self.source, self.weight
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +47,7 @@ class Boundary:
         open_u, open_v: faces between two fluid cells, (nx + 1, ny) and (nx, ny + 1), and the outlet; the other outer
             boundaries are not open.
         u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
-        u_ghosts, v_ghosts: maps on the padded arrays u (nx + 2, ny + 2) and v (nx + 2, ny + 1).
+        u_ghosts, v_ghosts: maps on the padded arrays u and v.
     """
 
     fluid: Mask
@@ -78,8 +77,8 @@ def build(grid: Grid, distance: SignedDistance) -> Boundary:
         u_runs=_runs(open_u),
         v_runs=_runs(open_v),
         cell_runs=_runs(fluid),
-        u_ghosts=_ghosts(grid.xf, grid.yc, open_u, touched_u, distance, pad=(0, 1)),
-        v_ghosts=_ghosts(grid.xc, grid.yf, open_v, touched_v, distance, pad=(1, 0)),
+        u_ghosts=_ghosts(grid, "u", open_u, touched_u, distance),
+        v_ghosts=_ghosts(grid, "v", open_v, touched_v, distance),
     )
 
 
@@ -110,21 +109,16 @@ def _runs(mask: Mask) -> Index:
     return np.column_stack([i0, j0, j1]).astype(np.int64)
 
 
-def _ghosts(
-    x: Array, y: Array, open_faces: Mask, touched: Mask, distance: SignedDistance, pad: tuple[int, int]
-) -> GhostMap:
-    outer = np.zeros_like(open_faces)
-    outer[0] = outer[-1] = True
-    outer[:, 0] = outer[:, -1] = True
-    columns = len(y) + 2 * pad[1]
+def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, distance: SignedDistance) -> GhostMap:
+    layout, (x, y) = Layout(grid.shape), grid.axes(component)
     target, start, source, weight = [], [0], [], []
     for i, j in np.argwhere(touched & ~open_faces):
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
-        if at_wall or _is_outer(i, j, open_faces.shape, pad):
+        if at_wall or _is_outer(i, j, open_faces.shape, component):
             continue  # a face on a wall keeps its prescribed normal velocity, an outer one its inflow or outflow
-        target.append((i + pad[0]) * columns + j + pad[1])
+        target.append(layout.offset(component, i, j))
         for (si, sj), w in _parabola(x, y, int(i), int(j), open_faces, distance):
-            source.append((si + pad[0]) * columns + sj + pad[1])
+            source.append(layout.offset(component, si, sj))
             weight.append(w)
         start.append(len(source))
     return GhostMap(
@@ -135,9 +129,9 @@ def _ghosts(
     )
 
 
-def _is_outer(i: int, j: int, shape: tuple[int, ...], pad: tuple[int, int]) -> bool:
-    """Faces on the domain's edge; padding tells the direction of the velocity component."""
-    return i in (0, shape[0] - 1) if pad[1] else j in (0, shape[1] - 1)
+def _is_outer(i: int, j: int, shape: tuple[int, ...], component: Component) -> bool:
+    """Whether the face lies on an edge of the domain to which the velocity component is normal."""
+    return i in (0, shape[0] - 1) if component == "u" else j in (0, shape[1] - 1)
 
 
 def _parabola(

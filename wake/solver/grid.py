@@ -6,6 +6,7 @@ symmetric in y and has an even number of rows, so that the flow splits into exac
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 
 Array = npt.NDArray[np.float64]
+Component = Literal["u", "v", "p"]
 
 # Wanted spacing at a few stations; between them it varies linearly. The wall cell matches the body-fitted
 # reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as its finest regions.
@@ -59,6 +61,10 @@ class Grid:
     @property
     def shape(self) -> tuple[int, int]:
         return len(self.xc), len(self.yc)
+
+    def axes(self, component: Component) -> tuple[Array, Array]:
+        """Coordinates x and y of the component's values."""
+        return self.xf if component == "u" else self.xc, self.yf if component == "v" else self.yc
 
 
 def truck_grid(refinement: float = 1.0) -> Grid:

@@ -4,22 +4,87 @@ Central differences on the staggered grid, second order on smoothly stretched gr
 with equal weights, so that it neither makes nor destroys kinetic energy (Verstappen and Veldman, J. Comput. Phys.
 187, 2003). It is written in advective form, which equals the flux form on a divergence-free field; on the stages of a
 Runge-Kutta step, which are not projected, the flux form would count each divergence twice and halve the stable step.
-Arrays are padded: u is (nx + 2, ny + 2) and v is (nx + 2, ny + 1), with one layer beyond the edges along
-which the component is tangential and one behind the outlet; p is (nx + 1, ny), its last column mirrored behind the
-outlet with the other sign. Runs (i, j0, j1) of unpadded indices name the faces to treat, so that the loops
-over j hold no branch.
+
+Arrays are padded as in `wake.solver.flow`; the pressure behind the outlet is mirrored with the other sign. Runs
+(i, j0, j1) of unpadded indices name the faces to treat, so that the loops over j hold no branch.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from wake.solver.boundary import GhostMap
+
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
-Spacing = tuple[Array, Array, Array, Array]
-"""dx, dxc, dy, dyc of a `wake.solver.grid.Grid`."""
-Ghosts = tuple[Index, Index, Index, Array]
-"""Target, start, source and weight of a `wake.solver.boundary.GhostMap`."""
+
+
+class Spacing(NamedTuple):
+    """As in `wake.solver.grid.Grid`, but with mirrored cells before the inlet and behind the outlet: dx (nx + 1,)."""
+
+    dx: Array
+    dxc: Array
+    dy: Array
+    dyc: Array
+
+
+class Fields(NamedTuple):
+    """The padded views of a `wake.solver.flow.Flow`."""
+
+    u: Array
+    v: Array
+    p: Array
+
+
+class Rates(NamedTuple):
+    """Accumulated rates of u and v, of the same padded shapes."""
+
+    u: Array
+    v: Array
+
+
+class Runs(NamedTuple):
+    """Rows (i, j0, j1) that cover the open u-faces and the open v-faces."""
+
+    u: Index
+    v: Index
+
+
+class Walls(NamedTuple):
+    """Ghosts of u and of v."""
+
+    u: GhostMap
+    v: GhostMap
+
+
+class Inflow(NamedTuple):
+    """Velocity at the inlet: u (ny,) and v (ny + 1,)."""
+
+    u: Array
+    v: Array
+
+
+class Domain(NamedTuple):
+    """What stays from step to step.
+
+    Attributes:
+        viscosity: 1 / Re.
+        spacing: cell sizes.
+        runs: open faces.
+        walls: ghosts of the body.
+        inflow: velocity at the inlet.
+        slot_column, slot_rows: x-face and rows of the jets, (m,).
+    """
+
+    viscosity: float
+    spacing: Spacing
+    runs: Runs
+    walls: Walls
+    inflow: Inflow
+    slot_column: int
+    slot_rows: Index
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -29,7 +94,7 @@ def _u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing
     Rows are sliced to start at the run, and the x- and y-terms take a loop each: with indices that could be negative,
     or more arrays than it can prove distinct, the compiler does not vectorise.
     """
-    dx, dxc, dy, dyc = spacing
+    dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     half_rdy, nu_rdy, rdyc = 0.5 / dy, nu / dy, 1.0 / dyc
     along = np.empty_like(dy)
     for r in range(runs.shape[0]):
@@ -62,7 +127,7 @@ def _u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing
 @njit(cache=True, fastmath={"contract"})
 def _v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """q = a q + dv/dt on the open v-faces, the pressure p's gradient included; loops as in `_u_rate`."""
-    dx, dxc, dy, dyc = spacing
+    dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = 1.0 / dy, 1.0 / dyc
     # Shares of the rows below and above a v-face in the flow through its cell's sides.
     below, above = 0.5 * dy[:-1] * rdyc[1:-1], 0.5 * dy[1:] * rdyc[1:-1]
@@ -101,7 +166,8 @@ def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, p
 
 
 @njit(cache=True)
-def _fill_ghosts(flat: Array, target: Index, start: Index, source: Index, weight: Array) -> None:
+def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
+    target, start, source, weight = ghosts.target, ghosts.start, ghosts.source, ghosts.weight
     for k in range(target.shape[0]):
         total = 0.0
         for e in range(start[k], start[k + 1]):
@@ -124,54 +190,47 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
 
 
 @njit(cache=True)
-def fill_walls(u: Array, v: Array, u_ghosts: Ghosts, v_ghosts: Ghosts) -> None:
+def fill_walls(u: Array, v: Array, walls: Walls) -> None:
     """No slip on the body."""
-    _fill_ghosts(u.reshape(-1), *u_ghosts)
-    _fill_ghosts(v.reshape(-1), *v_ghosts)
+    _fill_ghosts(u.reshape(-1), walls.u)
+    _fill_ghosts(v.reshape(-1), walls.v)
 
 
 @njit(cache=True)
-def clear_walls(u: Array, v: Array, u_ghosts: Ghosts, v_ghosts: Ghosts) -> None:
+def clear_walls(u: Array, v: Array, walls: Walls) -> None:
     """Ghosts carry no flow in the mass balance."""
     u_flat, v_flat = u.reshape(-1), v.reshape(-1)
-    for k in u_ghosts[0]:
+    for k in walls.u.target:
         u_flat[k] = 0.0
-    for k in v_ghosts[0]:
+    for k in walls.v.target:
         v_flat[k] = 0.0
 
 
 @njit(cache=True)
-def stage(
-    u: Array,
-    v: Array,
-    p: Array,
-    qu: Array,
-    qv: Array,
-    a: float,
-    step: float,
-    nu: float,
-    spacing: Spacing,
-    u_runs: Index,
-    v_runs: Index,
-    u_ghosts: Ghosts,
-    v_ghosts: Ghosts,
-    inflow_u: Array,
-    inflow_v: Array,
-    rear: int,
-    slot_rows: Index,
-    slot_velocity: Array,
-) -> None:
-    """One Runge-Kutta stage: q = a q + rate, velocity += step q, then every boundary condition at its end."""
-    _u_rate(qu, a, u, v, p, nu, spacing, u_runs)
-    _v_rate(qv, a, u, v, p, nu, spacing, v_runs)
-    _add_scaled(u, qu, step, u_runs, 0, 1)
-    _add_scaled(v, qv, step, v_runs, 1, 0)
-    for j in range(len(inflow_u)):
-        u[0, j + 1] = inflow_u[j]
+def _stage(flow: Fields, rates: Rates, a: float, step: float, slot_velocity: Array, domain: Domain) -> None:
+    """rates = a rates + d/dt, velocity += step rates, then every boundary condition at the stage's end."""
+    u, v, p = flow.u, flow.v, flow.p
+    runs, inflow, slot_rows = domain.runs, domain.inflow, domain.slot_rows
+    _u_rate(rates.u, a, u, v, p, domain.viscosity, domain.spacing, runs.u)
+    _v_rate(rates.v, a, u, v, p, domain.viscosity, domain.spacing, runs.v)
+    _add_scaled(u, rates.u, step, runs.u, 0, 1)
+    _add_scaled(v, rates.v, step, runs.v, 1, 0)
+    for j in range(len(inflow.u)):
+        u[0, j + 1] = inflow.u[j]
     for k in range(len(slot_rows)):
-        u[rear, slot_rows[k] + 1] = slot_velocity[k]
-    fill_edges(u, v, inflow_v)
-    fill_walls(u, v, u_ghosts, v_ghosts)
+        u[domain.slot_column, slot_rows[k] + 1] = slot_velocity[k]
+    fill_edges(u, v, inflow.v)
+    fill_walls(u, v, domain.walls)
+
+
+@njit(cache=True)
+def stages(flow: Fields, rates: Rates, a: Array, step: Array, slot_velocity: Array, domain: Domain) -> None:
+    """The Runge-Kutta stages of a step: a (s,), step (s,) and slot_velocity (s, m) at each stage's end.
+
+    All in one call, because to hand over this many arrays takes a microsecond or two.
+    """
+    for k in range(len(a)):
+        _stage(flow, rates, a[k], step[k], slot_velocity[k], domain)
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -186,10 +245,9 @@ def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) 
 
 
 @njit(cache=True, fastmath={"contract"})
-def correct(
-    u: Array, v: Array, p: Array, phi: Array, dt: float, dxc: Array, dyc: Array, u_runs: Index, v_runs: Index
-) -> None:
+def correct(flow: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
     """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
+    u, v, p, u_runs, v_runs = flow.u, flow.v, flow.p, runs.u, runs.v
     nx, ny = phi.shape
     for r in range(u_runs.shape[0]):
         i, j0, j1 = u_runs[r, 0], u_runs[r, 1], u_runs[r, 2]

@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.errors import PlantError
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-
-Array = npt.NDArray[np.float64]
 
 CONVECTIVE_LIMIT: Final = 2.0
 JET_LIMIT: Final = 4.0
@@ -26,11 +25,11 @@ _SAFE: Final = 1.7
 """What to aim at in either number."""
 
 
-def convective_number(grid: Grid, u: Array, v: Array, dt: float) -> float:
-    """Largest convective number of the cells; u (nx + 2, ny + 2) and v (nx + 2, ny + 1) padded as in
-    `wake.solver.kernels`."""
-    along = np.maximum(np.abs(u[:-2, 1:-1]), np.abs(u[1:-1, 1:-1])) / grid.dx[:, None]
-    across = np.maximum(np.abs(v[1:-1, :-1]), np.abs(v[1:-1, 1:])) / grid.dy
+def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
+    """Largest convective number of the cells."""
+    u, v = np.abs(flow.faces_u), np.abs(flow.faces_v)
+    along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
+    across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
     return float(dt * (along + across).max())
 
 

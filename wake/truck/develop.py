@@ -1,11 +1,13 @@
 """From fluid at rest around the truck to an established wake: how the shipped start was made."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from wake.truck.truck_wake import State, TruckWake
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
 
 # An impulsive start is stiff: (dt, steps) until the first transients have left the leading edge.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
@@ -39,6 +41,6 @@ def develop(
         kick = _KICK_AMPLITUDE * np.sin(2.0 * np.pi * 0.2 * k * flow.control_period) if k < _KICK_STEPS else 0.0
         sample = wake.advance(flow.action_limit * float(kick))
         progress(sample.t, duration)
-    state = State(flat=wake.state().flat, substep=0, action=0.0)
+    state = replace(wake.state(), substep=0, action=0.0)
     wake.reset(state)
     return state

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
 
 Array = npt.NDArray[np.float64]
 
@@ -47,9 +47,9 @@ class SlotFaces:
 
     def measure(self, flow: Flow) -> SlotLoad:
         """The load at one instant."""
-        face, ahead = flow.u[self._rear, 1:-1], flow.u[self._rear + 1, 1:-1]
+        face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
         between = 0.5 * (face + ahead)
-        Cp = 2.0 * (flow.p[self._rear] + between * between - face * face)
+        Cp = 2.0 * (flow.cells_p[self._rear] + between * between - face * face)
         slots = (self._upper, self._lower)
         return SlotLoad(
             Cd_pressure=-sum(float(Cp[rows] @ self._dy[rows]) for rows in slots),

@@ -6,22 +6,19 @@ equations as the shedding wake, so its drag says how much of the drag is sheddin
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from datetime import date
-from math import log10
-from pathlib import Path
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from contract import sensors
-from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from contract.geometry import LENGTH
-from contract.results import versions, write_result
-from wake.solver.navier_stokes import Flow
+from wake.solver.flow import Flow
 from wake.truck.develop import start_from_rest
-from wake.truck.truck_wake import Sample, State, TruckWake, save_state
+from wake.truck.recirculation import recirculation_length
+from wake.truck.sample import Sample
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
 """In the last stage rates fall by a factor e in about 23 t_c: forces are then final to some 1e-5."""
@@ -80,15 +77,14 @@ def settle(
     """
     start_from_rest(wake)
     period = wake.config.control_period
-    before, drag = wake.flow.flat.copy(), _drag(wake.sample())
-    velocities = wake.flow.u.size + wake.flow.v.size
+    before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
     while wake.t < longest:
         wake.advance(0.0)
         keep_even_part(wake.flow)
         now = _drag(wake.sample())
-        velocity_rate = float(np.abs(wake.flow.flat[:velocities] - before[:velocities]).max()) / period
+        velocity_rate = float(np.abs(wake.flow.velocities - before).max()) / period
         drag_rate = abs(now - drag) / period
-        before[:], drag = wake.flow.flat, now
+        before[:], drag = wake.flow.velocities, now
         progress(wake.t, max(velocity_rate, drag_rate))
         if max(velocity_rate, drag_rate) < tolerance:
             break
@@ -98,49 +94,15 @@ def settle(
             f"|dCd/dt| = {drag_rate:.2g}, must be below {tolerance:g}"
         )
     time = wake.t
-    state = State(flat=wake.flow.flat.copy(), substep=0, action=0.0)
+    state = replace(wake.state(), substep=0, action=0.0)
     return SteadyWake(
         state=state,
         sample=wake.reset(state),
-        recirculation_length=recirculation_length(wake),
+        recirculation_length=recirculation_length(wake.grid, wake.flow),
         velocity_rate=velocity_rate,
         drag_rate=drag_rate,
         time=time,
     )
-
-
-def write_steady(
-    output: Path,
-    flow: FlowConfig,
-    json_file: Path | None,
-    on: date,
-    show: Callable[[dict[str, Any]], None] = lambda state: None,
-) -> SteadyWake:
-    """Settle a wake and write its state, and if wanted its figures as a results file.
-
-    Args:
-        output: state file.
-        flow: flow settings.
-        json_file: results file; None for none.
-        on: the day for it.
-        show: called after every control period with what a progress bar needs; rates fall by decades.
-    """
-    wake, decades = TruckWake(flow), -log10(TOLERANCE)
-
-    def progress(t: float, rate: float) -> None:
-        done = min(decades, max(0.0, -log10(rate)))
-        show({"total": decades, "completed": round(done, 2), "note": f"t {t:.0f}  max |d/dt| {rate:.1e}"})
-
-    found = settle(wake, progress=progress)
-    save_state(output, wake)
-    if json_file is not None:
-        facts = {
-            "config": asdict(flow),
-            "grid": list(wake.grid.shape),
-            "versions": versions("numpy", "numba", "scipy"),
-        }
-        write_result(json_file, figures=found.figures(), facts=facts, on=on)
-    return found
 
 
 def _drag(sample: Sample) -> float:
@@ -152,19 +114,3 @@ def keep_even_part(flow: Flow) -> None:
     flow.u[:] = 0.5 * (flow.u + flow.u[:, ::-1])
     flow.v[:] = 0.5 * (flow.v - flow.v[:, ::-1])
     flow.p[:] = 0.5 * (flow.p + flow.p[:, ::-1])
-
-
-def recirculation_length(wake: TruckWake) -> float:
-    """From the base to the last point on the axis with upstream velocity, at most to the outlet; in W."""
-    grid, middle = wake.grid, wake.grid.shape[1] // 2
-    # Padding shifts the two rows beside the axis by one.
-    speed = wake.flow.u[grid.rear : -1, middle : middle + 2].mean(axis=1)
-    x = grid.xf[grid.rear :] - LENGTH
-    upstream = np.flatnonzero(speed < 0.0)
-    if len(upstream) == 0:
-        return 0.0
-    last = int(upstream[-1])
-    if last == len(x) - 1:
-        return float(x[-1])
-    share = speed[last] / (speed[last] - speed[last + 1])
-    return float(x[last] + share * (x[last + 1] - x[last]))

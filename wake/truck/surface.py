@@ -18,8 +18,8 @@ from scipy.sparse import csr_array
 from contract import sensors
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH, WAKE_PROBE
 from wake.solver.boundary import Boundary
-from wake.solver.grid import Grid, bilinear
-from wake.solver.navier_stokes import Flow
+from wake.solver.flow import Flow, Layout
+from wake.solver.grid import Component, Grid, bilinear
 from wake.truck.slot_faces import SlotFaces, SlotLoad
 
 Array = npt.NDArray[np.float64]
@@ -55,51 +55,37 @@ class Surface:
         self._boundary = boundary
         self._viscosity = viscosity
         self._slots = SlotFaces(grid, viscosity, slot_profile)
-        nx, ny = grid.shape
-        self._u_start, self._v_start = 0, (nx + 2) * (ny + 2)
-        self._p_start = self._v_start + (nx + 2) * (ny + 1)
+        self._layout = Layout(grid.shape)
         rows = [
             self._wall_pressure(x, y, *normal) for (x, y), normal in zip(sensors.positions(), _normals(), strict=True)
         ]
         rows += self._wall_force(viscosity)
         rows.append(self._sample(WAKE_PROBE[0], WAKE_PROBE[1], "v"))
-        self._matrix = _sparse(rows, self._p_start + (nx + 1) * ny)
+        self._matrix = _sparse(rows, self._layout.size)
 
-    def measure(self, flat: Array) -> Measured:
-        """Evaluate on the flow's buffer."""
-        values = self._matrix @ flat
+    def measure(self, flow: Flow) -> Measured:
+        """Evaluate on a flow."""
+        values = self._matrix @ flow.flat
         cp, rest = values[: sensors.COUNT], values[sensors.COUNT :]
         return Measured(
             Cp=cp,
             Cd=float(rest[0]),
             Cl=float(rest[1]),
-            slots=self._slots.measure(Flow.of(flat, self._grid.shape)),
+            slots=self._slots.measure(flow),
             Uy_probe=float(rest[2]),
         )
 
-    def _index(self, component: str, i: int, j: int) -> int:
-        ny = self._grid.shape[1]
-        if component == "u":
-            return self._u_start + i * (ny + 2) + j + 1
-        if component == "v":
-            return self._v_start + (i + 1) * (ny + 1) + j
-        return self._p_start + i * ny + j
-
-    def _axes(self, component: str) -> tuple[Array, Array]:
-        grid = self._grid
-        return grid.xf if component == "u" else grid.xc, grid.yf if component == "v" else grid.yc
-
-    def _sample(self, px: float, py: float, component: str) -> Terms:
+    def _sample(self, px: float, py: float, component: Component) -> Terms:
         """A field at a point in the flow."""
         terms: Terms = defaultdict(float)
-        for (i, j), w in bilinear(*self._axes(component), px, py):
-            terms[self._index(component, i, j)] += w
+        for (i, j), w in bilinear(*self._grid.axes(component), px, py):
+            terms[self._layout.index(component, i, j)] += w
         return terms
 
-    def _flow_points(self, x: float, y: float, nx: float, ny: float, component: str) -> list[tuple[float, Terms]]:
+    def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
         """The two nearest usable points along the normal at (x, y): (distance, field there)."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
-        xs, ys = self._axes(component)
+        xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
         found: list[tuple[float, Terms]] = []
         distance = 0.5 * spacing
@@ -108,7 +94,7 @@ class Surface:
             if all(usable[face] for face, _ in entries):
                 terms: Terms = defaultdict(float)
                 for face, w in entries:
-                    terms[self._index(component, *face)] += w
+                    terms[self._layout.index(component, *face)] += w
                 found.append((distance, terms))
                 distance += spacing
             else:
@@ -125,7 +111,8 @@ class Surface:
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
         """Normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at rest)."""
         terms: Terms = defaultdict(float)
-        for factor, component in ((nx, "u"), (ny, "v")):
+        components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
+        for factor, component in components:
             if abs(factor) > 1e-9:
                 (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
                 scale = 2.0 * self._viscosity * factor / (d2 - d1)
@@ -133,7 +120,7 @@ class Surface:
                 _add(terms, scale / d2, second)
         return terms
 
-    def _wall_shear(self, x: float, y: float, nx: float, ny: float, component: str) -> Terms:
+    def _wall_shear(self, x: float, y: float, nx: float, ny: float, component: Component) -> Terms:
         """Normal derivative of a velocity component on a no-slip wall, second order."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
         scale = 1.0 / (d1 * d2 * (d2 - d1))

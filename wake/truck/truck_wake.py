@@ -2,91 +2,25 @@
 
 Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
 force to the newly commanded one until t_{k+1}. A command that arrives late starts its ramp late and still ends at
-t_{k+1}; `advance_to` lets a co-simulation say when it arrived.
+t_{k+1}; with `advance_to` a co-simulation sets when it arrives.
 """
-
-from dataclasses import dataclass
-from importlib.resources import files
-from pathlib import Path
-from typing import Final
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
-from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake.solver import boundary, stability
+from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
-from wake.solver.navier_stokes import Flow, FlowSolver
+from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
+from wake.truck.sample import Sample
+from wake.truck.state import Origin, State
 from wake.truck.surface import Surface
 
 Array = npt.NDArray[np.float64]
-
-STATE_SCHEMA: Final = "stillwake-flow/2"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sample:
-    """What the plant shows at one instant; forces per unit of rho U_inf^2 W / 2.
-
-    Attributes:
-        t: time in t_c.
-        Cp: at the 90 sensors, relative to the outlet.
-        Cd, Cl: wall force without the slot faces.
-        Cd_slot_pressure, Cd_slot_viscous: pressure and viscous force on the slot faces.
-        Cd_momentum: reaction to the momentum the jets carry, negative for thrust.
-        jet_power: power the jets hand to the flow, per unit of rho U_inf^3 W / 2.
-        Uy_probe: transverse velocity at (10, 0).
-        action: jet flow rate in force at this instant.
-    """
-
-    t: float
-    Cp: Array
-    Cd: float
-    Cl: float
-    Cd_slot_pressure: float
-    Cd_slot_viscous: float
-    Cd_momentum: float
-    jet_power: float
-    Uy_probe: float
-    action: float
-
-    @property
-    def Cd_slot(self) -> float:
-        """Force on the slot faces."""
-        return self.Cd_slot_pressure + self.Cd_slot_viscous
-
-    @property
-    def Cd_net(self) -> float:
-        """Wall, slot and momentum together: what the vehicle's axle would feel."""
-        return self.Cd + self.Cd_slot + self.Cd_momentum
-
-
-@dataclass(frozen=True, kw_only=True)
-class Origin:
-    """The plant a state was made on; the clock is None where an old file does not tell."""
-
-    shape: tuple[int, int]
-    reynolds: float
-    control_period: float | None = None
-    substeps: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class State:
-    """Everything that decides the future: the flow, the substep count since t = 0 and the jet.
-
-    A state that knows its origin is only taken by a plant of the same kind.
-    """
-
-    flat: Array
-    substep: int
-    action: float
-    origin: Origin | None = None
 
 
 class TruckWake:
@@ -178,9 +112,10 @@ class TruckWake:
         Raises:
             PlantError: for an action that is not finite or exceeds the bound, or if the flow diverges.
         """
-        return self.advance_to(self.config.substeps, action)
+        self.advance_to(self.config.substeps, action)
+        return self.sample()
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the current period until `substep` (1 .. substeps).
 
         With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
@@ -194,11 +129,10 @@ class TruckWake:
         self.solver.run(self.flow, dt=self.dt, steps=steps, action_from=self._action, action_to=reached)
         self._substep += steps
         self._action = target if substep == last else reached
-        return self.sample()
 
     def sample(self) -> Sample:
         """Measure now."""
-        measured, a = self.surface.measure(self.flow.flat), self._action
+        measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
         # Integral of u^3 over a slot vanishes in the sum of blowing and sucking; pressure work remains.
         return Sample(
@@ -216,10 +150,13 @@ class TruckWake:
 
     def vorticity(self) -> Array:
         """dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
-        u, v = self.flow.u, self.flow.v
-        dvdx = (v[2:-1, 1:-1] - v[1:-2, 1:-1]) / self.grid.dxc[1:-1, None]
-        dudy = (u[1:-2, 2:-1] - u[1:-2, 1:-2]) / self.grid.dyc[None, 1:-1]
+        dvdx = np.diff(self.flow.faces_v[:, 1:-1], axis=0) / self.grid.dxc[1:-1, None]
+        dudy = np.diff(self.flow.faces_u[1:-1], axis=1) / self.grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
+
+    def pressure(self) -> Array:
+        """Cp in the cells, (nx, ny)."""
+        return np.asarray(2.0 * self.flow.cells_p)
 
     def _check_origin(self, origin: Origin, substep: int) -> None:
         config = self.config
@@ -244,52 +181,3 @@ class TruckWake:
         if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
             raise PlantError(f"action {action}: must be finite and within +-{limit}")
         return float(action)
-
-
-def save_state(path: Path, wake: TruckWake) -> None:
-    """Write the plant's state, whole or not at all."""
-    state = wake.state()
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            schema=STATE_SCHEMA,
-            flat=state.flat,
-            substep=state.substep,
-            action=state.action,
-            shape=wake.grid.shape,
-            reynolds=wake.config.reynolds,
-            control_period=wake.config.control_period,
-            substeps=wake.config.substeps,
-        )
-
-
-def load_state(path: Path) -> State:
-    """Read a saved state.
-
-    Raises:
-        PlantError: if the file is missing, damaged or of another schema.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            if str(data["schema"]) != STATE_SCHEMA:
-                raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
-            nx, ny = data["shape"]
-            clocked = "substeps" in data.files
-            return State(
-                flat=data["flat"],
-                substep=int(data["substep"]),
-                action=float(data["action"]),
-                origin=Origin(
-                    shape=(int(nx), int(ny)),
-                    reynolds=float(data["reynolds"]),
-                    control_period=float(data["control_period"]) if clocked else None,
-                    substeps=int(data["substeps"]) if clocked else None,
-                ),
-            )
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
-        raise PlantError(f"{path}: not a flow state ({error})") from error
-
-
-def developed_state() -> State:
-    """The shipped start: shedding established, no action."""
-    return load_state(Path(str(files("wake").joinpath("data/developed.npz"))))

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import torch
 
-from benchmarks.common.paper_data import RECORDING, of_the_paper, paper_file
+from benchmarks.common.paper_data import of_the_paper, paper_file
 from contract import sensors
 from contract.atomic import replacing
 from contract.config.loading import to_tree
@@ -24,6 +24,7 @@ from train.model import Encoder, WakeModel
 from train.model_store import TrainedModel, load
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling
+from wake.shipped import RECORDING
 
 STREAM_EPOCHS: Final = 50.0
 DISTIL_EPOCHS: Final = 1.0

@@ -28,10 +28,10 @@ def test_gaps_are_shares_of_what_the_best_gains_over_doing_nothing():
     from benchmarks.controller.casadi_mpc import variants
 
     weights = np.array(GOAL.as_tuple())
-    plans = [solver.solve(problem.z, problem.start, problem.previous) for solver in variants(program)]
+    plans = [solver.solve(problem.z, problem.start, problem.previous_action) for solver in variants(program)]
 
     def cost(plan):
-        return evaluate(program, problem.z, plan, problem.previous, weights).cost
+        return evaluate(program, problem.z, plan, problem.previous_action, weights).cost
 
     best, nothing = min(map(cost, plans)), cost(np.zeros_like(problem.start))
     expected = 100.0 * (cost(problem.start) - best) / (nothing - best)

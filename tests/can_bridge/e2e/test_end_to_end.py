@@ -1,7 +1,7 @@
 """A pressure goes to the ECU and a jet command comes back, over a real python-can bus in virtual time."""
 
 from can_bridge.bus.python_can import PythonCanBus
-from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e import profile5
 from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
@@ -24,7 +24,7 @@ def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
                 pressure_pa=(float(step), 0.0, -1.0, 2.5), valid=(True,) * 4, enable_request=True, age_ns=0
             )
             frame = pressures.frame(codec.emit_pressure(message), now_ns=now_ns)
-            sent_at[e2e_profile5.counter_of(frame.data)] = now_ns
+            sent_at[profile5.counter_of(frame.data)] = now_ns
             vehicle.send(frame)
 
             heard = pressures_in.tick(ecu.receive_all()).accepted
@@ -34,7 +34,7 @@ def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
                 flow_m2_per_s=0.5,
                 mode=Mode.CONTROL,
                 enable=True,
-                pressure_counter=e2e_profile5.counter_of(heard.data),
+                pressure_counter=profile5.counter_of(heard.data),
             )
             ecu.send(commands.frame(codec.emit_jet_command(answer), now_ns=now_ns + 8_000_000))
 
@@ -42,4 +42,4 @@ def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
             command = codec.parse_jet_command(reception.accepted.data)
             assert reception.accepted.timestamp_ns - sent_at[command.pressure_counter] == 8_000_000
             assert reception.checks == (Check.OK,)
-        assert pressures_in.state is commands_in.state is StreamState.VALID
+        assert pressures_in.state.stream is commands_in.state.stream is StreamState.VALID

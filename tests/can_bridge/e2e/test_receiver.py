@@ -1,3 +1,4 @@
+import pickle
 from collections import Counter
 from dataclasses import replace
 
@@ -6,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from can_bridge.e2e import profile5 as e2e_profile5
-from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e import profile5
+from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState, receive
+from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract.config.tree import E2eConfig
@@ -17,7 +18,7 @@ CONFIG = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
 
 
 def good(counter: int, time_ns: int = 0) -> Frame:
-    data = e2e_profile5.protect(bytes(PRESSURE.length), data_id=PRESSURE.data_id, counter=counter % 256)
+    data = profile5.protect(bytes(PRESSURE.length), data_id=PRESSURE.data_id, counter=counter % 256)
     return Frame(frame_id=PRESSURE.frame_id, data=data, timestamp_ns=time_ns)
 
 
@@ -34,7 +35,7 @@ def valid_receiver(last: int = 9) -> E2eReceiver:
     made = receiver()
     for counter in range(last - 5, last + 1):
         made.tick([good(counter)])
-    assert made.state is StreamState.VALID
+    assert made.state.stream is StreamState.VALID
     return made
 
 
@@ -61,7 +62,7 @@ def test_first_frame_is_good_whatever_its_counter():
         corrupt(1),
         replace(good(1), data=good(1).data[:8]),
         replace(good(1), data=b""),
-        replace(good(1), data=e2e_profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
+        replace(good(1), data=profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
     ],
     ids=["crc", "short", "empty", "anothers data id"],
 )
@@ -70,7 +71,7 @@ def test_frame_that_fails_is_an_error_and_changes_no_counter(frame):
     made.tick([good(7)])
     reception = made.tick([frame])
     assert (reception.checks, reception.accepted) == ((Check.ERROR,), None)
-    assert made.last_counter == 7
+    assert made.state.last_counter == 7
 
 
 def test_life_of_a_stream():
@@ -96,12 +97,12 @@ def test_life_of_a_stream():
         ([good(10)], StreamState.INVALID),
         ([good(11)], StreamState.VALID),
     ]
-    assert [made.tick(frames).state for frames, _ in story] == [state for _, state in story]
+    assert [made.tick(frames).stream for frames, _ in story] == [state for _, state in story]
 
 
 def test_errors_at_the_start_make_it_invalid():
     made = receiver(min_ok=4)
-    states = [made.tick([frame]).state for frame in (good(1), corrupt(2), corrupt(3), corrupt(4))]
+    states = [made.tick([frame]).stream for frame in (good(1), corrupt(2), corrupt(3), corrupt(4))]
     assert states == [StreamState.INIT] * 3 + [StreamState.INVALID]
 
 
@@ -109,7 +110,7 @@ def test_replayed_stream_dies():
     made = valid_receiver(last=9)
     receptions = [made.tick([good(9)]) for _ in range(CONFIG.window)]
     assert all(reception.live is None for reception in receptions)
-    assert receptions[-1].state is StreamState.INVALID
+    assert receptions[-1].stream is StreamState.INVALID
 
 
 def test_restarted_sender_is_followed_from_its_second_frame():
@@ -149,6 +150,25 @@ def test_other_messages_are_left_alone():
     assert made.tick([other]).checks == (Check.NO_NEW_DATA,)
 
 
+def test_rejected_are_the_frames_that_came_and_were_not_good():
+    made = valid_receiver(last=9)
+    for frames in ([corrupt(10)], [good(10), good(10)], [], [good(12)], [good(50)]):
+        made.tick(frames)
+    assert made.state.frames_rejected == 3
+
+
+def test_a_state_is_a_value():
+    """Every mixture of frames leads on from a saved state as from the receiver itself."""
+    made = receiver()
+    for frames in ([], [good(1)], [corrupt(2)], [good(2), good(5)], [good(5)], [good(90)], [good(91)], [], []):
+        before = made.state
+        saved = pickle.loads(pickle.dumps(before))
+        reception = made.tick(frames)
+        after = receive(saved, frames, spec=PRESSURE, config=CONFIG)
+        assert after == (made.state, reception)
+        assert saved == before != made.state
+
+
 @given(st.lists(st.integers(0, 3), max_size=40))
 def test_counts_add_up(choices):
     made = receiver()
@@ -159,10 +179,10 @@ def test_counts_add_up(choices):
         expected["silent"] += choice == 2
         expected["repeated"] += choice == 3
         made.tick(frames)
-    assert made.counts[Check.ERROR] == expected["errors"]
-    assert made.counts[Check.NO_NEW_DATA] == expected["silent"]
-    assert made.counts[Check.REPEATED] == expected["repeated"]
-    assert made.counts.total() == len(choices) + expected["repeated"]
+    assert made.state.count(Check.ERROR) == expected["errors"]
+    assert made.state.count(Check.NO_NEW_DATA) == expected["silent"]
+    assert made.state.count(Check.REPEATED) == expected["repeated"]
+    assert sum(made.state.counts) == len(choices) + expected["repeated"]
 
 
 def test_sender_and_receiver_agree_over_several_wraps():
@@ -171,7 +191,7 @@ def test_sender_and_receiver_agree_over_several_wraps():
         frame = sender.frame(bytes(PRESSURE.length), now_ns=step)
         assert (frame.timestamp_ns, frame.is_fd, frame.frame_id) == (step, True, PRESSURE.frame_id)
         assert made.tick([frame]).checks == (Check.OK,)
-    assert sender.counter == 600 % 256
+    assert sender.state == SenderState(counter=600 % 256)
 
 
 def test_sender_refuses_another_length():
@@ -209,16 +229,16 @@ class Stream(RuleBasedStateMachine):
 
     @invariant()
     def valid_means_the_window_supports_it(self) -> None:
-        if self.made.state is StreamState.VALID:
-            assert any(check in GOOD for check in self.made.window)
-            assert self.made.window.count(Check.ERROR) <= CONFIG.max_errors
-        if self.made.state is StreamState.NODATA:
-            assert not GOOD & set(self.made.counts)
+        if self.made.state.stream is StreamState.VALID:
+            assert any(check in GOOD for check in self.made.state.window)
+            assert self.made.state.window.count(Check.ERROR) <= CONFIG.max_errors
+        if self.made.state.stream is StreamState.NODATA:
+            assert not any(self.made.state.count(check) for check in GOOD)
 
     @invariant()
     def live_means_good_and_valid(self) -> None:
         if self.reception is not None and self.reception.live is not None:
-            assert self.reception.state is StreamState.VALID
+            assert self.reception.stream is StreamState.VALID
             assert self.reception.checks[-1] in GOOD
 
 

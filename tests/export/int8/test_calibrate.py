@@ -9,7 +9,7 @@ from export.int8.layer_inputs import layer_inputs
 from export.int8.nearest import quantise
 from export.program.random_program import random_program
 from export.reference.layers import elu, layer_norm, linear
-from export.reference.model import decode, encode, encoder_output, step
+from export.reference.model import decode, encode, encoder_layers, step
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_inputs_are_those_of_the_reference(case):
     # Before the first row of a window there is nothing; before the last, what a window without that row ends with.
     count = len(windows)
     assert not seen.recurrent[:count].any()
-    np.testing.assert_allclose(seen.recurrent[-1], encoder_output(program, windows[-1][:-1]), atol=1e-12)
+    np.testing.assert_allclose(seen.recurrent[-1], encoder_layers(program, windows[-1][:-1]).output, atol=1e-12)
     scaled = linear(program.decoder.output, seen.forces)
     forces = scaled * program.scaling.force_std + program.scaling.force_mean
     np.testing.assert_allclose(forces, decode(program, seen.z), atol=1e-12)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import can
 import numpy as np
@@ -13,9 +14,10 @@ from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError, BusError, StillwakeError
 from contract.release import bundle
 from export.program.random_program import random_program
-from firmware_sim.bench import closed_loop
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.report import write_report
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.summary import summary
 
 CONFIG = Config(bus=BusConfig(channel="closed-loop"))
 LEAD_IN, CONTROLLED = 35, 5  # periods
@@ -43,7 +45,7 @@ def run(release, tmp_path_factory):
         settle=0.2,
         progress=lambda row, done, total: seen.append((row, done, total)),
     )
-    write_report(folder)
+    write_report(RunFolder(folder))
     return folder, log, seen
 
 
@@ -121,16 +123,16 @@ def test_the_page_can_be_written_again_from_the_folder_alone(run):
     folder, _, _ = run
     first = (folder / "report.html").read_text()
     (folder / "report.html").unlink()
-    assert write_report(folder) == folder / "report.html"
+    assert write_report(RunFolder(folder)) == folder / "report.html"
     assert (folder / "report.html").read_text() == first
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path, run):
     with pytest.raises(StillwakeError, match=r"series\.npz"):
-        write_report(tmp_path)
+        write_report(RunFolder(tmp_path))
     (tmp_path / "series.npz").write_bytes((run[0] / "series.npz").read_bytes())
     with pytest.raises(StillwakeError, match=r"vorticity_uncontrolled\.png: No such file"):
-        write_report(tmp_path)
+        write_report(RunFolder(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["series.npz"]
 
 
@@ -180,7 +182,7 @@ def test_spans_below_a_control_period_are_refused(release, tmp_path, lead_in, co
 
 def test_a_figure_that_does_not_exist_is_null(run):
     _, log, _ = run
-    found = closed_loop.summary(type(log)(**{**vars(log), "facts": {**log.facts, "settle": 99.0}}))
+    found = summary(replace(log, metadata=replace(log.metadata, settle=99.0)))
     assert found["Cd_controlled"] is None
     assert found["reduction_percent"] is None
     assert found["Cd_uncontrolled"] is not None

@@ -12,7 +12,7 @@ from can_bridge.wire.messages import JetCommand, Mode
 from contract import sensors
 from contract.config.tree import Config, EcuConfig, VehicleConfig
 from contract.errors import ConfigError
-from firmware_sim.bench.vehicle_node import PressureNode
+from firmware_sim.bench.vehicle_node import VehicleNode
 
 NAMES = ("base_3", "upper_00", "lower_39", "upper_39")
 CONFIG = Config()
@@ -21,8 +21,8 @@ Q = CONFIG.operating_point.dynamic_pressure
 
 
 @pytest.fixture
-def node() -> PressureNode:
-    return PressureNode(NAMES, CONFIG)
+def node() -> VehicleNode:
+    return VehicleNode(NAMES, CONFIG)
 
 
 class Commands:
@@ -41,7 +41,7 @@ def trusted(node) -> Commands:
     """A stream of commands the node trusts."""
     commands = Commands()
     for _ in range(3):
-        node.drive([commands(0.0)])
+        node.apply_commands([commands(0.0)])
     return commands
 
 
@@ -74,7 +74,7 @@ def test_a_pressure_at_the_end_of_the_range_is_valid(node):
 
 def test_the_jets_follow_the_newest_command(node, trusted):
     frames = [trusted(0.03), trusted(-0.05)]
-    driven = node.drive(frames)
+    driven = node.apply_commands(frames)
     assert driven.action == pytest.approx(-0.05, abs=2e-6)
     assert driven.command is frames[-1]
     assert node.frames_rejected == 0
@@ -82,56 +82,58 @@ def test_the_jets_follow_the_newest_command(node, trusted):
 
 def test_commands_are_not_followed_before_the_stream_is_trusted(node):
     commands = Commands()
-    assert [node.drive([commands(0.05)]).action for _ in range(3)] == pytest.approx([0.0, 0.05, 0.05], abs=2e-6)
+    assert [node.apply_commands([commands(0.05)]).action for _ in range(3)] == pytest.approx(
+        [0.0, 0.05, 0.05], abs=2e-6
+    )
 
 
 def test_a_shut_command_shuts_whatever_the_flow(node, trusted):
-    node.drive([trusted(0.05)])
-    assert node.drive([trusted(0.05, enable=False)]).action == 0.0
+    node.apply_commands([trusted(0.05)])
+    assert node.apply_commands([trusted(0.05, enable=False)]).action == 0.0
 
 
 def test_the_jets_own_limit_holds(node, trusted):
-    assert node.drive([trusted(0.1)]).action == CONFIG.flow.action_limit
-    assert node.drive([trusted(-0.1)]).action == -CONFIG.flow.action_limit
+    assert node.apply_commands([trusted(0.1)]).action == CONFIG.flow.action_limit
+    assert node.apply_commands([trusted(-0.1)]).action == -CONFIG.flow.action_limit
 
 
 @pytest.mark.parametrize("hold", [0, 1, 2])
 def test_missing_commands_hold_and_then_shut(hold):
-    node, commands = PressureNode(NAMES, Config(ecu=EcuConfig(hold_periods=hold))), Commands()
+    node, commands = VehicleNode(NAMES, Config(ecu=EcuConfig(hold_periods=hold))), Commands()
     for _ in range(3):
-        full = node.drive([commands(0.05)]).action
-    driven = [node.drive([]) for _ in range(4)]
+        full = node.apply_commands([commands(0.05)]).action
+    driven = [node.apply_commands([]) for _ in range(4)]
     assert [item.action for item in driven] == [full] * hold + [0.0] * (4 - hold)
     assert all(item.command is None and item.sampled_ns is None for item in driven)
 
 
 def test_a_corrupted_command_is_rejected_and_counted(node, trusted):
-    full = node.drive([trusted(0.05)]).action
+    full = node.apply_commands([trusted(0.05)]).action
     frame = trusted(-0.05)
-    driven = node.drive([replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))])
+    driven = node.apply_commands([replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))])
     assert (driven.action, driven.command) == (full, None)
     assert node.frames_rejected == 1
-    assert node.drive([trusted(-0.05)]).action == pytest.approx(-0.05, abs=2e-6)
+    assert node.apply_commands([trusted(-0.05)]).action == pytest.approx(-0.05, abs=2e-6)
 
 
 def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
     cp = np.zeros(sensors.COUNT)
     for k in range(300):  # the counter wraps at 256
         node.sample(cp, enable_request=True, now_ns=1000 * k)
-    assert node.drive([trusted(0.0, echo=299 % 256)]).sampled_ns == 299_000
-    assert node.drive([trusted(0.0, echo=298 % 256)]).sampled_ns == 298_000
-    assert node.drive([trusted(0.0)]).sampled_ns is None
+    assert node.apply_commands([trusted(0.0, echo=299 % 256)]).sampled_ns == 299_000
+    assert node.apply_commands([trusted(0.0, echo=298 % 256)]).sampled_ns == 298_000
+    assert node.apply_commands([trusted(0.0)]).sampled_ns is None
 
 
 def test_unknown_sensors_are_refused():
     with pytest.raises(ConfigError, match="base_10"):
-        PressureNode(("base_10",), CONFIG)
+        VehicleNode(("base_10",), CONFIG)
 
 
 def test_late_jets_follow_every_command_so_many_periods_later():
     late = replace(CONFIG, vehicle=VehicleConfig(actuator_delay=2))
-    node, commands = PressureNode(NAMES, late), Commands()
+    node, commands = VehicleNode(NAMES, late), Commands()
     wanted = [0.0, 0.01, -0.02, 0.03, 0.0]
-    followed = [node.drive([commands(action)]).action for action in wanted]
+    followed = [node.apply_commands([commands(action)]).action for action in wanted]
     # The first frame only makes the stream known.
     assert followed == pytest.approx([0.0, 0.0, 0.0, 0.01, -0.02], abs=1e-5)

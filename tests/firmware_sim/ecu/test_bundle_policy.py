@@ -2,11 +2,8 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config.tree import FlowConfig
 from contract.controller.onnx_session import ControllerError
-from contract.errors import BundleError
-from firmware_sim.ecu.bundle_policy import BundlePolicy, check_flow
-from firmware_sim.ecu.window import History
+from firmware_sim.ecu.bundle_policy import BundlePolicy
 
 
 def test_it_shows_the_controller_what_the_ecu_would(bundle_of, recording_controller):
@@ -14,11 +11,12 @@ def test_it_shows_the_controller_what_the_ecu_would(bundle_of, recording_control
     controller = recording_controller(lambda i: 0.01 * (i + 1))
     policy = BundlePolicy(bundle, controller)
     window, horizon = bundle.manifest.window, bundle.manifest.mpc.horizon
-    history, memory, rng = History(window, 0), policy.start(), np.random.default_rng(1)
+    memory, rng = policy.start(), np.random.default_rng(1)
+    seen = []
     columns = sensors.indices(bundle.manifest.sensors)
     for k in range(window + 3):
         Cp, action = rng.normal(size=sensors.COUNT), float(rng.normal())
-        history.append(Cp[columns], action)
+        seen.append([*Cp[columns], action])
         kept = memory.copy()
         command, after = policy.step(memory, Cp, action)
         assert np.array_equal(memory, kept)
@@ -28,7 +26,7 @@ def test_it_shows_the_controller_what_the_ecu_would(bundle_of, recording_control
             assert command == 0.0
             continue
         shown, plan, free = controller.calls[-1]
-        assert np.array_equal(shown, history.window())
+        assert np.array_equal(shown, seen[-window:])
         # The last plan as it came out; at first, none.
         assert plan.tolist() == ([0.0] * horizon if k == window - 1 else [0.01 * (i + 1) for i in range(horizon)])
         assert free.tolist() == [1.0] * horizon
@@ -54,16 +52,3 @@ def test_a_plan_that_is_not_finite_is_an_error(bundle_of, recording_controller):
     with pytest.raises(ControllerError, match="not finite"):
         for _ in range(4):
             _, memory = policy.step(memory, np.zeros(sensors.COUNT), 0.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"control_period": 0.1}, r"'small' was built for another control period: 0\.1, the flow has 0\.2"),
-        ({"action_limit": 0.05}, r"'small' was built for another action limit: 0\.05, the flow has 0\.075"),
-    ],
-)
-def test_a_bundle_for_another_flow_is_refused(bundle_of, changes, named):
-    check_flow(bundle_of(), FlowConfig())
-    with pytest.raises(BundleError, match=named):
-        check_flow(bundle_of(**changes), FlowConfig())

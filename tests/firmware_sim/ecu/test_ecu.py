@@ -8,11 +8,9 @@ import pytest
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode, Reason
-from contract.config.tree import Config, EcuConfig, FlowConfig
+from contract.config.tree import EcuConfig, FlowConfig
 from contract.controller.onnx_session import ControllerError
-from contract.errors import BundleError
 from contract.operating_point import OperatingPoint
-from firmware_sim.ecu.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
@@ -240,21 +238,6 @@ def test_status_names_the_bundle(bench, bundle_of):
     bench.good(1)
     assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
     assert bench.status.bus_off == 0
-
-
-@pytest.mark.parametrize(
-    ("bundle_changes", "config", "named"),
-    [
-        ({"operating_point": OperatingPoint(speed=20.0)}, Config(), "operating point.*20.0.*25.0"),
-        ({"control_period": 0.1}, Config(), "control period: 0.1, the vehicle has 0.2"),
-        ({"action_limit": 0.05}, Config(), "action limit: 0.05"),
-        ({"sensors": ("base_0", "base_1")}, Config(), "2 sensors: the Pressure message carries 4"),
-        ({}, Config(ecu=EcuConfig(delay_steps=HORIZON)), "delay_steps = 5: must be below the horizon 5"),
-    ],
-)
-def test_a_bundle_for_another_vehicle_is_refused(bundle_of, recording_controller, bundle_changes, config, named):
-    with pytest.raises(BundleError, match=named):
-        Ecu(bundle_of(**bundle_changes), recording_controller(), config)
 
 
 def test_a_controller_that_fails_latches_and_shuts_the_jets(bench_of, recording_controller):

@@ -8,8 +8,7 @@ import html
 import importlib.util
 import json
 import shutil
-from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from datetime import date
 from pathlib import Path
 
@@ -17,11 +16,11 @@ import numpy as np
 import pytest
 
 import stillwake.__main__
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract import sensors
-from contract.config.tree import BusConfig, Config, ModelConfig, MpcConfig
+from contract.config.tree import Config, ModelConfig, MpcConfig
 from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
 from contract.controller.onnx_session import Controller, ControllerError, OnnxController
 from contract.errors import LibraryError
@@ -31,11 +30,11 @@ from export.program.random_program import random_program
 from export.release.bundle import write_release
 from export.release.c_folder import write_c_release
 from export.to_onnx.weights import Precision
-from firmware_sim.bench.vehicle_node import PressureNode
-from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.library_controller import LibraryController
-from wake.truck.truck_wake import Sample
+from wake.truck.sample import Sample
 
 try:
     host_compiler()
@@ -73,10 +72,9 @@ class Swing:
         forces = dict.fromkeys((item.name for item in fields(Sample)), 0.0)
         return Sample(**{**forces, "t": t, "Cp": Cp, "action": self.action})
 
-    def advance_to(self, substep: int, action: float | None = None) -> Sample:
+    def advance_to(self, substep: int, action: float | None = None) -> None:
         self.done += substep - self.done % self.substeps
         self.action = self.action if action is None else action
-        return self.sample()
 
 
 def recorded(count: int) -> list[np.ndarray]:
@@ -123,36 +121,34 @@ def small(tmp_path_factory) -> Exported:
     return exported(tmp_path_factory.mktemp("int8"), "int8")
 
 
-def commands(release: Exported, controller: Controller, bus: BusConfig, periods: int = 25) -> np.ndarray:
+def commands(release: Exported, controller: Controller, periods: int = 25) -> np.ndarray:
     """What the ECU sends once its window is full, over the bus and with all its delays, U_inf W."""
-    config = replace(CONFIG, bus=bus)
-    with ExitStack() as stack:
-        vehicle, ecu, monitor = (stack.enter_context(PythonCanBus.open(bus)) for _ in range(3))
-        loop = VirtualLoop(
-            Swing(),
-            PressureNode(release.bundle.manifest.sensors, config),
-            Ecu(release.bundle, controller, config),
-            Wires(vehicle=vehicle, ecu=ecu, monitor=monitor),
-            config,
-            lambda frame: None,
-        )
-        rows = [loop.period(enable_request=True) for _ in range(PROGRAM.window + periods)]
+    bus = SimulatedBus(CONFIG.bus)
+    loop = VirtualLoop(
+        Swing(),
+        VehicleNode(release.bundle.manifest.sensors, CONFIG),
+        Ecu(release.bundle, controller, CONFIG),
+        bus,
+        BusPorts(vehicle=bus.port(), ecu=bus.port()),
+        CONFIG,
+    )
+    rows = [loop.period(enable_request=True) for _ in range(PROGRAM.window + periods)]
     controlled = [row.command for row in rows if row.mode == Mode.CONTROL]
     assert len(controlled) >= periods - 2
     return np.array(controlled)
 
 
-def test_in_float32_the_loop_gets_the_commands_of_onnx(whole, bus_config):
+def test_in_float32_the_loop_gets_the_commands_of_onnx(whole):
     onnx, library = OnnxController(whole.bundle), LibraryController(whole.folder, whole.bundle, flags=FAST_BUILD)
-    with_onnx, with_c = (commands(whole, controller, bus_config) for controller in (onnx, library))
+    with_onnx, with_c = (commands(whole, controller) for controller in (onnx, library))
     np.testing.assert_allclose(with_c, with_onnx, rtol=0, atol=5e-3 * REACH + RESOLUTION)
     assert np.abs(with_onnx).max() > REACH
 
 
-def test_in_int8_the_loop_stays_within_the_int8_gate(small, bus_config):
+def test_in_int8_the_loop_stays_within_the_int8_gate(small):
     """Both have the same int8 weights; the library also rounds activations. The limit is the gate's for weights."""
     onnx, library = OnnxController(small.bundle), LibraryController(small.folder, small.bundle, flags=FAST_BUILD)
-    with_onnx, with_c = (commands(small, controller, bus_config) for controller in (onnx, library))
+    with_onnx, with_c = (commands(small, controller) for controller in (onnx, library))
     assert 0 < np.sqrt(np.mean(np.square(with_c - with_onnx))) < QuantisationLimits().rms_action_error
     assert np.abs(with_onnx).max() > REACH
 

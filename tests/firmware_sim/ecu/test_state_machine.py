@@ -6,27 +6,41 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import EcuConfig
-from firmware_sim.ecu.state_machine import FailSafe
+from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 
 ON = FailSafe(good=9, enable_request=True)
 
 
-def after(state: FailSafe, events: str, config: EcuConfig | None = None, reason=Reason.STREAM_LOST) -> FailSafe:
-    """G/g: good frame with and without enable request; x: none came; I/i: one with unusable sensors."""
+def after(
+    state: FailSafe,
+    events: str,
+    config: EcuConfig | None = None,
+    reason=Reason.STREAM_LOST,
+    window_full: bool = True,
+) -> FailSafe:
+    """G/g: good frame with and without enable request; x: none came; I/i: one with unusable sensors.
+
+    T: a good frame with enable request, but the deadline was missed too often.
+    """
     config = EcuConfig() if config is None else config
     for event in events:
-        wish = None if event == "x" else event.isupper()
-        state = state.next_state(usable=event in "Gg", enable_request=wish, reason=reason, config=config)
+        inputs = PeriodInputs(
+            usable=event in "GgT",
+            enable_request=None if event == "x" else event.isupper(),
+            unusable_because=reason,
+            window_full=window_full,
+            deadline_missed=event == "T",
+        )
+        state = state.next(inputs, config)
     return state
 
 
 def modes(state: FailSafe, events: str, config: EcuConfig | None = None) -> str:
     """The initials of the modes gone through, with a full window."""
-    config = EcuConfig() if config is None else config
     found = ""
     for event in events:
         state = after(state, event, config)
-        found += state.mode(window_full=True, config=config).name[0]
+        found += state.mode.name[0]
     return found
 
 
@@ -39,9 +53,9 @@ def modes(state: FailSafe, events: str, config: EcuConfig | None = None) -> str:
         (0, 1, "GxxG", "CDFF"),
         (1, 2, "GxxxGxxxG", "CHDDCHDDC"),  # the count starts anew with every good frame
         (1, 2, "GIIIIG", "CHDDFF"),  # sensors out of order are pressures that stay away
-        (1, 2, "gxxxxxxg", "OOOOOOOO"),  # nobody asked for control: nothing to latch
-        (1, 2, "GxxiG", "CHDOC"),  # the wish withdrawn by a frame without usable pressures
-        (1, 2, "gxxxxxI", "OOOOOOF"),  # asked for while pressures have long been away
+        (1, 2, "gxxxxxxg", "OOOOOOOO"),  # control not requested: nothing to latch
+        (1, 2, "GxxiG", "CHDOC"),  # the request withdrawn by a frame without usable pressures
+        (1, 2, "gxxxxxI", "OOOOOOF"),  # requested while pressures have long been away
     ],
 )
 def test_misses_hold_decay_and_latch(hold, decay, events, expected):
@@ -59,7 +73,7 @@ def test_misses_hold_decay_and_latch(hold, decay, events, expected):
         ("gggGGGGG", "FFFFFFFF"),
         ("gggGGgG", "FFFFFFC"),  # and a later one counts
         ("gggggxG", "FFFFFFF"),  # a miss starts the count anew
-        ("ggggggggg", "FFFFFFFFF"),  # without a wish there is no edge
+        ("ggggggggg", "FFFFFFFFF"),  # without a request there is no edge
         ("gggggI", "FFFFFF"),
         ("gggggIG", "FFFFFFF"),  # an edge on unusable pressures is spent
     ],
@@ -69,10 +83,27 @@ def test_a_latched_fault_needs_good_frames_and_an_edge(events, expected):
 
 
 def test_the_window_must_be_full():
-    config = EcuConfig()
-    assert ON.mode(window_full=False, config=config) is Mode.WARMUP
-    assert after(ON, "xxxx").mode(window_full=False, config=config) is Mode.FAULT
-    assert FailSafe().mode(window_full=False, config=config) is Mode.OFF
+    assert after(ON, "G", window_full=False).mode is OperatingMode.WARMUP
+    assert after(ON, "xxxxG", window_full=False).mode is OperatingMode.FAULT
+    assert after(FailSafe(), "g", window_full=False).mode is OperatingMode.OFF
+
+
+def test_missed_deadlines_latch_before_the_frames_of_the_period_count():
+    state = after(ON, "T")
+    assert (state.mode, state.reason, state.good) == (OperatingMode.FAULT, Reason.DEADLINE, 1)
+    # The period's own edge may re-arm, where one good frame is enough for it.
+    not_requested = after(ON, "g")
+    assert after(not_requested, "T", EcuConfig(rearm_frames=1)).mode is OperatingMode.CONTROL
+    assert after(not_requested, "T", EcuConfig(rearm_frames=2)).mode is OperatingMode.FAULT
+
+
+def test_every_mode_has_its_own_name_on_the_wire():
+    assert {mode.name: mode.on_wire.name for mode in OperatingMode} == {mode.name: mode.name for mode in Mode}
+
+
+def test_the_jets_run_in_three_modes():
+    running = {mode for mode in OperatingMode if mode.drives_jets}
+    assert running == {OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY}
 
 
 def test_the_first_cause_is_kept_while_latched():
@@ -88,7 +119,7 @@ def test_the_first_cause_is_kept_while_latched():
 
 def test_another_fault_latches_at_once_and_counts_good_frames_from_there():
     state = ON.latch(Reason.INTERNAL)
-    assert (state.mode(window_full=True, config=EcuConfig()), state.reason) == (Mode.FAULT, Reason.INTERNAL)
+    assert (state.mode, state.reason) == (OperatingMode.FAULT, Reason.INTERNAL)
     assert modes(state, "gGggG") == "FFFFC"
 
 
@@ -98,29 +129,29 @@ EVENTS = st.lists(st.sampled_from("GGGggxxiIL"), max_size=60)  # L: latched by s
 @given(EVENTS, st.integers(0, 2), st.integers(0, 2), st.integers(1, 4))
 def test_every_history_keeps_the_rules(events, hold, decay, rearm):
     config = EcuConfig(hold_periods=hold, decay_periods=decay, rearm_frames=rearm)
-    state, wish, in_a_row, missed = FailSafe(), False, 0, 0
+    state, request, in_a_row, missed = FailSafe(), False, 0, 0
     for event in events:
         if event == "L":
             state, in_a_row = state.latch(Reason.INTERNAL), 0 if not state.latched else in_a_row
             continue
-        before, asked = state, wish
+        before, requested = state, request
         state = after(state, event, config)
-        wish = asked if event == "x" else event.isupper()
+        request = requested if event == "x" else event.isupper()
         in_a_row, missed = (in_a_row + 1, 0) if event in "Gg" else (0, missed + 1)
-        mode = state.mode(window_full=True, config=config)
+        mode = state.mode
         if before.latched and not state.latched:
             assert event == "G"
-            assert not asked
+            assert not requested
             assert in_a_row >= rearm
-        if wish and missed > hold + decay:
-            assert mode is Mode.FAULT
-        if mode is Mode.CONTROL:
-            assert wish
+        if request and missed > hold + decay:
+            assert mode is OperatingMode.FAULT
+        if mode is OperatingMode.CONTROL:
+            assert request
             assert missed == 0
-        if mode in (Mode.HOLD, Mode.DECAY):
-            assert wish
+        if mode in (OperatingMode.HOLD, OperatingMode.DECAY):
+            assert request
             assert 1 <= missed <= hold + decay
-            assert (mode is Mode.HOLD) == (missed <= hold)
+            assert (mode is OperatingMode.HOLD) == (missed <= hold)
             assert state.reason is Reason.STREAM_LOST
-        assert (mode is Mode.FAULT) == state.latched
-        assert (state.reason is Reason.NONE) or mode in (Mode.HOLD, Mode.DECAY, Mode.FAULT)
+        assert (mode is OperatingMode.FAULT) == state.latched
+        assert (state.reason is Reason.NONE) or mode in (OperatingMode.HOLD, OperatingMode.DECAY, OperatingMode.FAULT)

@@ -15,8 +15,9 @@ from contract.errors import StillwakeError
 from contract.recording import dataset
 from firmware_sim.runs import run_log
 from stillwake.commands import picture as stillwake_pictures
-from stillwake.shipped import RECORDING
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.shipped import RECORDING
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 PATH = RECORDING
 
@@ -72,12 +73,11 @@ def test_a_replay_waits_as_long_as_the_episode_did_and_keeps_the_bound(tmp_path)
     assert actions(dataset=tmp_path / "a.h5").tolist() == [0.0, 0.0, 0.01, 0.075, -0.075]
 
 
-def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path):
+def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_metadata):
     in_force = [0.0, 0.01, 0.03, -0.02]
-    rest = {name: 0.0 for name in run_log.Row.__dataclass_fields__ if name != "action"}
-    rows = [run_log.Row(**rest, action=action) for action in in_force]
+    series = {name: np.zeros(4) for name in run_log.COLUMNS} | {"action": np.array(in_force)}
     bus = run_log.BusTotals(sent=0, lost=0, rejected=0)
-    run_log.save(tmp_path / "series.npz", run_log.RunLog.of(rows, 0, bus, {}))
+    run_log.save(tmp_path / "series.npz", run_log.RunLog(series=series, enabled_at=0, bus=bus, metadata=run_metadata))
     assert actions(run=tmp_path).tolist() == in_force[1:]
     assert actions(run=tmp_path, duration=0.4).tolist() == in_force[1:3]
     with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording holds 0\.6 t_c"):

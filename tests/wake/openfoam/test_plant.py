@@ -18,7 +18,9 @@ from wake.openfoam import jets
 from wake.openfoam.develop import developed
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.state import FoamState
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.truck.sample import Sample
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 pytestmark = [
     pytest.mark.openfoam,
@@ -84,11 +86,16 @@ def test_jets_follow_the_command_and_carry_no_net_flow(plant):
     assert sample.jet_power > 0
 
 
+def _sample_at(plant: OpenFoamWake, substep: int, action: float | None = None) -> Sample:
+    plant.advance_to(substep, action)
+    return plant.sample()
+
+
 def test_a_late_command_starts_its_ramp_late_and_ends_it_on_time(plant):
     begin = plant.state()
-    early = [plant.advance_to(10, 0.05), plant.advance_to(20, 0.05)]
+    early = [_sample_at(plant, 10, 0.05), _sample_at(plant, 20, 0.05)]
     plant.reset(begin)
-    late = [plant.advance_to(10), plant.advance_to(20, 0.05)]
+    late = [_sample_at(plant, 10), _sample_at(plant, 20, 0.05)]
     assert [s.action for s in early] == pytest.approx([0.025, 0.05])
     assert [s.action for s in late] == pytest.approx([0.0, 0.05])
     assert _slot_speed(plant, "jetUpper") == pytest.approx(1.0, rel=1e-5)

@@ -21,7 +21,8 @@ from wake.pictures.drawing import (
     save_figure,
     vorticity_figure,
 )
-from wake.truck.truck_wake import State, TruckWake
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -47,8 +48,8 @@ def halves(picture: WakePicture, pixels: Pixels) -> tuple[Pixels, Pixels]:
 def test_vorticity_is_red_where_it_turns_to_the_left(wake: TruckWake) -> None:
     grid = wake.grid
     for sign in (1.0, -1.0):
-        wake.flow.u[:-1, 1:-1] = -sign * grid.yc
-        wake.flow.v[1:-1] = sign * grid.xc[:, None]
+        wake.flow.faces_u[:] = -sign * grid.yc
+        wake.flow.faces_v[:] = sign * grid.xc[:, None]
         picture = WakePicture(wake)
         drawn = colour_at(picture, picture.pixels(), 13.0, 1.5)
         # Vorticity +-2 on a scale of +-4; one step of an 8-bit colour map.
@@ -119,8 +120,8 @@ def test_figures_are_written_in_the_format_they_are_named_after(wake: TruckWake,
 
 
 def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake: TruckWake, tmp_path: Path) -> None:
-    wake.flow.u[:-1, 1:-1] = wake.grid.xf[:, None] - LENGTH - 1.25
-    figure = mean_figure(wake, wake.flow, 10.0)
+    wake.flow.faces_u[:] = wake.grid.xf[:, None] - LENGTH - 1.25
+    figure = mean_figure(wake.grid, wake.flow, 10.0)
     assert "bubble 1.25 W" in figure.axes[0].get_title()
     save_figure(tmp_path / "a.png", figure)
     assert Image.open(tmp_path / "a.png").size == (1100, 506)
@@ -130,3 +131,10 @@ def test_another_format_is_refused(wake: TruckWake, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"a\.bmp: must be a file ending in \.png, \.pdf, \.svg"):
         save_figure(tmp_path / "a.bmp", vorticity_figure(wake))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plant_without_pressure_in_the_flow_draws_vorticity_only(wake: TruckWake, monkeypatch) -> None:
+    monkeypatch.setattr(wake, "pressure", lambda: None)
+    with pytest.raises(ConfigError, match="own solver only"):
+        WakePicture(wake, "pressure")
+    assert WakePicture(wake, "vorticity").pixels().shape == (341, 1100, 3)

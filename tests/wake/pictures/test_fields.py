@@ -3,19 +3,18 @@ import pytest
 
 from contract import sensors
 from contract.errors import PlantError
-from contract.geometry import LENGTH
-from wake.pictures.fields import Raster, TimeMean, bubble_length, mean_flow, velocity
+from wake.pictures.fields import Raster, TimeMean, mean_flow, velocity
+from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.solver.navier_stokes import Flow
 from wake.truck.truck_wake import TruckWake
 
 
 def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
     """A flow with these functions of x and y on its faces and in its cells."""
     flow = Flow.zeros(grid.shape)
-    flow.u[:-1, 1:-1] = u(grid.xf[:, None], grid.yc[None, :])
-    flow.v[1:-1] = v(grid.xc[:, None], grid.yf[None, :])
-    flow.p[:-1] = p(grid.xc[:, None], grid.yc[None, :])
+    flow.faces_u[:] = u(grid.xf[:, None], grid.yc[None, :])
+    flow.faces_v[:] = v(grid.xc[:, None], grid.yf[None, :])
+    flow.cells_p[:] = p(grid.xc[:, None], grid.yc[None, :])
     return flow
 
 
@@ -53,7 +52,7 @@ def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake: TruckWake) -> N
     mean.add(mirrored)
     u, v = velocity(mean.flow())
     assert np.array_equal(u, u[:, ::-1]) and np.array_equal(v, -v[:, ::-1])
-    measured = wake.surface.measure(mean.flow().flat)
+    measured = wake.surface.measure(mean.flow())
     # One pair of base sensors lies 1e-5 W off its mirror image, as in the paper.
     assert measured.Cp == pytest.approx(measured.Cp[sensors.mirror_permutation()], abs=1e-5)
     # The force is linear in the flow: half of drag and its mirror image, lift against its own.
@@ -77,20 +76,6 @@ def test_a_mean_leaves_out_what_it_is_told_to(wake: TruckWake) -> None:
 def test_a_mean_of_nothing_is_refused(wake: TruckWake) -> None:
     with pytest.raises(PlantError, match="0 instants"):
         mean_flow(wake, np.zeros(0))
-
-
-@pytest.mark.parametrize("length", [0.37, 2.0])
-def test_bubble_length_is_where_backward_flow_ends(wake: TruckWake, length: float) -> None:
-    # Backward flow ahead of the truck does not count, nor what happens off the axis.
-    flow = filled(
-        wake.grid, lambda x, y: x - LENGTH - length + 100.0 * abs(y) * (x < LENGTH), lambda x, y: 0.0 * x * y
-    )  # Half a cell off the axis the linear field is met exactly.
-    assert bubble_length(wake.grid, flow) == pytest.approx(length, abs=1e-9)
-
-
-def test_no_backward_flow_no_bubble(wake: TruckWake) -> None:
-    flow = filled(wake.grid, lambda x, y: 1.0 + 0.0 * x * y, lambda x, y: 0.0 * x * y)
-    assert bubble_length(wake.grid, flow) == 0.0
 
 
 def test_a_raster_keeps_linear_fields(wake: TruckWake) -> None:

@@ -14,8 +14,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from wake.solver import boundary
+from wake.solver.flow import Flow
 from wake.solver.grid import from_faces
-from wake.solver.navier_stokes import Flow, FlowSolver
+from wake.solver.navier_stokes import FlowSolver
 
 Array = npt.NDArray[np.float64]
 

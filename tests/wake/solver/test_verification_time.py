@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from wake.truck.truck_wake import TruckWake, developed_state
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 STEPS = (30, 60, 120)
 """In a control period; the plant takes 30."""

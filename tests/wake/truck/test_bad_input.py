@@ -9,7 +9,8 @@ import pytest
 
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from wake.truck.truck_wake import Origin, State, TruckWake, developed_state, load_state, save_state
+from wake.truck.state import Origin, State, developed_state, load_state, save_state
+from wake.truck.truck_wake import TruckWake
 
 
 def _state(origin: Origin, substep: int = 0) -> State:
@@ -56,7 +57,7 @@ def test_a_state_of_another_mesh_is_refused(wake: TruckWake, tmp_path: Path) -> 
     with pytest.raises(PlantError, match=f"{ny} x {nx} cells, this grid needs {nx} x {ny}"):
         wake.reset(_state(Origin(shape=(ny, nx), reynolds=500.0)))
     coarse = TruckWake(refinement=0.5)
-    save_state(tmp_path / "coarse.npz", coarse)
+    save_state(tmp_path / "coarse.npz", coarse.state())
     before = wake.flow.flat.copy()
     with pytest.raises(PlantError, match="cells, this grid needs"):
         wake.reset(load_state(tmp_path / "coarse.npz"))
@@ -84,7 +85,7 @@ def test_a_state_whose_jets_exceed_the_bound_is_refused(wake: TruckWake, action:
 
 def test_a_state_of_another_schema_is_refused(wake: TruckWake, tmp_path: Path) -> None:
     path = tmp_path / "state.npz"
-    save_state(path, wake)
+    save_state(path, wake.state())
     with np.load(path) as data:
         content = {key: data[key] for key in data.files}
     np.savez(path, **(content | {"schema": "stillwake-flow/1"}))
@@ -93,3 +94,9 @@ def test_a_state_of_another_schema_is_refused(wake: TruckWake, tmp_path: Path) -
     np.savez(path, **(content | {"shape": np.arange(3)}))
     with pytest.raises(PlantError, match="not a flow state"):
         load_state(path)
+
+
+def test_a_state_without_origin_is_not_written(wake: TruckWake, tmp_path: Path) -> None:
+    with pytest.raises(PlantError, match="without its origin cannot be written"):
+        save_state(tmp_path / "state.npz", dataclasses.replace(wake.state(), origin=None))
+    assert not any(tmp_path.iterdir())

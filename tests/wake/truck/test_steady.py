@@ -1,19 +1,12 @@
 """The steady symmetric wake on a coarse grid."""
 
-import json
-import re
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-import stillwake.__main__
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
-from contract.geometry import LENGTH
 from wake.truck import steady
-from wake.truck.truck_wake import TruckWake, load_state
+from wake.truck.truck_wake import TruckWake
 
 
 @pytest.fixture(scope="module")
@@ -53,34 +46,6 @@ def test_without_shedding_a_third_of_the_drag_is_gone(settled: steady.SteadyWake
     assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("turn", "length"), [(3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)])
-def test_recirculation_ends_where_the_axis_turns_downstream(plant: TruckWake, turn: float, length: float) -> None:
-    speed = plant.grid.xf - LENGTH - turn
-    plant.flow.u[:-1] = speed[:, None]
-    assert steady.recirculation_length(plant) == pytest.approx(length, abs=1e-9)
-
-
 def test_a_wake_that_does_not_settle_is_an_error(coarse: TruckWake) -> None:
     with pytest.raises(PlantError, match=r"not steady after 0\.4 t_c: max \|du/dt\| = .* must be below 1e-09"):
         steady.settle(coarse, tolerance=1e-9, longest=0.4)
-
-
-def test_the_command_writes_state_and_figures(
-    plant: TruckWake, settled: steady.SteadyWake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
-    def settle(wake: TruckWake, progress) -> steady.SteadyWake:
-        progress(0.2, 30.0)
-        progress(0.4, 1e-9)
-        return settled
-
-    monkeypatch.setattr(steady, "TruckWake", lambda config: plant)
-    monkeypatch.setattr(steady, "settle", settle)
-    monkeypatch.setattr(sys, "argv", ["stillwake", "steady", f"{tmp_path}/s.npz", "--json", f"{tmp_path}/s.json"])
-    with pytest.raises(SystemExit) as stop:
-        stillwake.__main__.main()
-    assert not stop.value.code
-    assert re.search(r"recirculation_length\D+\d\.\d", capsys.readouterr().out)
-    assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.state.flat)
-    written = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
-    assert written["figures"] == settled.figures()
-    assert written["facts"]["grid"] == list(plant.grid.shape)

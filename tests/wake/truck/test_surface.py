@@ -5,7 +5,7 @@ import pytest
 
 from contract import sensors
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.solver.navier_stokes import Flow
+from wake.solver.flow import Flow
 from wake.truck import jets, surface
 from wake.truck.body import signed_distance
 from wake.truck.surface import Measured
@@ -20,11 +20,11 @@ def _measure(wake: TruckWake, constant: float, slope_x: float = 0.0, slope_y: fl
     The velocity slope * distance^2 / (2 nu) rests on the wall, has no shear there, and balances the pressure gradient.
     """
     grid, flow = wake.grid, Flow.zeros(wake.grid.shape)
-    flow.p[:-1] = constant + slope_x * grid.xc[:, None] + slope_y * grid.yc
+    flow.cells_p[:] = constant + slope_x * grid.xc[:, None] + slope_y * grid.yc
     balance = wake.config.reynolds / 2.0
-    flow.u[:-1, 1:-1] = balance * slope_x * signed_distance(grid.xf[:, None], grid.yc) ** 2
-    flow.v[1:-1, :] = balance * slope_y * signed_distance(grid.xc[:, None], grid.yf) ** 2
-    return wake.surface.measure(flow.flat)
+    flow.faces_u[:] = balance * slope_x * signed_distance(grid.xf[:, None], grid.yc) ** 2
+    flow.faces_v[:] = balance * slope_y * signed_distance(grid.xc[:, None], grid.yf) ** 2
+    return wake.surface.measure(flow)
 
 
 def test_sensors_read_a_linear_pressure_exactly(shared_wake: TruckWake) -> None:
@@ -54,11 +54,11 @@ def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> Non
 
 
 def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypatch: pytest.MonkeyPatch) -> None:
-    coarse = wake.surface.measure(wake.flow.flat)
+    coarse = wake.surface.measure(wake.flow)
     monkeypatch.setattr(surface, "_ARC_POINTS", 2 * surface._ARC_POINTS)
     viscosity = 1.0 / wake.config.reynolds
     finer = surface.Surface(wake.grid, wake.boundary, viscosity, jets.slot_profile(wake.grid))
-    fine = finer.measure(wake.flow.flat)
+    fine = finer.measure(wake.flow)
     # Far below what the grid itself leaves open.
     assert fine.Cd == pytest.approx(coarse.Cd, abs=1e-4)
     assert fine.Cl == pytest.approx(coarse.Cl, abs=1e-4)
@@ -68,9 +68,9 @@ def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake: TruckWa
     # Along x alone, momentum holds p + u^2 - 2 nu du/dx constant.
     grid, nu, at_face, slope, total = shared_wake.grid, 1.0 / shared_wake.config.reynolds, 1.5, -20.0, 0.4
     flow = Flow.zeros(grid.shape)
-    flow.u[:-1, 1:-1] = (at_face + slope * (grid.xf - LENGTH))[:, None]
-    flow.p[:-1] = (total - (at_face + slope * (grid.xc - LENGTH)) ** 2)[:, None]
-    slots = shared_wake.surface.measure(flow.flat).slots
+    flow.faces_u[:] = (at_face + slope * (grid.xf - LENGTH))[:, None]
+    flow.cells_p[:] = (total - (at_face + slope * (grid.xc - LENGTH)) ** 2)[:, None]
+    slots = shared_wake.surface.measure(flow).slots
     Cp = 2 * (total - at_face**2)
     assert (slots.Cp_upper, slots.Cp_lower) == pytest.approx((Cp, Cp), rel=1e-12)
     assert slots.Cd_pressure == pytest.approx(-Cp * 2 * JET_WIDTH, rel=1e-12)
@@ -84,6 +84,6 @@ def test_wall_shear_of_a_known_layer(shared_wake: TruckWake) -> None:
     above = np.maximum(np.abs(grid.yc) - HALF_WIDTH, 0.0)
     flow.u[:, 1:-1] = (3.0 * above - above**2)[None, :]
     flow.u[: grid.front + 20] = 0.0  # only the straight sides count here
-    measured = shared_wake.surface.measure(flow.flat)
+    measured = shared_wake.surface.measure(flow)
     length = LENGTH - grid.xf[grid.front + 20]
     assert measured.Cd == pytest.approx(2 * 2 * nu * 3.0 * length, rel=0.01)

@@ -1,0 +1,147 @@
+"""What the controller must be given again in the next control period: window, plan and actions under way.
+
+The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
+sampled. The plan of period k - 1 is where the optimisation of period k starts; the graph shifts it by one step.
+The ECU and the policy that records under feedback (`bundle_policy`) share this memory.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.controller.onnx_session import Controller, ControllerError, ControlStep
+from firmware_sim.ecu.delay_line import DelayLine
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControllerMemory:
+    """A value: every method returns a new memory and leaves this one as it is. The arrays are read-only.
+
+    Attributes:
+        window: (L, S + 1), rows (Cp at the sensors, action in force), one for every control period, oldest first;
+            zero where no row has come yet.
+        rows: how many of them have come, the last ones of the window, 0 to L.
+        gap: periods in a row without pressures.
+        plan: (H,), as it came out of the controller; zeros without one.
+        under_way: actions sent; the newest first takes effect when the actuator's delay is over.
+    """
+
+    window: Array
+    rows: int
+    gap: int
+    plan: Array
+    under_way: DelayLine
+
+    def __post_init__(self) -> None:
+        # A writeable array may belong to the caller, who may change it later.
+        if self.window.flags.writeable:
+            object.__setattr__(self, "window", _read_only(self.window.copy()))
+        if self.plan.flags.writeable:
+            object.__setattr__(self, "plan", _read_only(self.plan.copy()))
+
+    @staticmethod
+    def empty(*, length: int, sensors: int, horizon: int, delay: int) -> "ControllerMemory":
+        """No rows, a plan of zeros, no jet action; `length` is L and `delay` the actuator's, in control periods."""
+        return ControllerMemory(
+            window=np.zeros((length, sensors + 1)),
+            rows=0,
+            gap=0,
+            plan=np.zeros(horizon),
+            under_way=DelayLine.filled(delay),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ControllerMemory):
+            return NotImplemented
+        return (
+            (self.rows, self.gap, self.under_way) == (other.rows, other.gap, other.under_way)
+            and np.array_equal(self.window, other.window)
+            and np.array_equal(self.plan, other.plan)
+        )
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Unpickled and deeply copied arrays are writeable.
+        self.__dict__.update(state)
+        for array in (self.window, self.plan):
+            _read_only(array)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the controller can plan."""
+        return self.rows == len(self.window)
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """L, S, H and the actuator's delay: what two memories of one controller have in common."""
+        return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
+
+    def observed(self, cp: Array) -> "ControllerMemory":
+        """With a row for this period; cp is (S,)."""
+        return self._extended(cp, gap=0)
+
+    def bridged(self, longest_gap: int) -> "ControllerMemory":
+        """With a stand-in for a period without pressures: the last ones again. Before the first row there is none.
+
+        A gap of more than `longest_gap` periods empties the window, so that the controller never plans from
+        pressures long past.
+        """
+        gap = min(self.gap, longest_gap) + 1
+        if gap > longest_gap:
+            return replace(self, window=np.zeros_like(self.window), rows=0, gap=gap) if self.rows else self._waited(gap)
+        return self._extended(self.window[-1, :-1], gap=gap) if self.rows else self._waited(gap)
+
+    def commanded(self, action: float) -> "ControllerMemory":
+        """With an action sent in this period, in U_inf W."""
+        return ControllerMemory(
+            window=self.window,
+            rows=self.rows,
+            gap=self.gap,
+            plan=self.plan,
+            under_way=self.under_way.pushed(action),
+        )
+
+    def without_plan(self) -> "ControllerMemory":
+        """With a plan of zeros: the next optimisation starts from none."""
+        return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
+
+    def planned(self, controller: Controller) -> tuple["ControllerMemory", ControlStep]:
+        """One control step on a full window: the memory with the new plan, and what the controller answered.
+
+        Raises:
+            ControllerError: if there is no answer, or it is not finite.
+        """
+        pending = self.under_way.pending
+        plan, free = self.plan.copy(), np.ones(len(self.plan))
+        # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
+        # whatever the gate, a hold or the wire made of the plan.
+        plan[1 : 1 + len(pending)] = pending
+        free[: len(pending)] = 0.0
+        step = controller.control_step(self.window, plan, free)
+        for name, values in (("plan", step.plan), ("forecast", step.forces)):
+            if not np.isfinite(values).all():
+                raise ControllerError(f"the controller's {name} is not finite")
+        return replace(self, plan=step.plan), step
+
+    def _extended(self, cp: Array, *, gap: int) -> "ControllerMemory":
+        window = np.empty_like(self.window)
+        window[:-1] = self.window[1:]
+        window[-1, :-1], window[-1, -1] = cp, self.under_way.in_force
+        return ControllerMemory(
+            window=_read_only(window),
+            rows=min(self.rows + 1, len(window)),
+            gap=gap,
+            plan=self.plan,
+            under_way=self.under_way,
+        )
+
+    def _waited(self, gap: int) -> "ControllerMemory":
+        return replace(self, gap=gap)
+
+
+def _read_only(array: Array) -> Array:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,70 @@
+"""Everything an ECU remembers from one control period to the next, as one value.
+
+It can be compared, pickled, copied, and given to another ECU of the same bundle and settings, which then goes on to
+the bit as the first one would have.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+from can_bridge.e2e.receiver import Check, ReceiverState
+from can_bridge.e2e.sender import SenderState
+from can_bridge.wire.messages import COUNT_LIMIT, EcuStatus
+from firmware_sim.ecu.controller_memory import ControllerMemory
+from firmware_sim.ecu.state_machine import FailSafe
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuState:
+    """After a control period; times in the clock of the frames' timestamps.
+
+    Attributes:
+        memory: window, plan and actions under way.
+        fail_safe: what the ECU does, and why it is not in control.
+        pressures: the receiving end of the Pressure message.
+        commands, statuses: the sending ends of JetCommand and EcuStatus.
+        step_ns: of the latest step; None before the first.
+        pressure_ns: when the latest trusted pressures were sampled; None before the first.
+        overruns: whole periods left out.
+        late_in_a_row: steps in a row that left out a period.
+        missed: steps without usable pressures.
+    """
+
+    memory: ControllerMemory
+    fail_safe: FailSafe
+    pressures: ReceiverState
+    commands: SenderState
+    statuses: SenderState
+    step_ns: int | None
+    pressure_ns: int | None
+    overruns: int
+    late_in_a_row: int
+    missed: int
+
+    @classmethod
+    def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int) -> Self:
+        """Nothing received and nothing sent; sizes as in `ControllerMemory.empty`."""
+        return cls(
+            memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay),
+            fail_safe=FailSafe(),
+            pressures=ReceiverState(),
+            commands=SenderState(),
+            statuses=SenderState(),
+            step_ns=None,
+            pressure_ns=None,
+            overruns=0,
+            late_in_a_row=0,
+            missed=0,
+        )
+
+    def status(self, bundle_hash: int) -> EcuStatus:
+        """Health counters on the wire, for an ECU that runs this bundle."""
+        return EcuStatus(
+            state=self.fail_safe.mode.on_wire,
+            reason=self.fail_safe.reason,
+            overruns=min(self.overruns, COUNT_LIMIT),
+            missed=min(self.missed, COUNT_LIMIT),
+            crc_errors=min(self.pressures.count(Check.ERROR), COUNT_LIMIT),
+            bus_off=0,
+            bundle_hash=bundle_hash,
+        )

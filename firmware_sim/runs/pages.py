@@ -1,0 +1,34 @@
+"""Self-contained HTML pages from the templates beside this file: no page refers to another file."""
+
+import base64
+import io
+from typing import Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+_TEMPLATES: Final = Environment(
+    loader=PackageLoader("firmware_sim.runs"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+
+
+def render(template: str, **values: object) -> str:
+    """The page of a template in `templates/`; texts among the values are escaped, a missing value is an error."""
+    return _TEMPLATES.get_template(template).render(values)
+
+
+def data_uri(png: bytes) -> str:
+    """A picture as the address of an `img`."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def png_of(figure: Figure) -> bytes:
+    """A figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()

@@ -1,0 +1,134 @@
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract.controller.onnx_session import ControllerError
+from firmware_sim.ecu.controller_memory import ControllerMemory
+from firmware_sim.ecu.delay_line import DelayLine
+
+
+def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory:
+    return ControllerMemory.empty(length=length, sensors=sensors, horizon=horizon, delay=delay)
+
+
+def after(memory: ControllerMemory, cp: list[float], action: float) -> ControllerMemory:
+    """With this row."""
+    return replace(memory, under_way=DelayLine((action,))).observed(np.array(cp))
+
+
+def silent(memory: ControllerMemory, action: float, *, longest_gap: int) -> ControllerMemory:
+    return replace(memory, under_way=DelayLine((action,))).bridged(longest_gap)
+
+
+def test_rows_are_oldest_first_and_as_many_as_the_window():
+    memory = memory_of(3, sensors=2)
+    for i in range(5):
+        assert memory.is_full == (i >= 3)
+        memory = after(memory, [i, 10.0 + i], 0.1 * i)
+    np.testing.assert_allclose(memory.window, [[2, 12, 0.2], [3, 13, 0.3], [4, 14, 0.4]])
+
+
+def test_a_short_gap_repeats_the_pressures_with_the_action_of_its_own():
+    memory = silent(memory_of(2), 0.5, longest_gap=2)  # nothing to repeat
+    assert memory.rows == 0
+    memory = silent(after(memory, [7.0], 0.1), 0.2, longest_gap=2)
+    np.testing.assert_array_equal(memory.window, [[7.0, 0.1], [7.0, 0.2]])
+    assert memory.is_full
+
+
+def test_a_long_gap_empties_the_window():
+    memory = memory_of(2)
+    for gap, full in ((1, True), (1, True), (2, False)):
+        memory = after(after(memory, [1.0], 0.0), [2.0], 0.0)
+        for _ in range(gap):
+            memory = silent(memory, 0.0, longest_gap=1)
+        assert memory.is_full == full
+    memory = after(memory, [3.0], 0.0)
+    assert memory.rows == 1
+    np.testing.assert_array_equal(memory.window, [[0.0, 0.0], [3.0, 0.0]])
+
+
+def test_without_a_gap_to_bridge_one_silent_period_empties_the_window():
+    memory = after(memory_of(1), [1.0], 0.0)
+    assert silent(memory, 0.0, longest_gap=0) == replace(memory_of(1), gap=1)
+
+
+def test_a_gap_is_counted_no_further_than_it_matters():
+    memory, longer = silent(memory_of(2), 0.0, longest_gap=3), memory_of(2)
+    for _ in range(50):
+        memory = silent(memory, 0.0, longest_gap=3)
+    for _ in range(4):
+        longer = silent(longer, 0.0, longest_gap=3)
+    assert memory == longer
+
+
+def test_a_row_has_the_action_in_force_when_the_actuator_is_late():
+    memory, rows = memory_of(4, delay=2), []
+    for k, action in enumerate([0.1, 0.2, 0.3, 0.4]):
+        memory = memory.observed(np.array([float(k)])).commanded(action)
+        rows.append([k, [0.0, 0.0, 0.0, 0.1][k]])
+    np.testing.assert_array_equal(memory.window, rows)
+    assert memory.under_way.pending == (0.3, 0.4)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_plan_starts_from_the_last_with_what_is_under_way(recording_controller, delay):
+    memory = replace(memory_of(1, delay=delay), plan=np.array([0.1, 0.2, 0.3, 0.4]))
+    for action in (0.5, 0.6, 0.7)[:delay]:
+        memory = memory.commanded(action)
+    memory = memory.observed(np.array([1.0]))
+    controller = recording_controller(lambda i: 0.01 * i)
+    planned, answer = memory.planned(controller)
+    window, plan, free = controller.calls[0]
+    np.testing.assert_array_equal(window, memory.window)
+    np.testing.assert_array_equal(free, [0.0] * delay + [1.0] * (4 - delay))
+    expected = {0: [0.1, 0.2, 0.3, 0.4], 1: [0.1, 0.5, 0.3, 0.4], 3: [0.1, 0.5, 0.6, 0.7]}
+    np.testing.assert_array_equal(plan, expected[delay])
+    np.testing.assert_array_equal(planned.plan, answer.plan)
+    assert not planned.without_plan().plan.any()
+
+
+def test_an_answer_that_is_not_finite_is_an_error(recording_controller):
+    memory = after(memory_of(1), [1.0], 0.0)
+    with pytest.raises(ControllerError, match="plan is not finite"):
+        memory.planned(recording_controller(lambda i: np.nan if i == 3 else 0.0))
+    controller = recording_controller()
+    control_step = controller.control_step
+    controller.control_step = lambda *inputs: replace(control_step(*inputs), forces=np.full((4, 2), np.inf))
+    with pytest.raises(ControllerError, match="forecast is not finite"):
+        memory.planned(controller)
+
+
+@pytest.mark.parametrize("copied", [lambda memory: memory, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
+def test_no_array_can_be_written(recording_controller, copied):
+    memory = after(after(memory_of(2), [1.0], 0.1), [2.0], 0.2)
+    steps = [memory_of(2), memory, memory.bridged(1), memory.bridged(0), memory.planned(recording_controller())[0]]
+    for step in map(copied, steps):
+        for array in (step.window, step.plan):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1.0
+
+
+def test_arrays_of_others_are_copied():
+    plan = np.ones(4)
+    memory = replace(memory_of(2), plan=plan)
+    plan[0] = 5.0
+    assert memory.plan.tolist() == [1.0] * 4
+
+
+def test_equal_means_equal_in_every_part():
+    memory = after(memory_of(2), [1.0], 0.1)
+    assert memory == pickle.loads(pickle.dumps(memory))
+    assert memory != "memory"
+    changes = {
+        "window": memory.window + 1.0,
+        "rows": 2,
+        "gap": 1,
+        "plan": memory.plan + 1.0,
+        "under_way": DelayLine((0.2,)),
+    }
+    for name, value in changes.items():
+        assert replace(memory, **{name: value}) != memory, name

@@ -1,0 +1,96 @@
+"""The series of a run on disk, and rows as columns."""
+
+import json
+
+import numpy as np
+import pytest
+
+from contract import sensors
+from contract.errors import StillwakeError
+from contract.ledger import LEDGER_FIELDS
+from firmware_sim.runs import run_log
+from firmware_sim.runs.run_log import COLUMNS, BusTotals, Row, RunLog
+from wake.truck.sample import Sample
+
+NAN = float("nan")
+
+
+def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
+    log = log_of(Cd=[1.0, NAN, 1 / 3, 0.0, -0.0, 1e-300])
+    run_log.save(tmp_path / "a" / "series.npz", log)
+    found = run_log.load(tmp_path / "a" / "series.npz")
+    assert (found.bus, found.enabled_at, found.metadata) == (log.bus, log.enabled_at, log.metadata)
+    for name, values in log.series.items():
+        np.testing.assert_array_equal(found.series[name], values)
+
+
+def test_a_file_that_is_no_run_is_refused_by_name(tmp_path):
+    path = tmp_path / "series.npz"
+    with pytest.raises(StillwakeError, match=r"series\.npz: not the series of a run"):
+        run_log.load(path)
+    for content in (b"", b"PK\x03\x04 nonsense", b"\x93NUMPY"):
+        path.write_bytes(content)
+        with pytest.raises(StillwakeError, match="not the series of a run"):
+            run_log.load(path)
+    np.savez(path, header="{}", t=np.zeros(3))
+    with pytest.raises(StillwakeError, match="not the series of a run"):
+        run_log.load(path)
+
+
+def altered(path, change) -> None:
+    """Rewrite a run's file with another header."""
+    with np.load(path) as data:
+        arrays = dict(data)
+    header = json.loads(str(arrays.pop("header")))
+    change(header)
+    np.savez(path, header=json.dumps(header), **arrays)
+
+
+def test_a_run_of_another_schema_is_refused(log_of, tmp_path):
+    path = tmp_path / "series.npz"
+    run_log.save(path, log_of())
+    altered(path, lambda header: header.pop("schema"))
+    with pytest.raises(StillwakeError, match=r"schema None, this version reads 'stillwake-run/1': make the run again"):
+        run_log.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda header: header["metadata"].pop("plant"), "plant"),
+        (lambda header: header["metadata"].update(more=1), "more"),
+        (lambda header: header["metadata"]["config"]["ecu"].update(hold_periods=-1), "hold_periods"),
+        (lambda header: header["metadata"]["status"].update(state=99), "99"),
+        (lambda header: header["bus"].pop("lost"), "lost"),
+    ],
+)
+def test_a_header_that_does_not_fit_is_refused(log_of, tmp_path, change, named):
+    path = tmp_path / "series.npz"
+    run_log.save(path, log_of())
+    altered(path, change)
+    with pytest.raises(StillwakeError, match=rf"not the series of a run .*{named}"):
+        run_log.load(path)
+
+
+def test_a_row_becomes_one_value_in_every_column(run_metadata):
+    entries = {name: float(k) for k, name in enumerate(LEDGER_FIELDS)}
+    rows = [
+        Row(
+            sample=Sample(**entries, t=t, Cp=np.arange(sensors.COUNT) + t, Uy_probe=-t, action=0.01 * t),
+            command=0.02,
+            predicted_Cd=1.0,
+            predicted_Cl=2.0,
+            mode=3,
+            step_ms=NAN,
+            age_ms=8.0,
+        )
+        for t in (1.0, 2.0)
+    ]
+    log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata)
+    assert tuple(log.series) == COLUMNS
+    # The base sensors are 80 to 89.
+    assert log.series["base_Cp"].tolist() == [85.5, 86.5]
+    assert log.series["action"].tolist() == [0.01, 0.02]
+    assert log.series["mode"].tolist() == [3.0, 3.0]
+    for name, value in entries.items():
+        assert log.series[name].tolist() == [value, value]

@@ -1,0 +1,63 @@
+"""`stillwake develop` and `stillwake steady`: what they write, with the plant's long runs replaced."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wake.truck import develop, steady, truck_wake
+from wake.truck.state import load_state
+from wake.truck.truck_wake import TruckWake
+
+
+@pytest.fixture(scope="module")
+def coarse() -> TruckWake:
+    return TruckWake(refinement=0.5)
+
+
+@pytest.fixture
+def plant(coarse: TruckWake, monkeypatch: pytest.MonkeyPatch) -> TruckWake:
+    """What the commands build."""
+    coarse.reset(replace(coarse.state(), flat=np.linspace(0.0, 1.0, coarse.flow.flat.size), substep=0, action=0.0))
+    monkeypatch.setattr(truck_wake, "TruckWake", lambda config: coarse)
+    return coarse
+
+
+def test_develop_writes_the_state_it_ends_in(plant, tmp_path, cli, monkeypatch) -> None:
+    def short(wake: TruckWake, duration: float, progress):
+        progress(duration, duration)
+        return wake.state()
+
+    monkeypatch.setattr(develop, "develop", short)
+    outcome = cli("develop", tmp_path / "s.npz", "--duration", "3")
+    assert outcome.code == 0
+    assert "s.npz" in outcome.out
+    assert np.array_equal(load_state(tmp_path / "s.npz").flat, plant.state().flat)
+
+
+def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> None:
+    settled = steady.SteadyWake(
+        state=plant.state(),
+        sample=plant.sample(),
+        recirculation_length=4.25,
+        velocity_rate=1e-7,
+        drag_rate=1e-8,
+        time=0.4,
+    )
+
+    def settle(wake: TruckWake, progress) -> steady.SteadyWake:
+        assert wake is plant
+        progress(0.2, 30.0)
+        progress(0.4, 1e-9)
+        return settled
+
+    monkeypatch.setattr(steady, "settle", settle)
+    outcome = cli("steady", tmp_path / "s.npz", "--json", tmp_path / "s.json")
+    assert outcome.code == 0
+    assert re.search(r"recirculation_length\s+4\.25", outcome.out)
+    assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.state.flat)
+    written = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
+    assert written["figures"] == settled.figures()
+    assert written["facts"]["grid"] == list(plant.grid.shape)

@@ -1,0 +1,75 @@
+"""Averages over whole cycles, against signals whose averages are known."""
+
+import numpy as np
+import pytest
+
+from contract.errors import PlantError
+from wake.truck.averages import Average, over_cycles
+
+DT = 0.2
+
+
+def series(frequency: float, phase: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Instants and the lift of a wake with this shedding frequency."""
+    t = DT * np.arange(1, count + 1)
+    return t, np.sin(2.0 * np.pi * (frequency * t + phase))
+
+
+# A period of 24.2 control steps, never a whole number of samples.
+@pytest.mark.parametrize("phase", np.linspace(0.0, 1.0, 7, endpoint=False))
+@pytest.mark.parametrize("count", [75, 140, 300])
+def test_a_sine_and_its_drag(phase: float, count: int) -> None:
+    frequency = 0.2066
+    t, lift = series(frequency, phase, count)
+    average = over_cycles(t, 1.05 * lift)
+    assert average.weights.sum() == pytest.approx(1.0, abs=1e-12)
+    # A sine is straight where it crosses zero: the crossing is off by the third power of the phase between samples.
+    assert average.frequency == pytest.approx(frequency, rel=2e-4)
+    assert average.cycles in (int(count * DT * frequency), int(count * DT * frequency) - 1)
+    assert average.mean(1.05 * lift) == pytest.approx(0.0, abs=2e-4)
+    # Drag at twice the frequency, in any phase. The cut intervals carry the straight line's error: (2 w dt)^2 / 12 of
+    # the amplitude over a step, once at either end.
+    drag = 1.08 + 0.03 * np.cos(4.0 * np.pi * frequency * t + 0.7)
+    assert average.mean(drag) == pytest.approx(1.08, abs=5e-5)
+    assert average.std(1.05 * lift) == pytest.approx(1.05 / np.sqrt(2.0), rel=1e-3)
+    assert average.std(drag) == pytest.approx(0.03 / np.sqrt(2.0), rel=5e-3)
+
+
+def test_the_cut_does_not_matter() -> None:
+    t, lift = series(0.2066, 0.13, 200)
+    drag = 1.0 + 0.1 * lift
+    whole = over_cycles(t, lift)
+    counted = np.flatnonzero(whole.weights)
+    shorter = slice(counted[0], counted[-1] + 1)
+    assert over_cycles(t[shorter], lift[shorter]).mean(drag[shorter]) == pytest.approx(whole.mean(drag), abs=1e-14)
+
+
+def test_a_straight_line_is_integrated_exactly() -> None:
+    t, lift = series(0.19, 0.4, 90)
+    average = over_cycles(t, lift)
+    up = np.flatnonzero((lift[:-1] < 0) & (lift[1:] >= 0))
+    ends = [float(np.interp(0.0, lift[k : k + 2], t[k : k + 2])) for k in (up[0], up[-1])]
+    assert average.mean(3.0 * t - 1.0) == pytest.approx(1.5 * sum(ends) - 1.0, abs=1e-12)
+
+
+def test_many_signals_at_once() -> None:
+    t, lift = series(0.2, 0.3, 120)
+    average = over_cycles(t, lift)
+    columns = np.column_stack([lift, np.ones_like(lift)])
+    assert average.mean(columns) == pytest.approx([float(average.mean(lift)), 1.0], abs=1e-12)
+    assert average.std(columns) == pytest.approx([float(average.std(lift)), 0.0], abs=1e-12)
+
+
+def test_less_than_a_cycle_is_refused() -> None:
+    t, lift = series(0.2, 0.0, 30)
+    with pytest.raises(PlantError, match=r"crosses zero upwards 1 times in 30 samples: .* run longer"):
+        over_cycles(t, lift)
+
+
+def test_the_plain_average() -> None:
+    values = np.array([1.0, 2.0, 6.0])
+    average = Average.of_all(3)
+    assert average.mean(values) == pytest.approx(3.0)
+    assert average.std(values) == pytest.approx(values.std())
+    with pytest.raises(PlantError, match="0 samples"):
+        Average.of_all(0)

@@ -1,0 +1,39 @@
+"""The recirculation length of flows whose axis velocity is known."""
+
+import numpy as np
+import pytest
+
+from contract.geometry import LENGTH
+from wake.solver.flow import Flow
+from wake.solver.grid import Grid, truck_grid
+from wake.truck.recirculation import recirculation_length
+
+
+@pytest.fixture(scope="module")
+def grid() -> Grid:
+    return truck_grid(0.7)
+
+
+@pytest.mark.parametrize(
+    ("turn", "length"), [(0.37, 0.37), (2.0, 2.0), (3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)]
+)
+def test_it_ends_where_the_axis_turns_downstream(grid: Grid, turn: float, length: float) -> None:
+    """At the base at the least, at the outlet at the most. Backward flow ahead of the truck does not count."""
+    flow = Flow.zeros(grid.shape)
+    ahead = grid.xf[:, None] < LENGTH
+    flow.faces_u[:] = grid.xf[:, None] - LENGTH - turn - 100.0 * np.abs(grid.yc) * ahead
+    assert recirculation_length(grid, flow) == pytest.approx(length, abs=1e-9)
+
+
+def test_only_the_axis_counts(grid: Grid) -> None:
+    flow = Flow.zeros(grid.shape)
+    axis = np.zeros(grid.shape[1], dtype=bool)
+    axis[grid.shape[1] // 2 - 1 : grid.shape[1] // 2 + 1] = True
+    flow.faces_u[:] = np.where(axis, grid.xf[:, None] - LENGTH - 1.25, -1.0)
+    assert recirculation_length(grid, flow) == pytest.approx(1.25, abs=1e-9)
+
+
+def test_without_backward_flow_there_is_none(grid: Grid) -> None:
+    flow = Flow.zeros(grid.shape)
+    flow.faces_u[:] = 1.0
+    assert recirculation_length(grid, flow) == 0.0

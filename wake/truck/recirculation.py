@@ -1,0 +1,24 @@
+"""How far the recirculation bubble behind the truck reaches."""
+
+import numpy as np
+
+from contract.geometry import LENGTH
+from wake.solver.flow import Flow
+from wake.solver.grid import Grid
+
+
+def recirculation_length(grid: Grid, flow: Flow) -> float:
+    """Of a steady or mean flow: from the base to where u on the axis y = 0 turns positive for good, in W. Zero if
+    nothing on the axis flows back; a bubble that reaches the outlet ends there."""
+    # The axis is a row of faces; u stands half a cell below and above it.
+    above = grid.shape[1] // 2
+    speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
+    x = grid.xf[grid.rear :] - LENGTH
+    upstream = np.flatnonzero(speed < 0.0)
+    if len(upstream) == 0:
+        return 0.0
+    last = int(upstream[-1])
+    if last == len(x) - 1:
+        return float(x[-1])
+    share = speed[last] / (speed[last] - speed[last + 1])
+    return float(x[last] + share * (x[last + 1] - x[last]))

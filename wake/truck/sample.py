@@ -1,0 +1,23 @@
+"""What a plant shows at one instant; kept apart from the plant, whose kernels take seconds to load."""
+
+from dataclasses import dataclass
+
+from contract.arrays import Array
+from contract.ledger import DragLedger
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sample(DragLedger[float]):
+    """What the plant shows at one instant: the drag ledger and what is measured beside it.
+
+    Attributes:
+        t: time in t_c.
+        Cp: at the 90 sensors, relative to the outlet.
+        Uy_probe: transverse velocity at (10, 0).
+        action: jet flow rate in force at this instant.
+    """
+
+    t: float
+    Cp: Array
+    Uy_probe: float
+    action: float

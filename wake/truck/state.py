@@ -1,0 +1,97 @@
+"""Where the own solver's plant can continue from, in memory and on disk."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.atomic import replacing
+from contract.errors import PlantError
+from wake.shipped import DEVELOPED
+
+Array = npt.NDArray[np.float64]
+
+STATE_SCHEMA: Final = "stillwake-flow/2"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """The plant a state was made on; the clock is None if an old file lacks it."""
+
+    shape: tuple[int, int]
+    reynolds: float
+    control_period: float | None = None
+    substeps: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Everything that decides the future: the flow, the substep count since t = 0 and the jet.
+
+    A plant refuses a state of another origin; one without origin is taken as it is.
+    """
+
+    flat: Array
+    substep: int
+    action: float
+    origin: Origin | None = None
+
+
+def save_state(path: Path, state: State) -> None:
+    """Write a state, whole or not at all.
+
+    Raises:
+        PlantError: if it has no origin.
+    """
+    origin = state.origin
+    if origin is None:
+        raise PlantError(f"{path}: a state without its origin cannot be written: take it from `TruckWake.state`")
+    clock: dict[str, Any] = (
+        {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
+    )
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            schema=STATE_SCHEMA,
+            flat=state.flat,
+            substep=state.substep,
+            action=state.action,
+            shape=origin.shape,
+            reynolds=origin.reynolds,
+            **clock,
+        )
+
+
+def load_state(path: Path) -> State:
+    """Read a saved state.
+
+    Raises:
+        PlantError: if the file is missing, damaged or of another schema.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if str(data["schema"]) != STATE_SCHEMA:
+                raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
+            nx, ny = data["shape"]
+            clocked = "substeps" in data.files
+            return State(
+                flat=data["flat"],
+                substep=int(data["substep"]),
+                action=float(data["action"]),
+                origin=Origin(
+                    shape=(int(nx), int(ny)),
+                    reynolds=float(data["reynolds"]),
+                    control_period=float(data["control_period"]) if clocked else None,
+                    substeps=int(data["substeps"]) if clocked else None,
+                ),
+            )
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+        raise PlantError(f"{path}: not a flow state ({error})") from error
+
+
+def developed_state() -> State:
+    """The shipped start: shedding established, no action."""
+    return load_state(DEVELOPED)
