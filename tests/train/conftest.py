@@ -5,12 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
+import torch
 
 from contract import sensors
 from contract.config.tree import Config, ModelConfig, TrainConfig
 from contract.recording.dataset import Dataset, Episode, Role
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling
+
+# Small networks gain nothing from more, and workers that run beside each other lose.
+torch.set_num_threads(1)
 
 PERIOD = 0.2
 MakeEpisode = Callable[..., Episode]

@@ -1,6 +1,7 @@
 """Recording in, model directory out; interrupted, damaged and unsuitable ones too."""
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,22 +24,29 @@ from train.rows import prepare
 from train.selection.choice import SensorChoice
 
 
-@pytest.fixture
-def recording(small_recording: Dataset, tmp_path: Path) -> Path:
-    path = tmp_path / "recording.h5"
+@pytest.fixture(scope="module")
+def recording(small_recording: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "recording.h5"
     dataset.write(path, small_recording)
     return path
 
 
+@pytest.fixture(scope="module")
+def trained_once(recording: Path, small_config: Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("trained") / "model"
+    train_all(recording, small_config, path)
+    assert [item.name for item in path.parent.iterdir()] == ["model"], "checkpoints are left"
+    return path
+
+
 @pytest.fixture
-def stored(recording: Path, small_config: Config, tmp_path: Path) -> Path:
-    train_all(recording, small_config, tmp_path / "model")
-    return tmp_path / "model"
+def stored(trained_once: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return Path(shutil.copytree(trained_once, tmp_path / "model"))
 
 
 def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, small_config: Config) -> None:
     assert sorted(item.name for item in stored.iterdir()) == ["model.json", "model.safetensors"]
-    assert not stored.with_name("model.checkpoints").exists()
     model = model_store.load(stored)
     assert model.config == small_config
     assert len(model.sensors) == 4
@@ -163,13 +171,14 @@ def test_what_cannot_be_trained_is_refused_before_training(
 def test_nan_in_the_recording_is_refused_by_its_field(recording: Path, small_config: Config, tmp_path: Path) -> None:
     import h5py
 
-    with h5py.File(recording, "r+") as file:
+    damaged = Path(shutil.copy(recording, tmp_path))
+    with h5py.File(damaged, "r+") as file:
         lift = file["episodes/waveform/Cl"][:] * file["episodes/waveform/Cl"].attrs["quantum"]
         lift[7] = np.nan
         del file["episodes/waveform/Cl"]
         file["episodes/waveform"].create_dataset("Cl", data=lift).attrs["units"] = "1"
     with pytest.raises(DatasetError, match="field 'Cl' holds a value that is not finite, first at step 7"):
-        train_all(recording, small_config, tmp_path / "model")
+        train_all(damaged, small_config, tmp_path / "model")
 
 
 def test_what_is_not_a_model_is_not_overwritten(recording: Path, small_config: Config, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import shap
 import torch
 from torch import Tensor, nn
 
@@ -90,6 +89,9 @@ class ShapRanker:
 
     def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
         """Sum of |SHAP| over packs, windows, rows and latents: (P, M, L, F) packs -> (F,)."""
+        # Here, because loading it takes longer than loading torch, and no other method of selection needs it.
+        import shap
+
         # Every place in a pack meets every background window, in an order of its own.
         order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
         explainer = shap.GradientExplainer(packed, background[torch.as_tensor(order)], batch_size=_BATCH)
