@@ -29,7 +29,8 @@ from benchmarks.controller.eager import EagerController
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.controller.host_library import OPTIMISED, CController, compiler_version, host_compiler
+from contract.controller.onnx_session import OnnxController
 from contract.recording import dataset
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram
@@ -37,10 +38,8 @@ from export.program.from_training import load_trained
 from export.program.random_program import random_program, random_window
 from export.program.weights import Array
 from export.release.c_folder import int8_library
-from export.to_c.host import CController
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
-from export.to_onnx.session import OnnxController
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
@@ -64,15 +63,15 @@ def main(
     program = random_program(0, model=model, mpc=MpcConfig(horizon=horizon, iterations=iterations))
     (case,) = control_cases(program, count=1)
     graphs = {name: build_controller(program, name).SerializeToString() for name in ("float32", "int8")}
-    load_ms = [_timed(lambda: OnnxController(graphs["float32"])) for _ in range(5)]
+    load_ms = [_timed(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(5)]
     eager = EagerController(program, torch.float32)
-    whole, small = OnnxController(graphs["float32"]), OnnxController(graphs["int8"])
+    whole, small = OnnxController(graphs["float32"], program.sizes), OnnxController(graphs["int8"], program.sizes)
     compiler = host_compiler()
-    c = CController(program, c_library(program), compiler=compiler)
+    c = CController(c_library(program), program.sizes, compiler=compiler)
     rng = np.random.default_rng(0)
     c_int8 = CController(
-        program,
         int8_library(program, [random_window(program, rng) for _ in range(_CALIBRATION)]),
+        program.sizes,
         compiler=compiler,
     )
     steps: dict[str, Callable[[], object]] = {

@@ -4,11 +4,11 @@ The plan is a_t .. a_{t+H-1}, shape (H,). Adam runs a fixed number of iterations
 control step depends on the window and the previous plan only, and always takes the same time.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.reference.cost import cost_gradient, cost_terms
@@ -19,27 +19,10 @@ ADAM_EPSILON: Final = 1e-8
 """Kingma and Ba's constants, which are also PyTorch's defaults."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Solution:
-    """Outcome of a control step.
-
-    Attributes:
-        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first one is commanded.
-        forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
-        terms: (7,) unweighted cost terms of the plan.
-        cost: J of the plan.
-    """
-
-    plan: Array
-    forces: Array
-    terms: Array
-    cost: float
-
-
 def control_step(
     program: ControllerProgram, window: Array, plan: Array, free: Array, weights: Array | None = None
-) -> Solution:
-    """What `controller.onnx` computes; arguments as in `contract.release.bundle`.
+) -> ControlStep:
+    """What `controller.onnx` computes; arguments as in `contract.controller.interface`.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
@@ -68,11 +51,11 @@ def rollout(program: ControllerProgram, z: Array, plan: Array) -> Array:
     return np.array(latents)
 
 
-def evaluate(program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array) -> Solution:
+def evaluate(program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array) -> ControlStep:
     """Predicted forces and cost of a plan from latent state z."""
     forces = decode(program, rollout(program, z, plan)[1:])
     terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference)
-    return Solution(plan=plan, forces=forces, terms=terms, cost=float(weights @ terms))
+    return ControlStep(plan=plan, forces=forces, terms=terms, cost=float(weights @ terms))
 
 
 def gradient(program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array) -> Array:

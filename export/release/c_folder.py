@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
+from contract.controller.host_library import CController
 from export.gates.parity import ParityReport, check_lowering
 from export.gates.quantisation import QuantisationLimits, QuantisationReport, check_quantisation, compare_answers
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_program
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
-from export.to_c.host import CController
 from export.to_c.library import c_library, write_c_library
 from export.to_onnx.weights import Precision
 
@@ -60,13 +60,13 @@ def write_c_release(
     """
     if precision == "int8":
         contents = int8_library(program, calibration)
-        controller = CController(program, contents)
+        controller = CController(contents, program.sizes)
         quantisation = compare_answers(program, controller.control_step, windows)
         check_quantisation(quantisation, QuantisationLimits() if limits is None else limits, name="int8 C library")
         report = CReport(parity=None, quantisation=quantisation, workspace_bytes=controller.workspace_bytes)
     else:
         contents = c_library(program)
-        controller = CController(program, contents)
+        controller = CController(contents, program.sizes)
         parity = check_lowering(program, controller, "C library", windows)
         report = CReport(parity=parity, quantisation=None, workspace_bytes=controller.workspace_bytes)
     write_c_library(folder, contents | {RECORDED: recorded_rows(windows).encode()})

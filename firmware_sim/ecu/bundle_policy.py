@@ -5,7 +5,8 @@ import numpy.typing as npt
 
 from contract import sensors
 from contract.config.tree import FlowConfig
-from contract.controller.onnx_session import Controller, ControllerError, OnnxController
+from contract.controller.interface import Controller, ControllerError
+from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError
 from contract.release.bundle import Bundle
 
@@ -41,7 +42,7 @@ class BundlePolicy:
         self._columns = sensors.indices(manifest.sensors)
         self._shape = (manifest.window, len(manifest.sensors) + 1)
         self._free = np.ones(manifest.mpc.horizon)
-        self._controller = OnnxController(bundle) if controller is None else controller
+        self._controller = OnnxController.of(bundle) if controller is None else controller
 
     def start(self) -> Array:
         """No rows, a plan of zeros."""

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.host_library import CController, host_compiler
 from contract.errors import ExportError, LibraryError
 from export.gates.parity import control_cases
 from export.int8.activation_ranges import activation_ranges
@@ -24,7 +24,6 @@ from export.int8.nearest import quantise
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
 from export.reference.mpc import control_step, shift
-from export.to_c.host import CController
 from export.to_c.int8_arrays import (
     AHEAD,
     ELU_ONE,
@@ -49,7 +48,7 @@ def in_integers(program: ControllerProgram) -> CController:
     """The library of a program whose matrices are rounded already."""
     rng = np.random.default_rng(1)
     ranges = activation_ranges(program, [random_window(program, rng) for _ in range(10)])
-    return CController(program, c_library(program, ranges), flags=("-O1",))
+    return CController(c_library(program, ranges), program.sizes, flags=("-O1",))
 
 
 def assert_close(program: ControllerProgram, controller: CController, count: int) -> None:
@@ -127,7 +126,7 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
     ranges = activation_ranges(program, [random_window(program, np.random.default_rng(1))])
     uncontracted = ("-O2", "-ffp-contract=off")
     plain, native = (
-        CController(program, c_library(program, ranges), flags=flags)
+        CController(c_library(program, ranges), program.sizes, flags=flags)
         for flags in (uncontracted, (*uncontracted, "-march=native"))
     )
     for case in control_cases(program, count=4):
@@ -142,7 +141,7 @@ def test_no_scratch_is_read_before_it_is_written(small):
     cases = list(control_cases(program, count=4))
     first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
     for case, expected in zip(reversed(cases), reversed(first), strict=True):
-        controller.spoil_workspace()
+        controller.poison_workspace()
         found = controller.control_step(case.window, case.plan, case.free, case.weights)
         np.testing.assert_array_equal(found.plan, expected.plan)
         np.testing.assert_array_equal(found.forces, expected.forces)

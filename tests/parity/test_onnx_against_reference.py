@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
 from export.gates.parity import check_parity, control_cases
 from export.int8.nearest import quantise
@@ -17,7 +18,6 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
-from export.to_onnx.session import OnnxController
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 
@@ -64,7 +64,7 @@ def test_paper_size(precision):
 def test_a_closed_loop_of_steps_stays_together():
     """Plans fed back for 30 steps: differences must not accumulate beyond the gate's tolerance for one."""
     program = random_program(4, model=SMALL, mpc=MpcConfig(horizon=10))
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program, "float32").SerializeToString(), program.sizes)
     rng = np.random.default_rng(4)
     plan = found = np.zeros(10)
     for _ in range(30):
@@ -76,7 +76,7 @@ def test_a_closed_loop_of_steps_stays_together():
 
 def test_weights_are_an_optional_input_and_change_the_goal():
     program = random_program(2, model=SMALL, mpc=MpcConfig(horizon=6))
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program, "float32").SerializeToString(), program.sizes)
     (case,) = control_cases(program, count=1)
     default = controller.control_step(case.window, case.plan, case.free)
     given = controller.control_step(case.window, case.plan, case.free, np.array(program.mpc.weights.as_tuple()))
@@ -92,7 +92,7 @@ def test_actions_stay_within_a_limit_that_float32_rounds_up():
     unsmoothed = CostWeights(smoothness=0.0)
     mpc = MpcConfig(horizon=6, iterations=20, learning_rate=0.05, weights=unsmoothed)
     program = random_program(6, model=SMALL, mpc=mpc, action_limit=limit)
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program, "float32").SerializeToString(), program.sizes)
     rng = np.random.default_rng(0)
     touched = 0.0
     for _ in range(10):
@@ -104,7 +104,7 @@ def test_actions_stay_within_a_limit_that_float32_rounds_up():
 
 def test_committed_actions_come_back_to_the_bit():
     program = random_program(8, model=SMALL, mpc=MpcConfig(horizon=8))
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program, "float32").SerializeToString(), program.sizes)
     rng = np.random.default_rng(8)
     plan = rng.uniform(-0.07, 0.07, 8).astype(np.float32).astype(np.float64)
     free = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0])

@@ -3,7 +3,7 @@ import pytest
 
 from contract import sensors
 from contract.config.tree import FlowConfig
-from contract.controller.onnx_session import ControllerError
+from contract.controller.interface import ControllerError
 from contract.errors import BundleError
 from firmware_sim.ecu.bundle_policy import BundlePolicy, check_flow
 from firmware_sim.ecu.window import History
