@@ -33,11 +33,12 @@ from contract.controller.host_library import OPTIMISED, CController, compiler_ve
 from contract.controller.onnx_session import OnnxController
 from contract.recording import dataset
 from export.gates.parity import control_cases
+from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import load_trained
 from export.program.random_program import random_program, random_window
 from export.program.weights import Array
-from export.release.c_folder import int8_library
+from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 
@@ -62,7 +63,8 @@ def main(
     model = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
     program = random_program(0, model=model, mpc=MpcConfig(horizon=horizon, iterations=iterations))
     (case,) = control_cases(program, count=1)
-    graphs = {name: build_controller(program, name).SerializeToString() for name in ("float32", "int8")}
+    lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
+    graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
     load_ms = [_timed(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(5)]
     eager = EagerController(program, torch.float32)
     whole, small = OnnxController(graphs["float32"], program.sizes), OnnxController(graphs["int8"], program.sizes)
@@ -133,7 +135,7 @@ def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None
     program = trained.program(load_config().mpc)
     episode = choose_episode(dataset.read(RECORDING if data is None else data))
     found = compare(program, recorded_problems(program, episode, _SITUATIONS))
-    return found | {"episode": episode.name, "weights_sha256": trained.provenance["weights_sha256"]}
+    return found | {"episode": episode.name, "weights_sha256": trained.provenance.weights_sha256}
 
 
 def _timed(step: Callable[[], object]) -> float:

@@ -58,7 +58,7 @@ def main(
 ) -> None:
     """Measure, print tables."""
     trained = load_trained(model)
-    program = trained.program(_settings(bundle, str(trained.provenance["weights_sha256"])))
+    program = trained.program(_settings(bundle, str(trained.provenance.weights_sha256)))
     episode = choose_episode(dataset.read(data))
     rng = np.random.default_rng(seed)
     figures = at_snapshots(program, episode, snapshots, starts, rng)
@@ -78,7 +78,7 @@ def main(
             "horizon": program.mpc.horizon,
             "learning_rate": program.mpc.learning_rate,
             "weights": asdict(program.mpc.weights),
-            "weights_sha256": trained.provenance["weights_sha256"],
+            "weights_sha256": trained.provenance.weights_sha256,
             "versions": versions("numpy", "scipy"),
         }
         write_result(json_file, figures=figures, facts=facts, on=date.today())

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import dacite
 
@@ -19,7 +19,9 @@ from contract.operating_point import OperatingPoint
 
 SCHEMA: Final = "stillwake-bundle/2"
 MANIFEST: Final = "manifest.json"
-PRECISIONS: Final = ("float32", "int8")
+Precision = Literal["float32", "int8"]
+"""Of the weights; arithmetic is float32 in either `controller.onnx`."""
+PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 
@@ -62,7 +64,7 @@ class Manifest:
 
     name: str
     created: str
-    precision: str
+    precision: Precision
     sensors: tuple[str, ...]
     window: int
     control_period: float

@@ -86,7 +86,7 @@ def control_cases(
 def check_parity(
     program: ControllerProgram,
     model: bytes,
-    windows: Sequence[Array] | None = None,
+    windows: Sequence[Array],
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
@@ -98,16 +98,16 @@ def check_lowering(
     program: ControllerProgram,
     lowering: Controller,
     name: str,
-    windows: Sequence[Array] | None = None,
+    windows: Sequence[Array],
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
     """Run a lowering against the reference.
 
     Args:
-        program: what it should compute; for int8 weights, `quantise` of the program it was built from.
+        program: what it should compute; for int8 weights, the one that the integers stand for.
         name: of the lowering, for the message.
-        windows: recorded windows (L, S+1) to use; random ones if None.
+        windows: recorded windows (L, S+1), one case each.
 
     Raises:
         ExportError: a difference is above its tolerance or not a number; the message names it.

@@ -33,6 +33,27 @@ _TEACHER: Final = "encoder"
 _SLIMMED: Final = ("dynamics", "decoder")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a trained model comes from.
+
+    Attributes:
+        dataset_sha256: of the recording that it was trained on.
+        weights_sha256: of its tensors.
+        metrics, versions, config: of the training, as a bundle's manifest has them.
+    """
+
+    dataset_sha256: str
+    weights_sha256: str
+    metrics: Mapping[str, Any]
+    versions: Mapping[str, str]
+    config: Mapping[str, Any]
+
+    def training(self) -> dict[str, Any]:
+        """What goes into a manifest besides the hashes, which have fields of their own there."""
+        return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedModel:
     """A verified model directory.
@@ -42,14 +63,13 @@ class TrainedModel:
         scaling: of the slim encoder's sensors, in their order.
         sensors: their names.
         config: all settings of the training.
-        provenance: hashes, metrics and versions, as they go into a bundle's manifest.
     """
 
     states: Mapping[str, State]
     scaling: Scaling
     sensors: tuple[str, ...]
     config: Config
-    provenance: Mapping[str, Any]
+    provenance: Provenance
 
     def program(self, mpc: MpcConfig) -> ControllerProgram:
         """The controller with these optimiser settings; raises ExportError if the weights do not fit."""
@@ -86,9 +106,9 @@ def load_trained(directory: Path) -> TrainedModel:
             scaling=_select(directory / DESCRIPTION, body["scaling"], sensors),
             sensors=sensors,
             config=from_tree(body["config"]),
-            provenance={
-                key: body[key] for key in ("dataset_sha256", "weights_sha256", "metrics", "versions", "config")
-            },
+            provenance=Provenance(
+                **{key: body[key] for key in ("dataset_sha256", "weights_sha256", "metrics", "versions", "config")}
+            ),
         )
     except KeyError as error:
         raise ExportError(f"{directory / DESCRIPTION}: {error.args[0]!r} is missing") from error

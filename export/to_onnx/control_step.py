@@ -8,6 +8,7 @@ horizon, then one more roll-out for the forces and the cost of the result. Writt
 import onnx
 
 from contract.controller.interface import OUTPUTS
+from export.int8.rounded_program import Program, effective, precision_of
 from export.program.controller_program import ControllerProgram
 from export.to_onnx.adam import lower_adam
 from export.to_onnx.cost import Cost
@@ -15,19 +16,16 @@ from export.to_onnx.decoder import Decoder
 from export.to_onnx.dynamics import Dynamics
 from export.to_onnx.encoder import lower_encoder
 from export.to_onnx.graph_builder import Graph
-from export.to_onnx.weights import Precision, store_for
+from export.to_onnx.weights import store_for
 
 
-def build_controller(program: ControllerProgram, precision: Precision) -> onnx.ModelProto:
-    """Lower a program to ONNX.
-
-    Args:
-        precision: "float32", or "int8" for int8 weights with float32 arithmetic.
+def build_controller(lowered: Program) -> onnx.ModelProto:
+    """Lower a program to ONNX, a rounded one with its int8 weights; arithmetic is float32 in either.
 
     Raises:
-        ExportError: an unknown precision, or a value that float32 cannot hold.
+        ExportError: a value that float32 cannot hold.
     """
-    store = store_for(precision)
+    store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
     graph = Graph()
     window, plan, free = (graph.input(name, shapes[name]) for name in ("window", "plan", "free"))
@@ -49,7 +47,7 @@ def build_controller(program: ControllerProgram, precision: Precision) -> onnx.M
     terms = cost.terms(graph, forces, new_plan)
     for name, value in zip(OUTPUTS, (new_plan, forces, terms, cost.total(graph, terms)), strict=True):
         graph.output(value, shapes[name], name)
-    return graph.model("stillwake_controller", f"LSTM-MPC control step, {precision} weights")
+    return graph.model("stillwake_controller", f"LSTM-MPC control step, {precision_of(lowered)} weights")
 
 
 def _previous_action(graph: Graph, program: ControllerProgram, window: str) -> str:

@@ -1,5 +1,6 @@
 """Reading what training writes: the networks arrive unchanged, and every kind of damage is refused by name."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -73,12 +74,14 @@ def test_the_networks_compute_what_the_trained_modules_do(directory, trained):
     np.testing.assert_allclose(decode(program, found), forces, atol=1e-5)
 
 
-def test_provenance_carries_what_a_manifest_should_say(directory):
+def test_provenance_carries_what_a_manifest_holds(directory):
     provenance = load_trained(directory).provenance
-    assert provenance["dataset_sha256"] == "d" * 64
-    assert provenance["metrics"] == {"slim": {"r2": 0.9}}
-    assert provenance["config"]["model"]["latent"] == 3
-    json.dumps(provenance)
+    assert provenance.dataset_sha256 == "d" * 64
+    assert provenance.weights_sha256 == hashlib.sha256((directory / WEIGHTS).read_bytes()).hexdigest()
+    assert provenance.training().keys() == {"metrics", "versions", "config"}
+    assert provenance.metrics == {"slim": {"r2": 0.9}}
+    assert provenance.config["model"]["latent"] == 3
+    json.dumps(provenance.training())
 
 
 def rewrite(directory, **changes):
@@ -123,8 +126,6 @@ def test_a_missing_file_is_named(directory, name):
 
 
 def test_files_that_are_something_else_are_refused(directory):
-    import hashlib
-
     (directory / WEIGHTS).write_bytes(b"not tensors")
     rewrite(directory, weights_sha256=hashlib.sha256(b"not tensors").hexdigest())
     with pytest.raises(ExportError, match=r"model\.safetensors: not a safetensors file"):

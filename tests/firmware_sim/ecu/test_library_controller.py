@@ -27,11 +27,15 @@ from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_session import OnnxController
 from contract.errors import LibraryError
 from contract.release import bundle
+from contract.release.manifest import Precision
 from export.gates.quantisation import QuantisationLimits
+from export.int8.calibrate import rounded_on
+from export.program.from_training import Provenance
 from export.program.random_program import random_program
-from export.release.bundle import write_release
+from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
-from export.to_onnx.weights import Precision
+from export.release.gated import gate
+from export.release.lowering import lower
 from firmware_sim.bench.vehicle_node import PressureNode
 from firmware_sim.bench.virtual_loop import VirtualLoop, Wires
 from firmware_sim.ecu.ecu import Ecu
@@ -93,23 +97,17 @@ def recorded(count: int) -> list[np.ndarray]:
 def exported(root: Path, precision: Precision) -> Exported:
     """The bundle of `random_release` in either precision, and the C library of the same export."""
     windows = recorded(30)
-    write_c_release(root / "c", PROGRAM, precision=precision, windows=windows[:4], calibration=windows, limits=LENIENT)
+    program = rounded_on(PROGRAM, windows) if precision == "int8" else PROGRAM
+    gated = gate(lower(program, calibration=windows, with_library=True), windows[:4], LENIENT)
+    provenance = Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={})
+    write_c_release(root / "c", gated, windows[:4])
     write_release(
         root / "bundle",
-        PROGRAM,
-        precision=precision,
+        gated,
         name="random",
-        operating_point=CONFIG.operating_point,
-        budget_ms=CONFIG.period_ns / 1e6,
-        compute_time_ms=CONFIG.ecu.compute_time_ms,
-        control_period=CONFIG.flow.control_period,
         created=date(2026, 1, 2),
-        dataset_sha256="0" * 64,
-        weights_sha256="0" * 64,
-        provenance={},
-        windows=windows[:4],
-        calibration=windows,
-        limits=LENIENT,
+        vehicle=Vehicle.of(CONFIG),
+        provenance=provenance,
     )
     return Exported(bundle.load(root / "bundle"), root / "bundle", root / "c")
 
