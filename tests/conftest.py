@@ -42,9 +42,9 @@ def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
 @pytest.fixture(scope="session")
 def random_release(tmp_path_factory) -> Path:
     """A bundle that is one in every respect but that nobody trained it: int8, the paper's window, small otherwise."""
+    from contract.model_folder import Provenance
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
-    from export.program.from_training import Provenance
     from export.program.random_program import random_program, random_windows
     from export.release.bundle import Vehicle, write_release
     from export.release.gated import gate

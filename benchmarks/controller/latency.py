@@ -26,6 +26,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.controller.eager import EagerController
+from contract import model_folder
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
@@ -35,7 +36,7 @@ from contract.recording import dataset
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import load_trained
+from export.program.from_training import program_of
 from export.program.random_program import random_program, random_window
 from export.program.weights import Array
 from export.release.lowering import int8_library
@@ -121,7 +122,7 @@ def main(
             temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
 
 
-def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None, data: Path | None) -> dict[str, Any]:
+def _casadi(program: ControllerProgram, window: Array, model: Path | None, data: Path | None) -> dict[str, Any]:
     """What `solvers.compare` finds, on a recording if there is a model."""
     if not __package__:
         # Run as a file: its neighbours are a package of the folder above.
@@ -129,13 +130,13 @@ def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None
     from benchmarks.controller.situations import RECORDING, choose_episode
     from benchmarks.controller.solvers import compare, random_problem, recorded_problems
 
-    if model_folder is None:
+    if model is None:
         return compare(program, [random_problem(program, window)])
-    trained = load_trained(model_folder)
-    program = trained.program(load_config().mpc)
+    trained = model_folder.read(model)
+    program = program_of(trained, load_config().mpc)
     episode = choose_episode(dataset.read(RECORDING if data is None else data))
     found = compare(program, recorded_problems(program, episode, _SITUATIONS))
-    return found | {"episode": episode.name, "weights_sha256": trained.provenance.weights_sha256}
+    return found | {"episode": episode.name, "weights_sha256": trained.weights_sha256}
 
 
 def _timed(step: Callable[[], object]) -> float:

@@ -7,9 +7,9 @@ from pathlib import Path
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.tree import Config
+from contract.model_folder import Provenance
 from contract.operating_point import OperatingPoint
 from contract.release import bundle
-from export.program.from_training import Provenance
 from export.release.gated import Gated
 
 

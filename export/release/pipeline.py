@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from contract import model_folder
 from contract.config.tree import Config
 from contract.errors import ExportError
 from contract.recording import dataset
@@ -18,7 +19,7 @@ from contract.recording.dataset import Episode
 from contract.release.manifest import PRECISIONS
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import load_trained
+from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
 from export.program.weights import Array
 from export.release.bundle import Vehicle, write_release
@@ -77,14 +78,15 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
 
     Raises:
-        ExportError: the model does not fit, or a lowering does not pass its gates.
+        ModelError: the model directory is not sound.
+        ExportError: its weights do not fit, or a lowering does not pass its gates.
         LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    trained = load_trained(model)
-    program = trained.program(config.mpc)
+    trained = model_folder.read(model)
+    program = program_of(trained, config.mpc)
     episodes = dataset.read(recording)
     windows = recorded_windows(program, episodes.with_role("test")[0], GATE_WINDOWS)
     calibration = calibration_windows(program, episodes.with_role("train"))

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-HEAVY = {"torch", "onnx", "shap", "cantools", "e2e"}
+HEAVY = {"torch", "onnx", "shap", "safetensors", "cantools", "e2e"}
 
 
 @pytest.mark.parametrize("room", ["contract", "can_bridge"])

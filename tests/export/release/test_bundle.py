@@ -10,11 +10,11 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.tree import Config, ModelConfig, MpcConfig
 from contract.errors import StillwakeError
+from contract.model_folder import Provenance
 from contract.release import bundle, signing
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import Provenance
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step
 from export.release.bundle import Vehicle, write_release

@@ -26,11 +26,11 @@ from contract.controller.host_library import OPTIMISED, compiler_version, host_c
 from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_session import OnnxController
 from contract.errors import LibraryError
+from contract.model_folder import Provenance
 from contract.release import bundle
 from contract.release.manifest import Precision
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
-from export.program.from_training import Provenance
 from export.program.random_program import random_program
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
