@@ -13,6 +13,10 @@ class DatasetError(StillwakeError):
     """A dataset that does not follow the schema."""
 
 
+class ModelError(StillwakeError):
+    """A model directory that is incomplete, of another schema, or altered."""
+
+
 class BundleError(StillwakeError):
     """A release bundle that cannot be used; its subclasses are the kinds of fault."""
 

@@ -42,27 +42,26 @@ def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
 @pytest.fixture(scope="session")
 def random_release(tmp_path_factory) -> Path:
     """A bundle that is one in every respect but that nobody trained it: int8, the paper's window, small otherwise."""
+    from contract.model_folder import Provenance
     from export.gates.quantisation import QuantisationLimits
-    from export.program.random_program import random_program
-    from export.release.bundle import write_release
+    from export.int8.rounded_program import rounded_to_nearest
+    from export.program.random_program import random_program, random_windows
+    from export.release.bundle import Vehicle, write_release
+    from export.release.gated import gate
+    from export.release.lowering import lower
 
     path = tmp_path_factory.mktemp("release") / "bundle"
     model = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
-    config = Config()
+    program = random_program(1, model=model, mpc=MpcConfig(horizon=8))
+    lowered = lower(rounded_to_nearest(program), calibration=(), with_library=False)
+    limits = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
     write_release(
         path,
-        random_program(1, model=model, mpc=MpcConfig(horizon=8)),
-        precision="int8",
+        gate(lowered, random_windows(program, 20), limits),
         name="random",
-        operating_point=config.operating_point,
-        budget_ms=config.period_ns / 1e6,
-        compute_time_ms=config.ecu.compute_time_ms,
-        control_period=config.flow.control_period,
         created=date(2026, 1, 2),
-        dataset_sha256="0" * 64,
-        weights_sha256="0" * 64,
-        provenance={},
-        limits=QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0),
+        vehicle=Vehicle.of(Config()),
+        provenance=Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={}),
     )
     return path
 

@@ -1,43 +1,21 @@
-"""A trained model on disk: a directory of `model.safetensors` and `model.json`, whole or not there.
+"""A trained model as networks: kept in a model folder (`contract.model_folder`) and rebuilt from one."""
 
-`model.safetensors` holds the weights under `encoder.`, `slim.`, `dynamics.` and `decoder.`, and where the
-configuration asks for narrower ones, under `slim_dynamics.` and `slim_decoder.`; `model.json` holds what they assume
-and where they come from:
-
-    schema, config (all settings), scaling (contract.release.bundle.Scaling),
-    sensors (the slim encoder's inputs in order),
-    dataset_sha256, weights_sha256, metrics, ranking, versions
-"""
-
-import hashlib
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import dacite
-import safetensors
-import safetensors.torch
-from torch import Tensor, nn
+import torch
+from torch import nn
 
-from contract import sensors as sensor_facts
-from contract.atomic import replacing
-from contract.config.loading import from_tree, to_tree
+from contract import model_folder, sensors
 from contract.config.tree import Config
-from contract.errors import ConfigError, StillwakeError
+from contract.errors import ModelError
+from contract.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
 from contract.release.bundle import Scaling
 from train.evaluate import ModelMetrics
 from train.model import Encoder, Predictor, WakeModel
 from train.selection.choice import SensorChoice
-
-SCHEMA: Final = "stillwake-model/1"
-WEIGHTS: Final = "model.safetensors"
-DESCRIPTION: Final = "model.json"
-
-
-class ModelError(StillwakeError):
-    """A model directory that is incomplete, of another schema, or altered."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,9 +28,9 @@ class TrainedModel:
         predictor: narrower dynamics and decoder for the vehicle; None where the teacher's serve there.
         sensors: names, in the order of the slim encoder's inputs.
         scaling: of all 90 pressures, the action and the forces.
+        dataset_sha256, versions: as in `contract.model_folder.Description`.
         metrics: on the test episodes.
         ranking: how the sensors were chosen.
-        versions: of the software.
     """
 
     config: Config
@@ -73,82 +51,52 @@ class TrainedModel:
 
 
 def save(path: Path, model: TrainedModel) -> None:
-    """Write the directory, replacing a model that is there.
+    """Write the model folder, replacing a model that is there.
 
     Raises:
         StillwakeError: if the place cannot be written or holds something that is not a model.
     """
-    check_free(path)
-    weights = safetensors.torch.save(_tensors(model))
-    body = {
-        "schema": SCHEMA,
-        "config": to_tree(model.config),
-        "scaling": asdict(model.scaling),
-        "sensors": model.sensors,
-        "dataset_sha256": model.dataset_sha256,
-        "weights_sha256": hashlib.sha256(weights).hexdigest(),
-        "metrics": model.metrics.as_tree(),
-        "ranking": model.ranking.as_tree(),
-        "versions": model.versions,
-    }
-    with replacing(path) as temporary:
-        temporary.mkdir()
-        (temporary / WEIGHTS).write_bytes(weights)
-        (temporary / DESCRIPTION).write_text(json.dumps(body, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def check_free(path: Path) -> None:
-    """Raise StillwakeError if writing a model to `path` would replace anything but a model."""
-    if path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir())):
-        return
-    if path.exists():
-        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+    description = Description(
+        config=model.config,
+        scaling=model.scaling,
+        sensors=model.sensors,
+        dataset_sha256=model.dataset_sha256,
+        metrics=model.metrics.as_tree(),
+        ranking=model.ranking.as_tree(),
+        versions=model.versions,
+    )
+    model_folder.write(path, description, _tensors(model))
 
 
 def load(path: Path) -> TrainedModel:
-    """Read and verify a model directory.
+    """Read and verify a model folder.
 
     Raises:
-        ModelError: if a file is missing, damaged, altered or of another schema, or the weights are not those of
-            the networks the description configures; the message names it.
+        ModelError: if the folder is not sound (`contract.model_folder.read`), or the weights are not those of the
+            networks that the description configures; the message names it.
     """
+    folder = model_folder.read(path)
+    about = folder.description
+    config = about.config
+    teacher, slim = WakeModel(sensors.COUNT, config.model), Encoder(len(about.sensors), config.model)
+    predictor = Predictor(config.model.slim) if config.model.is_slimmed else None
+    _fill(path, _parts(teacher, slim, predictor), folder.tensors)
     try:
-        body = json.loads((path / DESCRIPTION).read_text(encoding="utf-8"))
-        raw = (path / WEIGHTS).read_bytes()
-    except (OSError, ValueError) as error:
-        raise ModelError(f"model {path}: cannot be read ({error})") from error
-    if not isinstance(body, dict) or body.get("schema") != SCHEMA:
-        found = body.get("schema") if isinstance(body, dict) else None
-        raise ModelError(f"model {path}: schema {found!r}, this version reads {SCHEMA!r}")
-    try:
-        if hashlib.sha256(raw).hexdigest() != body["weights_sha256"]:
-            raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
-        config = from_tree(body["config"])
-        names = tuple(body["sensors"])
-        sensor_facts.indices(names)
-        scaling = dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple]))
-        _check_lengths(path, scaling)
-        teacher, slim = WakeModel(sensor_facts.COUNT, config.model), Encoder(len(names), config.model)
-        predictor = Predictor(config.model.slim) if config.model.is_slimmed else None
-        _fill(path, _parts(teacher, slim, predictor), safetensors.torch.load(raw))
-        return TrainedModel(
-            config=config,
-            scaling=scaling,
-            teacher=teacher.eval(),
-            slim=slim,
-            predictor=None if predictor is None else predictor.eval(),
-            sensors=names,
-            dataset_sha256=body["dataset_sha256"],
-            metrics=ModelMetrics.from_tree(body["metrics"]),
-            ranking=SensorChoice.from_tree(body["ranking"]),
-            versions=body["versions"],
-        )
-    except KeyError as error:
-        raise ModelError(f"model {path}: {DESCRIPTION} lacks {error}") from error
-    except (dacite.DaciteError, ConfigError, TypeError) as error:
+        metrics, ranking = ModelMetrics.from_tree(about.metrics), SensorChoice.from_tree(about.ranking)
+    except (KeyError, TypeError, dacite.DaciteError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
-    except safetensors.SafetensorError as error:
-        raise ModelError(f"model {path}: {WEIGHTS} is damaged ({error})") from error
+    return TrainedModel(
+        config=config,
+        scaling=about.scaling,
+        teacher=teacher.eval(),
+        slim=slim,
+        predictor=None if predictor is None else predictor.eval(),
+        sensors=about.sensors,
+        dataset_sha256=about.dataset_sha256,
+        metrics=metrics,
+        ranking=ranking,
+        versions=about.versions,
+    )
 
 
 def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Mapping[str, nn.Module]:
@@ -160,32 +108,23 @@ def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Ma
     return parts
 
 
-def _tensors(model: TrainedModel) -> dict[str, Tensor]:
+def _tensors(model: TrainedModel) -> Tensors:
     parts = _parts(model.teacher, model.slim, model.predictor)
     return {
-        f"{name}.{key}": value.detach().cpu().contiguous()
+        f"{name}.{key}": value.detach().cpu().numpy()
         for name, network in parts.items()
         for key, value in network.state_dict().items()
     }
 
 
-def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]) -> None:
+def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Tensors) -> None:
     expected = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.state_dict().items()}
     for key in sorted(expected.keys() | tensors.keys()):
         if key not in tensors or key not in expected:
             raise ModelError(f"model {path}: {WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}")
-        if tensors[key].shape != expected[key].shape:
-            found, wanted = tuple(tensors[key].shape), tuple(expected[key].shape)
-            raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {found}, the configuration needs {wanted}")
+        if tensors[key].shape != tuple(expected[key].shape):
+            found, needed = tuple(tensors[key].shape), tuple(expected[key].shape)
+            raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {found}, the configuration needs {needed}")
     for name, network in parts.items():
-        network.load_state_dict({key: tensors[f"{name}.{key}"] for key in network.state_dict()})
+        network.load_state_dict({key: torch.tensor(tensors[f"{name}.{key}"]) for key in network.state_dict()})
         network.eval()
-
-
-def _check_lengths(path: Path, scaling: Scaling) -> None:
-    for name, wanted in (("pressure_mean", sensor_facts.COUNT), ("pressure_std", sensor_facts.COUNT)):
-        if len(getattr(scaling, name)) != wanted:
-            raise ModelError(f"model {path}: scaling.{name} has {len(getattr(scaling, name))} values, not {wanted}")
-    for name in ("force_mean", "force_std"):
-        if len(getattr(scaling, name)) != 2:
-            raise ModelError(f"model {path}: scaling.{name} has {len(getattr(scaling, name))} values, not 2")

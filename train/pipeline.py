@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from contract import sensors
+from contract import model_folder, sensors
 from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording import dataset
@@ -63,7 +63,7 @@ def train_all(
     where = device_named(device)
     if chosen is not None:
         sensors.indices(chosen)
-    model_store.check_free(output)
+    model_folder.check_free(output)
     recording = dataset.read(dataset_path)
     digest = hashlib.sha256(dataset_path.read_bytes()).hexdigest()
     scaling = fit_scaling(recording.with_role("train"))

@@ -26,21 +26,22 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.controller.eager import EagerController
+from contract import model_folder
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.controller.host_library import OPTIMISED, CController, compiler_version, host_compiler
+from contract.controller.onnx_session import OnnxController
 from contract.recording import dataset
 from export.gates.parity import control_cases
+from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import load_trained
+from export.program.from_training import program_of
 from export.program.random_program import random_program, random_window
 from export.program.weights import Array
-from export.release.c_folder import int8_library
-from export.to_c.host import CController
+from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
-from export.to_onnx.session import OnnxController
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
@@ -63,16 +64,17 @@ def main(
     model = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
     program = random_program(0, model=model, mpc=MpcConfig(horizon=horizon, iterations=iterations))
     (case,) = control_cases(program, count=1)
-    graphs = {name: build_controller(program, name).SerializeToString() for name in ("float32", "int8")}
-    load_ms = [_timed(lambda: OnnxController(graphs["float32"])) for _ in range(5)]
+    lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
+    graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
+    load_ms = [_timed(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(5)]
     eager = EagerController(program, torch.float32)
-    whole, small = OnnxController(graphs["float32"]), OnnxController(graphs["int8"])
+    whole, small = OnnxController(graphs["float32"], program.sizes), OnnxController(graphs["int8"], program.sizes)
     compiler = host_compiler()
-    c = CController(program, c_library(program), compiler=compiler)
+    c = CController(c_library(program), program.sizes, compiler=compiler)
     rng = np.random.default_rng(0)
     c_int8 = CController(
-        program,
         int8_library(program, [random_window(program, rng) for _ in range(_CALIBRATION)]),
+        program.sizes,
         compiler=compiler,
     )
     steps: dict[str, Callable[[], object]] = {
@@ -120,7 +122,7 @@ def main(
             temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
 
 
-def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None, data: Path | None) -> dict[str, Any]:
+def _casadi(program: ControllerProgram, window: Array, model: Path | None, data: Path | None) -> dict[str, Any]:
     """What `solvers.compare` finds, on a recording if there is a model."""
     if not __package__:
         # Run as a file: its neighbours are a package of the folder above.
@@ -129,13 +131,13 @@ def _casadi(program: ControllerProgram, window: Array, model_folder: Path | None
     from benchmarks.controller.solvers import compare, random_problem, recorded_problems
     from wake.shipped import RECORDING
 
-    if model_folder is None:
+    if model is None:
         return compare(program, [random_problem(program, window)])
-    trained = load_trained(model_folder)
-    program = trained.program(load_config().mpc)
+    trained = model_folder.read(model)
+    program = program_of(trained, load_config().mpc)
     episode = choose_episode(dataset.read(RECORDING if data is None else data))
     found = compare(program, recorded_problems(program, episode, _SITUATIONS))
-    return found | {"episode": episode.name, "weights_sha256": trained.provenance["weights_sha256"]}
+    return found | {"episode": episode.name, "weights_sha256": trained.weights_sha256}
 
 
 def _timed(step: Callable[[], object]) -> float:

@@ -20,8 +20,8 @@ from rich.table import Table
 from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
 from contract.errors import StillwakeError
+from contract.model_folder import DESCRIPTION
 from contract.results import versions, write_result
-from export.program.from_training import DESCRIPTION
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
 """Lowering and precision; the differences are to the first."""

@@ -19,7 +19,7 @@ from rich.table import Table
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.results import versions, write_result
 from export.program.random_program import random_program, random_window
-from export.release.c_folder import int8_library
+from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from firmware_sim.mcu.measure import measure
 

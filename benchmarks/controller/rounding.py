@@ -17,13 +17,14 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.controller.situations import choose_episode
+from contract import model_folder
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.results import versions, write_result
 from export.gates.quantisation import compare_quantised
-from export.int8.calibrate import rounded_program
-from export.int8.nearest import quantise
-from export.program.from_training import load_trained
+from export.int8.calibrate import rounded_on
+from export.int8.rounded_program import rounded_to_nearest
+from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
 from export.release.pipeline import GATE_WINDOWS, calibration_windows
 from wake.shipped import RECORDING
@@ -48,18 +49,18 @@ def main(
 
 def of_model(model: Path, recording: dataset.Dataset) -> list[dict[str, Any]]:
     """Both roundings of a model on both episodes."""
-    trained = load_trained(model)
-    program = trained.program(load_config().mpc)
+    trained = model_folder.read(model)
+    program = program_of(trained, load_config().mpc)
     calibration = calibration_windows(program, recording.with_role("train"))
-    kinds = {"nearest": quantise(program), "error feedback": rounded_program(program, calibration)}
+    kinds = {"nearest": rounded_to_nearest(program), "error feedback": rounded_on(program, calibration)}
     dynamics, decoder = program.dynamics.hidden.weight.shape[0], program.decoder.input.weight.shape[0]
     return [
         {
             "widths": f"{dynamics}/{decoder}",
-            "weights_sha256": trained.provenance["weights_sha256"],
+            "weights_sha256": trained.weights_sha256,
             "rounding": kind,
             "episode": episode.name,
-            **asdict(compare_quantised(program, rounded, recorded_windows(program, episode, GATE_WINDOWS))),
+            **asdict(compare_quantised(program, rounded.program, recorded_windows(program, episode, GATE_WINDOWS))),
         }
         for episode in (recording.with_role("test")[0], choose_episode(recording))
         for kind, rounded in kinds.items()

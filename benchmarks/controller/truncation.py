@@ -26,6 +26,7 @@ from rich.table import Table
 
 from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
 from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
+from contract import model_folder
 from contract.config.loading import load_config
 from contract.config.tree import MpcConfig
 from contract.errors import ExportError
@@ -34,7 +35,7 @@ from contract.recording.dataset import Episode
 from contract.release import bundle as bundles
 from contract.results import versions, write_result
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import load_trained
+from export.program.from_training import program_of
 from export.program.weights import Array
 from export.reference.mpc import adam, plan_cost, shift
 from wake.shipped import RECORDING
@@ -58,8 +59,8 @@ def main(
     seed: Annotated[int, typer.Option(help="Of random starts and noise.")] = 0,
 ) -> None:
     """Measure, print tables."""
-    trained = load_trained(model)
-    program = trained.program(_settings(bundle, str(trained.provenance["weights_sha256"])))
+    trained = model_folder.read(model)
+    program = program_of(trained, _settings(bundle, trained.weights_sha256))
     episode = choose_episode(dataset.read(data))
     rng = np.random.default_rng(seed)
     figures = at_snapshots(program, episode, snapshots, starts, rng)
@@ -79,7 +80,7 @@ def main(
             "horizon": program.mpc.horizon,
             "learning_rate": program.mpc.learning_rate,
             "weights": asdict(program.mpc.weights),
-            "weights_sha256": trained.provenance["weights_sha256"],
+            "weights_sha256": trained.weights_sha256,
             "versions": versions("numpy", "scipy"),
         }
         write_result(json_file, figures=figures, facts=facts, on=date.today())

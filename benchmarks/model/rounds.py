@@ -21,6 +21,7 @@ from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
 from benchmarks.common.paper_data import paper_file
 from contract import sensors
+from contract.model_folder import DESCRIPTION
 from contract.recording import dataset
 from contract.recording.dataset import Role
 from contract.results import versions, write_result
@@ -69,7 +70,7 @@ def main(
 def _release(parts: Path, number: int, data: Path) -> Path:
     """Model, bundle and closed loop of a round; what is there already is kept."""
     model, bundle, run = (parts / f"{name}_{number}" for name in ("model", "bundle", "run"))
-    if not (model / model_store.DESCRIPTION).is_file():
+    if not (model / DESCRIPTION).is_file():
         # Sensors are drilled into the body once: later rounds keep the first one's.
         fixed = ("--sensors", ",".join(model_store.load(parts / "model_0").sensors)) if number else ()
         stillwake("train", model, "--dataset", data, "--resume", *fixed)

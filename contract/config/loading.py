@@ -42,14 +42,16 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
     _refuse_booleans(tree)
     try:
         return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
-    except dacite.WrongTypeError as error:
-        if get_origin(error.field_type) is Literal:
-            *most, last = map(repr, get_args(error.field_type))
-            known = f"{', '.join(most)} or {last}"
-            raise ConfigError(f"configuration: {error.field_path} = {error.value!r}: must be {known}") from error
-        raise ConfigError(f"configuration: {error}") from error
     except dacite.DaciteError as error:
-        raise ConfigError(f"configuration: {error}") from error
+        raise ConfigError(f"configuration: {describe_error(error)}") from error
+
+
+def describe_error(error: dacite.DaciteError) -> str:
+    """What dacite found wrong, with the choices where a value must be one of some."""
+    if isinstance(error, dacite.WrongTypeError) and get_origin(error.field_type) is Literal:
+        *most, last = map(repr, get_args(error.field_type))
+        return f"{error.field_path} = {error.value!r}: must be {', '.join(most)} or {last}"
+    return str(error)
 
 
 def to_tree(config: Config) -> dict[str, Any]:

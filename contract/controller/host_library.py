@@ -1,7 +1,7 @@
 """The controller's C99 library on this machine: the host's compiler, and the compiled library called through ctypes.
 
-The library is a folder that `stillwake export --c` writes; `stillwake.h` in it describes one control step. `export`
-proves a library with what stands here before it writes the folder, and `firmware_sim` runs one in the ECU.
+The library is a folder that `stillwake export --c` writes; `stillwake.h` in it describes one control step. The gates
+of `export` and the ECU of `firmware_sim` run it through the same class.
 """
 
 import ctypes
@@ -12,14 +12,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from contract.config.tree import CostWeights
+from contract.controller.interface import FORCES, TERMS, Array, ControllerError, ControlStep, Sizes
 from contract.errors import LibraryError
 
 EXAMPLE: Final = "main.c"
@@ -27,8 +26,7 @@ EXAMPLE: Final = "main.c"
 STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Contraction to fused multiply-adds changes roundings only; -ffast-math would break them."""
-_TERMS: Final = len(fields(CostWeights))
-_FORCES: Final = 2
+_OK: Final = 0
 _ALIGNMENT: Final = 64
 
 
@@ -77,66 +75,92 @@ def _run(command: list[str], folder: str | None) -> subprocess.CompletedProcess[
         raise LibraryError(f"{command[0]}: {error.strerror or error}") from error
 
 
-class HostLibrary:
-    """A library compiled and loaded, with the structures that its caller owns.
+class CController:
+    """A library compiled and loaded, with the structures and the scratch memory that its caller owns.
+
+    Args:
+        contents: the library's files by name.
+        sizes: those of its header, by which the structures are laid out.
+        compiler: command that compiles C; the one found here if None.
+        flags: of the compiler.
 
     Attributes:
-        window: (L, S+1), `plan` and `free`: (H,), `weights`: (7,); inputs, written in place. Weights start with the
-            library's own.
+        description: what computes the step, for people.
+
+    Raises:
+        LibraryError: there is no compiler, or it does not take the files.
     """
 
     def __init__(
         self,
         contents: Mapping[str, bytes],
+        sizes: Sizes,
         *,
-        window: int,
-        sensors: int,
-        horizon: int,
-        compiler: Sequence[str],
+        compiler: Sequence[str] | None = None,
         flags: Sequence[str] = OPTIMISED,
     ) -> None:
-        """Compile the library's files, whose header must have these sizes; raises LibraryError where that fails."""
+        command = host_compiler() if compiler is None else list(compiler)
         sources = {name: content for name, content in contents.items() if name != EXAMPLE}
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "controller.so")
-            compile_c(sources, path, compiler=compiler, flags=("-fPIC", "-shared", *flags))
+            compile_c(sources, path, compiler=command, flags=("-fPIC", "-shared", *flags))
             try:
                 self._library = ctypes.CDLL(str(path))
                 self._library.sw_workspace_bytes.restype = ctypes.c_size_t
                 self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {error}") from error
+        self.description = f"{compiler_version(command)}, {' '.join(flags)}"
+        horizon = sizes.horizon
         self._input = _structure(
             "sw_input",
-            window=(ctypes.c_float * (sensors + 1)) * window,
+            window=(ctypes.c_float * (sizes.sensors + 1)) * sizes.window,
             plan=ctypes.c_float * horizon,
             free=ctypes.c_float * horizon,
-            weights=ctypes.c_float * _TERMS,
+            weights=ctypes.c_float * TERMS,
         )
         self._output = _structure(
             "sw_output",
             plan=ctypes.c_float * horizon,
-            forces=(ctypes.c_float * _FORCES) * horizon,
-            terms=ctypes.c_float * _TERMS,
+            forces=(ctypes.c_float * FORCES) * horizon,
+            terms=ctypes.c_float * TERMS,
             cost=ctypes.c_float,
         )
         reset(ctypes.byref(self._input))
-        self.window, self.plan, self.free, self.weights = (
+        self._window, self._plan, self._free, self._weights = (
             np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
         )
-        self.workspace = _aligned(self._library.sw_workspace_bytes())
+        self._default_weights = self._weights.copy()
+        self._workspace = _aligned(self._library.sw_workspace_bytes())
 
-    def run(self) -> int:
-        """One control step on the inputs as they stand; the library's status, 0 if all is well."""
-        return int(
-            self._step(
-                ctypes.c_void_p(self.workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
-            )
+    @property
+    def workspace_bytes(self) -> int:
+        """Scratch memory that a caller has to own."""
+        return int(self._workspace.size)
+
+    def warm_up(self, steps: int) -> None:
+        """Run on zeros, so that the first real step finds its code and weights in memory."""
+        for _ in range(steps):
+            self.control_step(*(np.zeros(array.shape) for array in (self._window, self._plan, self._free)))
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+        """One control step in float32; raises ControllerError if an input or a result is not finite."""
+        self._window[:], self._plan[:], self._free[:] = window, plan, free
+        self._weights[:] = self._default_weights if weights is None else weights
+        status = self._step(
+            ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
         )
+        if status != _OK:
+            raise ControllerError(f"the C library answered with status {status}: a number is not finite")
+        found = self._output
+        new_plan, forces, terms, cost = (
+            np.array(value, dtype=np.float64) for value in (found.plan, found.forces, found.terms, found.cost)
+        )
+        return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
 
-    def answer(self, name: str) -> npt.NDArray[np.float64]:
-        """A copy of the latest `plan` (H,), `forces` (H, 2), `terms` (7,) or `cost` ()."""
-        return np.array(getattr(self._output, name), dtype=np.float64)
+    def poison_workspace(self) -> None:
+        """Fill the scratch memory with NaN: no result may depend on what was there."""
+        self._workspace[:] = 0xFF
 
 
 def _structure(name: str, **members: Any) -> Any:

@@ -6,25 +6,7 @@ data set, weights and program it comes from, and the SHA-256 of every other file
 of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
 accidents; a signature by a key that the reader trusts guards against people.
 
-`controller.onnx` computes one control step. Its interface, with L the window, S the sensors and H the horizon:
-
-=========  ========  =====================================================================================
-input      shape     meaning
-=========  ========  =====================================================================================
-window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
-plan       (H,)      the previous step's plan, as it came out; the graph shifts it by one step
-free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
-weights    (7,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
-=========  ========  =====================================================================================
-
-=========  ========  =====================================================================================
-output     shape     meaning
-=========  ========  =====================================================================================
-new_plan   (H,)      optimised actions a_t .. a_{t+H-1}
-forces     (H, 2)    predicted (Cd, Cl) at t+1 .. t+H under `new_plan`
-terms      (7,)      unweighted cost terms of `new_plan`, in the order of the weights
-cost       ()        J of `new_plan`
-=========  ========  =====================================================================================
+`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
 """
 
 import hashlib

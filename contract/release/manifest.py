@@ -7,19 +7,21 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import dacite
 
 from contract import sensors as sensor_facts
-from contract.config.loading import as_float
+from contract.config.loading import as_float, describe_error
 from contract.config.tree import MpcConfig
 from contract.errors import BundleError, BundleManifestError, ConfigError
 from contract.operating_point import OperatingPoint
 
 SCHEMA: Final = "stillwake-bundle/2"
 MANIFEST: Final = "manifest.json"
-PRECISIONS: Final = ("float32", "int8")
+Precision = Literal["float32", "int8"]
+"""Of the weights; arithmetic is float32 in either `controller.onnx`."""
+PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 
@@ -72,7 +74,7 @@ class Manifest:
 
     name: str
     created: str
-    precision: str
+    precision: Precision
     sensors: tuple[str, ...]
     window: int
     control_period: float
@@ -157,7 +159,9 @@ def parse(path: Path, body: Mapping[str, Any]) -> Manifest:
             Manifest, body, config=dacite.Config(strict=True, cast=[tuple], type_hooks={float: as_float})
         )
         sensor_facts.indices(manifest.sensors)
-    except (dacite.DaciteError, ConfigError, BundleError) as error:
+    except dacite.DaciteError as error:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST}: {describe_error(error)}") from error
+    except (ConfigError, BundleError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {error}") from error
     return manifest
 

@@ -8,24 +8,16 @@ falls between the two roundings, the move itself differs by some part of lr.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from contract.controller.interface import Controller
+from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_window
 from export.program.weights import Array
-from export.reference.mpc import Solution, control_step
-from export.to_onnx.session import OnnxController
-
-
-class Lowering(Protocol):
-    """A lowered program that can be run here."""
-
-    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> Solution:
-        """As `reference_mpc.control_step`, without the program."""
-        ...
+from export.reference.mpc import control_step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,28 +86,28 @@ def control_cases(
 def check_parity(
     program: ControllerProgram,
     model: bytes,
-    windows: Sequence[Array] | None = None,
+    windows: Sequence[Array],
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
     """Run a serialised ONNX controller against the reference; as `check_lowering`."""
-    return check_lowering(program, OnnxController(model), "ONNX graph", windows, tolerance=tolerance)
+    return check_lowering(program, OnnxController(model, program.sizes), "ONNX graph", windows, tolerance=tolerance)
 
 
 def check_lowering(
     program: ControllerProgram,
-    lowering: Lowering,
+    lowering: Controller,
     name: str,
-    windows: Sequence[Array] | None = None,
+    windows: Sequence[Array],
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
     """Run a lowering against the reference.
 
     Args:
-        program: what it should compute; for int8 weights, `quantise` of the program it was built from.
+        program: what it should compute; for int8 weights, the one that the integers stand for.
         name: of the lowering, for the message.
-        windows: recorded windows (L, S+1) to use; random ones if None.
+        windows: recorded windows (L, S+1), one case each.
 
     Raises:
         ExportError: a difference is above its tolerance or not a number; the message names it.

@@ -10,11 +10,12 @@ from functools import partial
 
 import numpy as np
 
+from contract.controller.interface import ControlStep
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.reference.model import encode
-from export.reference.mpc import Solution, control_step, evaluate
+from export.reference.mpc import control_step, evaluate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +53,7 @@ class QuantisationReport:
     mean_cost_gap: float
 
 
-Answer = Callable[[Array, Array, Array], Solution]
+Answer = Callable[[Array, Array, Array], ControlStep]
 """A control step: window (L, S+1), previous plan (H,), mask of free actions (H,)."""
 
 

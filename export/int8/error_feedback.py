@@ -7,7 +7,7 @@ changes every later column k by -e U_jk / U_jj: the best that they can do (optim
 "GPTQ", ICLR 2023).
 
 The scales are `quantise_matrix`'s, and the largest weight of a row, which sets its scale, keeps its integer: rounding
-the result again changes nothing.
+the result again changes no integer.
 """
 
 from typing import Final

@@ -6,9 +6,10 @@ import numpy as np
 
 from contract import sensors as sensor_facts
 from contract.config.tree import MpcConfig
+from contract.controller.interface import FORCES, Sizes
 from contract.errors import ConfigError, ExportError
 from contract.release.bundle import Scaling
-from export.program.weights import FORCES, DecoderWeights, DynamicsWeights, EncoderWeights, State
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,6 +86,11 @@ class ControllerProgram:
     def latent(self) -> int:
         """n_z, the size of the latent state."""
         return self.encoder.latent
+
+    @property
+    def sizes(self) -> Sizes:
+        """Of the inputs and outputs of a control step."""
+        return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
 
 def _check_sensors(program: ControllerProgram) -> None:

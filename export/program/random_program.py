@@ -77,6 +77,12 @@ def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array
     return np.column_stack([pressure, waves[:, -1] * program.action_limit])
 
 
+def random_windows(program: ControllerProgram, count: int, *, seed: int = 0) -> list[Array]:
+    """So many windows, each by itself: not consecutive ones."""
+    rng = np.random.default_rng(seed)
+    return [random_window(program, rng) for _ in range(count)]
+
+
 def _uniform(rng: np.random.Generator, shape: tuple[int, ...], fan_in: int) -> Array:
     bound = 1.0 / np.sqrt(fan_in)
     return rng.uniform(-bound, bound, shape)

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.controller.interface import FORCES
 from contract.errors import ExportError
 
 Array = npt.NDArray[np.float64]
@@ -19,9 +20,6 @@ State = Mapping[str, npt.NDArray[Any]]
 
 LAYER_NORM_EPSILON: Final = 1e-5
 """Added to the variance in every layer norm; PyTorch's default."""
-
-FORCES: Final = 2
-"""(Cd, Cl)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

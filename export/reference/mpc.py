@@ -9,11 +9,11 @@ or one for all. Cost weights are (7,), the program's if None.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.reference.cost import cost_gradient, cost_terms
@@ -24,27 +24,10 @@ ADAM_EPSILON: Final = 1e-8
 """Kingma and Ba's constants, which are also PyTorch's defaults."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Solution:
-    """Outcome of a control step.
-
-    Attributes:
-        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first one is commanded.
-        forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
-        terms: (7,) unweighted cost terms of the plan.
-        cost: J of the plan.
-    """
-
-    plan: Array
-    forces: Array
-    terms: Array
-    cost: float
-
-
 def control_step(
     program: ControllerProgram, window: Array, plan: Array, free: Array, weights: Array | None = None
-) -> Solution:
-    """What `controller.onnx` computes; arguments as in `contract.release.bundle`.
+) -> ControlStep:
+    """What `controller.onnx` computes; arguments as in `contract.controller.interface`.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
@@ -86,11 +69,11 @@ def plan_cost(
 
 def evaluate(
     program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array | None = None
-) -> Solution:
+) -> ControlStep:
     """Predicted forces, cost terms and cost of one plan (H,) from latent state z (n_z,)."""
     forces = predict(program, z, plan)
     terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference)
-    return Solution(plan=plan, forces=forces, terms=terms, cost=float(terms @ _weights(program, weights)))
+    return ControlStep(plan=plan, forces=forces, terms=terms, cost=float(terms @ _weights(program, weights)))
 
 
 def gradient(

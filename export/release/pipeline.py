@@ -1,24 +1,31 @@
-"""From a model directory to a release bundle and, on request, a C library: read, calibrate, lower, gate, write."""
+"""From a model directory to a release bundle and, on request, a C library: read, round, lower, gate, write.
+
+Every lowering has passed its gates before the first file is written.
+"""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from contract import model_folder
 from contract.config.tree import Config
 from contract.errors import ExportError
 from contract.recording import dataset
 from contract.recording.dataset import Episode
+from contract.release.manifest import PRECISIONS
+from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import load_trained
+from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
 from export.program.weights import Array
-from export.release.bundle import ReleaseReport, write_release
-from export.release.c_folder import CReport, write_c_release
-from export.to_onnx.weights import Precision
+from export.release.bundle import Vehicle, write_release
+from export.release.c_folder import write_c_release
+from export.release.gated import Gated, gate
+from export.release.lowering import lower
 
 GATE_WINDOWS: Final = 50
 """Consecutive recorded windows that the export gates replay."""
@@ -26,24 +33,17 @@ CALIBRATION_WINDOWS: Final = 400
 """Recorded windows from which int8 rounding is calibrated, of every kind of forcing together."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exported:
-    """What was written, and what its gates measured; no library where none was asked for."""
-
-    release: ReleaseReport
-    library: CReport | None
-
-    def gates(self) -> Iterator[tuple[str, Any]]:
-        """Every figure of every gate by its name."""
-        parts = {
-            "graph against reference": self.release.parity,
-            "int8 against float32": self.release.quantisation,
-            "C against reference": self.library and self.library.parity,
-            "int8 C against float32": self.library and self.library.quantisation,
-        }
-        for title, part in parts.items():
-            for name, value in asdict(part).items() if part else ():
-                yield f"{title}: {name}", value
+def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
+    """Every figure of every gate by its name."""
+    parts = {
+        "graph against reference": gated.graph.parity,
+        "int8 against float32": gated.graph.quantisation,
+        "C against reference": gated.library and gated.library.parity,
+        "int8 C against float32": gated.library and gated.library.quantisation,
+    }
+    for title, part in parts.items():
+        for name, value in asdict(part).items() if part else ():
+            yield f"{title}: {name}", value
 
 
 def calibration_windows(program: ControllerProgram, episodes: Sequence[Episode]) -> list[Array]:
@@ -67,8 +67,8 @@ def export_all(
     c_folder: Path | None,
     created: date,
     key: Ed25519PrivateKey | None = None,
-) -> Exported:
-    """Write the C library, if a folder is given for it, and then the bundle.
+) -> Gated:
+    """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
 
     Args:
         model: directory written by `train`.
@@ -78,38 +78,31 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
 
     Raises:
-        ExportError: the model does not fit, or a lowering does not pass its gates.
+        ModelError: the model directory is not sound.
+        ExportError: its weights do not fit, or a lowering does not pass its gates.
+        LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
-    kinds: dict[str, Precision] = {kind: kind for kind in get_args(Precision)}
-    if precision not in kinds:
+    if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    trained = load_trained(model)
-    program = trained.program(config.mpc)
+    trained = model_folder.read(model)
+    program = program_of(trained, config.mpc)
     episodes = dataset.read(recording)
     windows = recorded_windows(program, episodes.with_role("test")[0], GATE_WINDOWS)
     calibration = calibration_windows(program, episodes.with_role("train"))
-    library = None
+
+    rounded = rounded_on(program, calibration) if precision == "int8" else program
+    gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
+
     if c_folder is not None:
-        library = write_c_release(
-            c_folder, program, precision=kinds[precision], windows=windows, calibration=calibration
-        )
-    provenance = dict(trained.provenance)
-    release = write_release(
+        write_c_release(c_folder, gated, windows)
+    write_release(
         output,
-        program,
-        precision=kinds[precision],
+        gated,
         name=name,
-        operating_point=config.operating_point,
-        budget_ms=config.period_ns / 1e6,
-        compute_time_ms=config.ecu.compute_time_ms,
-        control_period=config.flow.control_period,
         created=created,
-        dataset_sha256=provenance.pop("dataset_sha256"),
-        weights_sha256=provenance.pop("weights_sha256"),
-        provenance=provenance,
-        windows=windows,
-        calibration=calibration,
+        vehicle=Vehicle.of(config),
+        provenance=trained.provenance,
         key=key,
     )
-    return Exported(release=release, library=library)
+    return gated

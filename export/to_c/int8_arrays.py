@@ -1,7 +1,6 @@
 """A program's numbers in the layout that the int8 C sources expect (`export/to_c/sources/int8/sw_weights.h`).
 
-The matrices are rounded ones already (`calibrate`), with the same integers and scales as in the int8 ONNX graph. Biases
-come from the program as they are.
+Integers and scales are the rounded program's, as in the int8 ONNX graph. Biases come from the program as they are.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,8 +10,8 @@ import numpy.typing as npt
 
 from contract.errors import ExportError
 from export.int8.activation_ranges import ActivationRanges
-from export.int8.nearest import Int8Matrix, quantise_matrix
-from export.program.controller_program import ControllerProgram
+from export.int8.nearest import Int8Matrix
+from export.int8.rounded_program import RoundedProgram
 from export.program.weights import Array, Norm
 from export.to_c.float32_arrays import optimiser_arrays, scaling_arrays
 
@@ -58,13 +57,14 @@ ELU_MOST = 6.4
 Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.uint32]
 
 
-def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[str, Values]:
+def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, Values]:
     """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, all else in float64.
 
     Raises:
         ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, one
             whose ELU outputs come near the end of their range, or an LSTM with absurdly large weights.
     """
+    program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
     hidden = (ranges.latent, ranges.hidden1, ranges.hidden2, *ranges.elus)
@@ -75,9 +75,9 @@ def int8_arrays(program: ControllerProgram, ranges: ActivationRanges) -> dict[st
         "sw_logistic_points": logistic_points(),
         "sw_elu_points": elu_points(),
         "sw_action_factor": np.array(1.0 / program.scaling.action_std),
-        **_encoder(program, ranges),
-        **_dynamics(program, ranges),
-        **_decoder(program, ranges),
+        **_encoder(rounded, ranges),
+        **_dynamics(rounded, ranges),
+        **_decoder(rounded, ranges),
         **optimiser_arrays(program),
     }
 
@@ -152,11 +152,11 @@ def _scales(matrix: Int8Matrix) -> Array:
     return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % PADDING))
 
 
-def _encoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
-    weights = program.encoder
+def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+    weights, matrices = rounded.program.encoder, rounded.matrices
     lstm = weights.lstm
-    by_input, by_hidden = quantise_matrix(lstm.weight_input), quantise_matrix(lstm.weight_recurrent)
-    head, output = quantise_matrix(weights.hidden.weight), quantise_matrix(weights.output.weight)
+    by_input, by_hidden = matrices["lstm.weight_input"], matrices["lstm.weight_recurrent"]
+    head, output = matrices["encoder.hidden.weight"], matrices["encoder.output.weight"]
     row = _per_unit(ranges.row, weights.inputs)
     # The hidden state never leaves [-1, 1].
     cell = float(levels(_padded(lstm.width)))
@@ -208,10 +208,10 @@ def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     return np.concatenate([np.pad(gate, [(0, -len(gate) % PADDING), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
-def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
-    weights = program.dynamics
-    first, second = quantise_matrix(weights.input.weight), quantise_matrix(weights.hidden.weight)
-    third = quantise_matrix(weights.output.weight)
+def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+    weights, matrices = rounded.program.dynamics, rounded.matrices
+    first, second = matrices["dynamics.input.weight"], matrices["dynamics.hidden.weight"]
+    third = matrices["dynamics.output.weight"]
     state = _per_unit(ranges.state, weights.latent + 1)
     for layer in (weights.hidden, weights.output):
         _fed_by_elu(layer.weight)
@@ -234,11 +234,11 @@ def _dynamics(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[s
     }
 
 
-def _decoder(program: ControllerProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
-    weights = program.decoder
+def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+    weights, matrices = rounded.program.decoder, rounded.matrices
     width = len(weights.input.bias)
-    first, last = quantise_matrix(weights.input.weight), quantise_matrix(weights.output.weight)
-    blocks = [quantise_matrix(block.linear.weight) for block in weights.blocks]
+    first, last = matrices["decoder.input.weight"], matrices["decoder.output.weight"]
+    blocks = [matrices[f"decoder.blocks.{i}.linear.weight"] for i in range(len(weights.blocks))]
     latent = _per_unit(ranges.state, weights.latent)
     inputs = [_per_unit(largest, width) for largest in ranges.blocks]
     output = _per_unit(ranges.forces, width)

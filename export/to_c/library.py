@@ -7,20 +7,21 @@ the DBC it was built beside; `sw_weights.c` has the arrays that `sw_weights.h` d
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, overload
 
 import numpy as np
 
 from contract.atomic import replacing
 from contract.errors import ExportError
 from contract.release.bundle import dbc_sha256
+from contract.release.manifest import Precision
 from export.int8.activation_ranges import ActivationRanges
+from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import as_float32, float32_within
 from export.program.program_hash import program_sha256
 from export.to_c.float32_arrays import LANES, float_arrays
 from export.to_c.int8_arrays import Values, int8_arrays
-from export.to_onnx.weights import Precision
 
 SETTINGS: Final = "sw_settings.h"
 WEIGHTS: Final = "sw_weights.c"
@@ -28,22 +29,31 @@ WEIGHTS: Final = "sw_weights.c"
 _LINE: Final = 16
 
 
-def c_library(program: ControllerProgram, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
-    """All files of the library by name.
+@overload
+def c_library(program: ControllerProgram) -> dict[str, bytes]: ...
+
+
+@overload
+def c_library(program: RoundedProgram, ranges: ActivationRanges) -> dict[str, bytes]: ...
+
+
+def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
+    """All files of the library by name: in float32, or of a rounded program with integer products.
 
     Args:
-        ranges: of the activations, for int8 weights and integer products; float32 if None.
+        ranges: of the activations of a rounded program.
 
     Raises:
         ExportError: a value that float32 cannot hold, or a program that the library cannot run; the message names it.
     """
-    if ranges is None:
-        precision: Precision = "float32"
-        arrays: Mapping[str, Values] = float_arrays(program)
+    if isinstance(program, RoundedProgram):
+        assert ranges is not None
+        arrays = int8_arrays(program, ranges)
     else:
-        precision, arrays = "int8", int8_arrays(program, ranges)
+        arrays = {**float_arrays(program)}
+    precision = precision_of(program)
     return hand_written(precision) | {
-        SETTINGS: _settings(program, precision).encode(),
+        SETTINGS: _settings(effective(program), precision).encode(),
         WEIGHTS: _weights(arrays).encode(),
     }
 

@@ -1,43 +1,34 @@
-"""`controller.onnx`: one control step in standard ONNX operators (interface: `contract.release.bundle`).
+"""`controller.onnx`: one control step in standard ONNX operators (`contract.controller.interface`).
 
 Encoder, then a Scan over Adam's iterations whose body holds a Scan forwards and a Scan backwards over the
 horizon, then one more roll-out for the forces and the cost of the result. Written from the hand adjoint of
-`reference_mpc`; nothing is traced or unrolled, so the number of nodes does not depend on H or the iterations.
+`export.reference.mpc`; nothing is traced or unrolled, so the number of nodes does not depend on H or the iterations.
 """
-
-from typing import Final
 
 import onnx
 
+from contract.controller.interface import OUTPUTS
+from export.int8.rounded_program import Program, effective, precision_of
 from export.program.controller_program import ControllerProgram
-from export.reference.cost import TERMS
 from export.to_onnx.adam import lower_adam
 from export.to_onnx.cost import Cost
 from export.to_onnx.decoder import Decoder
 from export.to_onnx.dynamics import Dynamics
 from export.to_onnx.encoder import lower_encoder
 from export.to_onnx.graph_builder import Graph
-from export.to_onnx.weights import Precision, store_for
-
-INPUTS: Final = ("window", "plan", "free", "weights")
-OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
+from export.to_onnx.weights import store_for
 
 
-def build_controller(program: ControllerProgram, precision: Precision) -> onnx.ModelProto:
-    """Lower a program to ONNX.
-
-    Args:
-        precision: "float32", or "int8" for int8 weights with float32 arithmetic.
+def build_controller(lowered: Program) -> onnx.ModelProto:
+    """Lower a program to ONNX, a rounded one with its int8 weights; arithmetic is float32 in either.
 
     Raises:
-        ExportError: an unknown precision, or a value that float32 cannot hold.
+        ExportError: a value that float32 cannot hold.
     """
-    store = store_for(precision)
-    h = program.mpc.horizon
+    store, program = store_for(lowered), effective(lowered)
+    shapes = program.sizes.shapes()
     graph = Graph()
-    window = graph.input("window", (program.window, len(program.sensors) + 1))
-    plan = graph.input("plan", (h,))
-    free = graph.input("free", (h,))
+    window, plan, free = (graph.input(name, shapes[name]) for name in ("window", "plan", "free"))
     weights = graph.default("weights", program.mpc.weights.as_tuple())
 
     dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
@@ -51,14 +42,12 @@ def build_controller(program: ControllerProgram, precision: Precision) -> onnx.M
         through_forces = decoder.adjoint(body, tapes, local.forces)
         return body.op("Add", local.plan, dynamics.adjoint(body, rollout, through_forces))
 
-    new_plan = lower_adam(graph, program, _shifted(graph, plan, h), free, gradient)
+    new_plan = lower_adam(graph, program, _shifted(graph, plan, program.mpc.horizon), free, gradient)
     forces, _ = decoder.forward(graph, dynamics.rollout(graph, z, new_plan).latents)
     terms = cost.terms(graph, forces, new_plan)
-    for value, shape, name in zip(
-        (new_plan, forces, terms, cost.total(graph, terms)), ((h,), (h, 2), (len(TERMS),), ()), OUTPUTS, strict=True
-    ):
-        graph.output(value, shape, name)
-    return graph.model("stillwake_controller", f"LSTM-MPC control step, {precision} weights")
+    for name, value in zip(OUTPUTS, (new_plan, forces, terms, cost.total(graph, terms)), strict=True):
+        graph.output(value, shapes[name], name)
+    return graph.model("stillwake_controller", f"LSTM-MPC control step, {precision_of(lowered)} weights")
 
 
 def _previous_action(graph: Graph, program: ControllerProgram, window: str) -> str:

@@ -10,7 +10,7 @@ from export.to_onnx.weights import NormNames, Store, centred, centred_bias, tran
 
 @dataclass(frozen=True, kw_only=True)
 class BlockTape:
-    """What a residual block's adjoint needs: xhat, and p = ELU' g r (see `onnx_dynamics`), both (H, width)."""
+    """What a residual block's adjoint needs: xhat, and p = ELU' g r (see `to_onnx.dynamics`), both (H, width)."""
 
     xhat: str
     slope: str
@@ -21,10 +21,10 @@ class Decoder:
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: Store) -> None:
         weights, scaling = program.decoder, program.scaling
-        self._input = store(graph, weights.input.weight, "decoder.input.weight")
+        self._input = store(graph, "decoder.input.weight")
         self._input_bias = graph.constant(weights.input.bias, "decoder.input.bias")
         self._blocks = [_Block(graph, block, i, store) for i, block in enumerate(weights.blocks)]
-        self._output = store(graph, weights.output.weight, "decoder.output.weight")
+        self._output = store(graph, "decoder.output.weight")
         self._output_bias = graph.constant(weights.output.bias, "decoder.output.bias")
         self._force_mean = graph.constant(scaling.force_mean, "force_mean")
         self._force_std = graph.constant(scaling.force_std, "force_std")
@@ -50,7 +50,7 @@ class Decoder:
 class _Block:
     def __init__(self, graph: Graph, block: ResidualBlock, number: int, store: Store) -> None:
         name = f"decoder.blocks.{number}"
-        self._backward = centred(graph, store(graph, block.linear.weight, f"{name}.linear.weight"))
+        self._backward = centred(graph, store(graph, f"{name}.linear.weight"))
         self._forward = transposed(graph, self._backward)
         self._bias = graph.constant(centred_bias(block.linear.bias), f"{name}.linear.bias")
         self._norm = NormNames(graph, block.norm, f"{name}.norm")

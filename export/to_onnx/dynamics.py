@@ -6,7 +6,7 @@ without which the recursion runs,
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-Backwards everything leaves but three products. Both layer norms get centred inputs (`onnx_weights.centred`), so that
+Backwards everything leaves but three products. Both layer norms get centred inputs (`weights.centred`), so that
 the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) g r,
 
     v = d diag(p) (I - xhat xhat^T / n).
@@ -45,9 +45,9 @@ class Dynamics:
         weights = program.dynamics
         latent = weights.latent
         self._latent, self._horizon = latent, program.mpc.horizon
-        first = centred(graph, store(graph, weights.input.weight, "dynamics.input.weight"))
-        second = centred(graph, store(graph, weights.hidden.weight, "dynamics.hidden.weight"))
-        third = store(graph, weights.output.weight, "dynamics.output.weight")
+        first = centred(graph, store(graph, "dynamics.input.weight"))
+        second = centred(graph, store(graph, "dynamics.hidden.weight"))
+        third = store(graph, "dynamics.output.weight")
         # Columns of the first layer: the latent state, then the action.
         by_state = graph.op("Slice", first, graph.index([0]), graph.index([latent]), graph.index([1]))
         by_action = graph.op("Slice", first, graph.index([latent]), graph.index([latent + 1]), graph.index([1]))

@@ -3,15 +3,15 @@
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.to_onnx.graph_builder import Graph
-from export.to_onnx.weights import NormNames, Store
+from export.to_onnx.weights import Index, NormNames, Store
 
 
 def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: Store) -> str:
     """z_t as a row (1, n_z) from the window (L, S+1)."""
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width
+    gates = _onnx_gates(width)
     mean = graph.constant(scaling.window_mean, "window_mean")
     # As a factor, a deviation too small for float32 is refused where a divisor would round to zero.
     std = np.array(scaling.window_std)
@@ -21,10 +21,10 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     _, hidden = graph.ops(
         "LSTM",
         graph.op("Unsqueeze", scaled, graph.index([1])),
-        store(graph, _onnx_gates(weights.lstm.weight_input), "lstm.weight_input", leading=1),
-        store(graph, _onnx_gates(weights.lstm.weight_recurrent), "lstm.weight_recurrent", leading=1),
+        store(graph, "lstm.weight_input", rows=gates, leading=1),
+        store(graph, "lstm.weight_recurrent", rows=gates, leading=1),
         graph.constant(
-            np.concatenate([_onnx_gates(weights.lstm.bias_input), _onnx_gates(weights.lstm.bias_recurrent)])[None],
+            np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])[None],
             "lstm.bias",
         ),
         outputs=2,
@@ -35,20 +35,20 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     middle = graph.op(
         "Gemm",
         normed,
-        store(graph, weights.hidden.weight, "encoder.hidden.weight"),
+        store(graph, "encoder.hidden.weight"),
         graph.constant(weights.hidden.bias, "encoder.hidden.bias"),
         transB=1,
     )
     return graph.op(
         "Gemm",
         graph.op("Elu", middle),
-        store(graph, weights.output.weight, "encoder.output.weight"),
+        store(graph, "encoder.output.weight"),
         graph.constant(weights.output.bias, "encoder.output.bias"),
         transB=1,
     )
 
 
-def _onnx_gates(stacked: Array) -> Array:
-    """Rows in PyTorch's gate order i, f, g, o put into ONNX's order i, o, f, c (its c is PyTorch's g)."""
-    i, f, g, o = np.split(stacked, 4)
+def _onnx_gates(width: int) -> Index:
+    """Rows in PyTorch's gate order i, f, g, o in ONNX's order i, o, f, c (its c is PyTorch's g)."""
+    i, f, g, o = np.split(np.arange(4 * width), 4)
     return np.concatenate([i, o, f, g])

@@ -5,54 +5,73 @@ never inside a Scan: for float weights ONNX Runtime folds these nodes when the s
 weights they run once per control step.
 """
 
-from typing import Final, Literal, Protocol, get_args
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
-from contract.errors import ExportError
-from export.int8.nearest import quantise_matrix
-from export.program.float32 import as_float32
+from export.int8.rounded_program import Program, RoundedProgram
+from export.program.controller_program import ControllerProgram
+from export.program.matrices import matrices
 from export.program.weights import LAYER_NORM_EPSILON, Array, Norm
 from export.to_onnx.graph_builder import Graph
 
-Precision = Literal["float32", "int8"]
+Index = npt.NDArray[np.intp]
 
 
 class Store(Protocol):
-    """Puts a matrix (outputs, inputs) into the graph and returns the name of its float32 value."""
+    """Puts a matrix (outputs, inputs) of the program into the graph and returns the name of its float32 value."""
 
-    def __call__(self, graph: Graph, weight: Array, name: str, *, leading: int = 0) -> str:
-        """`leading` axes of length 1 come in front, where an operator wants them."""
+    def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
+        """The matrix of this name (`export.program.matrices`).
+
+        Args:
+            rows: outputs in another order, where an operator wants one.
+            leading: axes of length 1 in front, likewise.
+        """
         ...
 
 
-def store_float32(graph: Graph, weight: Array, name: str, *, leading: int = 0) -> str:
-    """The matrix rounded to float32."""
-    return graph.constant(weight.reshape((1,) * leading + weight.shape), name)
+class Float32Store:
+    """Matrices rounded to float32."""
+
+    def __init__(self, program: ControllerProgram) -> None:
+        self._matrices = matrices(program)
+
+    def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
+        weight = _in_order(self._matrices[name], rows)
+        return graph.constant(_with_axes(weight, leading), name)
 
 
-def store_int8(graph: Graph, weight: Array, name: str, *, leading: int = 0) -> str:
-    """The matrix as `export.int8.nearest` rounds it: a byte a weight and a scale a row.
+class Int8Store:
+    """The integers of a rounded program: a byte a weight and a scale a row.
 
     The value must go straight into a product or a sum: ONNX Runtime moves a DequantizeLinear past operators that
     only rearrange (Transpose, Slice, Unsqueeze), and 1.20 aborts on that with a scale a row.
     """
-    as_float32(weight, name)  # for its refusal: the scales are float32
-    matrix = quantise_matrix(weight)
-    values = graph.stored(matrix.values.reshape((1,) * leading + weight.shape), f"{name}.int8")
-    scales = graph.stored(matrix.scales, f"{name}.scale")
-    zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
-    return graph.op("DequantizeLinear", values, scales, zero_points, axis=leading)
+
+    def __init__(self, program: RoundedProgram) -> None:
+        self._matrices = program.matrices
+
+    def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
+        matrix = self._matrices[name]
+        values = graph.stored(_with_axes(_in_order(matrix.values, rows), leading), f"{name}.int8")
+        scales = graph.stored(_in_order(matrix.scales, rows), f"{name}.scale")
+        zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
+        return graph.op("DequantizeLinear", values, scales, zero_points, axis=leading)
 
 
-_STORES: Final[dict[str, Store]] = {"float32": store_float32, "int8": store_int8}
+def store_for(program: Program) -> Store:
+    """The way to store a program's matrices."""
+    return Int8Store(program) if isinstance(program, RoundedProgram) else Float32Store(program)
 
 
-def store_for(precision: str) -> Store:
-    """The way to store matrices at a precision; raises ExportError for one that does not exist."""
-    if precision not in _STORES:
-        raise ExportError(f"precision {precision!r}: must be one of {', '.join(get_args(Precision))}")
-    return _STORES[precision]
+def _in_order(values: npt.NDArray[Any], rows: Index | None) -> npt.NDArray[Any]:
+    return values if rows is None else values[rows]
+
+
+def _with_axes(values: npt.NDArray[Any], leading: int) -> npt.NDArray[Any]:
+    return values.reshape((1,) * leading + values.shape)
 
 
 def centred(graph: Graph, weight: str) -> str:

@@ -10,7 +10,8 @@ from can_bridge.bus import frame_log
 from can_bridge.bus.simulated import SimulatedBus
 from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.controller.onnx_session import OnnxController, RunnableController
+from contract.controller.interface import RunnableController
+from contract.controller.onnx_session import OnnxController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.vehicle_node import VehicleNode
@@ -61,7 +62,7 @@ def run_closed_loop(
     if config.bus.interface != "virtual":
         raise BusError(f"bus.interface = {config.bus.interface!r}: virtual time needs 'virtual'")
     lead_in_periods, total = _periods(config, lead_in=lead_in, controlled=controlled)
-    controller = OnnxController(bundle) if controller is None else controller
+    controller = OnnxController.of(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config)
     node = VehicleNode(bundle.manifest.sensors, config)

@@ -4,7 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
-from contract.controller.onnx_session import Controller, OnnxController
+from contract.controller.interface import Controller
+from contract.controller.onnx_session import OnnxController
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
@@ -32,7 +33,7 @@ class BundlePolicy:
         self._columns = sensors.indices(manifest.sensors)
         self._shape = (manifest.window, len(manifest.sensors) + 1)
         self._horizon = manifest.mpc.horizon
-        self._controller = OnnxController(bundle) if controller is None else controller
+        self._controller = OnnxController.of(bundle) if controller is None else controller
 
     def start(self) -> Array:
         """No rows, a plan of zeros."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from contract.controller.onnx_session import Controller, ControllerError, ControlStep
+from contract.controller.interface import Controller, ControllerError, ControlStep
 from firmware_sim.ecu.delay_line import DelayLine
 
 Array = npt.NDArray[np.float64]

@@ -20,7 +20,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
 from contract.config.tree import Config
-from contract.controller.onnx_session import Controller, ControllerError
+from contract.controller.interface import Controller, ControllerError
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState

@@ -2,21 +2,18 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
-
-import numpy as np
 
 from contract.controller.c_folder import SETTINGS, Settings
-from contract.controller.host_library import OPTIMISED, HostLibrary, compiler_version, host_compiler
-from contract.controller.onnx_session import Array, ControllerError, ControlStep
+from contract.controller.host_library import OPTIMISED, CController
+from contract.controller.interface import Sizes
 from contract.errors import LibraryError, McuError
 from contract.release.bundle import Bundle, dbc_sha256
 
-_OK: Final = 0
 
-
-class LibraryController:
-    """Runs a folder that `stillwake export --c` wrote, in place of the bundle's `controller.onnx`.
+def open_library(
+    folder: Path, bundle: Bundle, *, compiler: Sequence[str] | None = None, flags: Sequence[str] = OPTIMISED
+) -> CController:
+    """Compile a folder that `stillwake export --c` wrote, to run in place of the bundle's `controller.onnx`.
 
     The header's hash says which program the folder was generated from. It guards against mix-ups: nobody signs the
     sources, and they are compiled and run as they stand.
@@ -31,46 +28,14 @@ class LibraryController:
         LibraryError: if the folder holds no library or another program's, there is no compiler, or it does not take
             the sources.
     """
-
-    def __init__(
-        self,
-        folder: Path,
-        bundle: Bundle,
-        *,
-        compiler: Sequence[str] | None = None,
-        flags: Sequence[str] = OPTIMISED,
-    ) -> None:
-        sources = _read(folder)
-        precision = _check_program(folder, sources, bundle)
-        manifest = bundle.manifest
-        command = host_compiler() if compiler is None else list(compiler)
-        try:
-            self._library = HostLibrary(
-                sources,
-                window=manifest.window,
-                sensors=len(manifest.sensors),
-                horizon=manifest.mpc.horizon,
-                compiler=command,
-                flags=flags,
-            )
-        except LibraryError as error:
-            raise LibraryError(f"library {folder}: {error}") from error
-        self.description = f"C99 {precision}, {compiler_version(command)}, {' '.join(flags)}"
-
-    def warm_up(self, steps: int) -> None:
-        """Run on zeros, so that the first real step finds its code and weights in memory."""
-        library = self._library
-        for _ in range(steps):
-            self.control_step(*(np.zeros(array.shape) for array in (library.window, library.plan, library.free)))
-
-    def control_step(self, window: Array, plan: Array, free: Array) -> ControlStep:
-        library = self._library
-        library.window[:], library.plan[:], library.free[:] = window, plan, free
-        if (status := library.run()) != _OK:
-            raise ControllerError(f"the C library answered with status {status}: a number is not finite")
-        return ControlStep(
-            plan=library.answer("plan"), forces=library.answer("forces"), cost=float(library.answer("cost"))
-        )
+    sources = _read(folder)
+    precision = _check_program(folder, sources, bundle)
+    try:
+        controller = CController(sources, Sizes.of(bundle.manifest), compiler=compiler, flags=flags)
+    except LibraryError as error:
+        raise LibraryError(f"library {folder}: {error}") from error
+    controller.description = f"C99 {precision}, {controller.description}"
+    return controller
 
 
 def _read(folder: Path) -> dict[str, bytes]:

@@ -28,9 +28,10 @@ def export(
 ) -> None:
     """Lower a trained model to one ONNX graph of a control step and pack a release bundle.
 
-    The MPC settings come from the configuration. Nothing is written unless the graph agrees with the reference.
+    The MPC settings come from the configuration. Nothing is written unless the graph agrees with the reference, and so
+    does the C library where one is asked for.
     """
-    from export.release.pipeline import export_all
+    from export.release.pipeline import export_all, gate_figures
 
     signing_key = None if key is None else read_private_key(key)
     done = export_all(
@@ -45,11 +46,11 @@ def export(
         key=signing_key,
     )
     table = Table("gate", "measured")
-    for title, value in done.gates():
+    for title, value in gate_figures(done):
         table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
-    size = f"controller.onnx {done.release.controller_bytes / 1024:.0f} KiB"
+    size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True)
     if done.library is not None:
         console.print(f"wrote {c_folder}: C99, {precision}, {done.library.workspace_bytes / 1024:.0f} KiB of workspace")

@@ -32,7 +32,7 @@ def run(
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
-    from firmware_sim.ecu.library_controller import LibraryController
+    from firmware_sim.ecu.library_controller import open_library
     from firmware_sim.runs.report import write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row
@@ -47,7 +47,7 @@ def run(
     console.print(*describe(release), sep="\n", soft_wrap=True)
     controller = None
     if library is not None:
-        controller = LibraryController(library, release)
+        controller = open_library(library, release)
         console.print(f"library {library}: {controller.description}", soft_wrap=True, markup=False)
     with progress_bar("periods") as bar:
         task = bar.add_task("closed loop", total=None, note="")

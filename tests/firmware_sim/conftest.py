@@ -11,7 +11,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
 from contract.config.tree import Config, EcuConfig, MpcConfig
-from contract.controller.onnx_session import ControlStep
+from contract.controller.interface import ControlStep
 from contract.release.bundle import Bundle, Manifest, Scaling
 from firmware_sim.ecu.ecu import Ecu
 
@@ -25,12 +25,13 @@ class RecordingController:
         self.plan = plan
         self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
-    def control_step(self, window, plan, free) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None) -> ControlStep:
         self.calls.append((window.copy(), plan.copy(), free.copy()))
         # As the graph does: the shifted plan where it is committed, new actions elsewhere.
         new = np.array([self.plan(i) for i in range(len(plan))])
         shifted = np.append(plan[1:], plan[-1])
-        return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=np.full((len(plan), 2), 0.5), cost=1.0)
+        forces, terms = np.full((len(plan), 2), 0.5), np.zeros(7)
+        return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=forces, terms=terms, cost=1.0)
 
 
 class Bench:

@@ -16,15 +16,14 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.host_library import CController, host_compiler
 from contract.errors import ExportError, LibraryError
 from export.gates.parity import control_cases
 from export.int8.activation_ranges import activation_ranges
-from export.int8.nearest import quantise
+from export.int8.rounded_program import RoundedProgram, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window
+from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step, shift
-from export.to_c.host import CController
 from export.to_c.int8_arrays import (
     AHEAD,
     ELU_ONE,
@@ -45,11 +44,10 @@ except LibraryError as error:
     pytest.skip(str(error), allow_module_level=True)
 
 
-def in_integers(program: ControllerProgram) -> CController:
-    """The library of a program whose matrices are rounded already."""
-    rng = np.random.default_rng(1)
-    ranges = activation_ranges(program, [random_window(program, rng) for _ in range(10)])
-    return CController(program, c_library(program, ranges), flags=("-O1",))
+def in_integers(rounded: RoundedProgram) -> CController:
+    """Its library, with ranges of random windows."""
+    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 10, seed=1))
+    return CController(c_library(rounded, ranges), rounded.program.sizes, flags=("-O1",))
 
 
 def assert_close(program: ControllerProgram, controller: CController, count: int) -> None:
@@ -69,8 +67,8 @@ def assert_close(program: ControllerProgram, controller: CController, count: int
 @pytest.fixture(scope="module")
 def small() -> tuple[ControllerProgram, CController]:
     model = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=13, decoder_width=9)
-    program = quantise(random_program(5, model=model, mpc=MpcConfig(horizon=HORIZON)))
-    return program, in_integers(program)
+    rounded = rounded_to_nearest(random_program(5, model=model, mpc=MpcConfig(horizon=HORIZON)))
+    return rounded.program, in_integers(rounded)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -89,13 +87,14 @@ def test_random_nets_of_odd_sizes(seed):
         iterations=int(rng.integers(1, 8)),
         learning_rate=float(10.0 ** rng.uniform(-4, -2)),
     )
-    program = quantise(random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.2))))
-    assert_close(program, in_integers(program), 8)
+    program = random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.2)))
+    rounded = rounded_to_nearest(program)
+    assert_close(rounded.program, in_integers(rounded), 8)
 
 
 def test_the_size_of_a_microcontrollers_net():
-    program = quantise(random_program(2, model=ModelConfig(dynamics_width=128, decoder_width=64)))
-    assert_close(program, in_integers(program), 4)
+    rounded = rounded_to_nearest(random_program(2, model=ModelConfig(dynamics_width=128, decoder_width=64)))
+    assert_close(rounded.program, in_integers(rounded), 4)
 
 
 @settings(max_examples=60, deadline=None)
@@ -123,11 +122,12 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
     if not (processor.exists() and " avx2 " in processor.read_text()):
         pytest.skip("this processor has no AVX2")
     model = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=dynamics_width, decoder_width=9)
-    program = quantise(random_program(7, model=model, mpc=MpcConfig(horizon=HORIZON)))
-    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(1))])
+    rounded = rounded_to_nearest(random_program(7, model=model, mpc=MpcConfig(horizon=HORIZON)))
+    program = rounded.program
+    ranges = activation_ranges(program, random_windows(program, 1, seed=1))
     uncontracted = ("-O2", "-ffp-contract=off")
     plain, native = (
-        CController(program, c_library(program, ranges), flags=flags)
+        CController(c_library(rounded, ranges), program.sizes, flags=flags)
         for flags in (uncontracted, (*uncontracted, "-march=native"))
     )
     for case in control_cases(program, count=4):
@@ -142,7 +142,7 @@ def test_no_scratch_is_read_before_it_is_written(small):
     cases = list(control_cases(program, count=4))
     first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
     for case, expected in zip(reversed(cases), reversed(first), strict=True):
-        controller.spoil_workspace()
+        controller.poison_workspace()
         found = controller.control_step(case.window, case.plan, case.free, case.weights)
         np.testing.assert_array_equal(found.plan, expected.plan)
         np.testing.assert_array_equal(found.forces, expected.forces)
@@ -193,24 +193,25 @@ def test_the_table_is_the_logistic_function_within_5e_5():
 
 
 def test_activations_beyond_the_table_are_refused():
-    program = quantise(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
-    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    rounded = rounded_to_nearest(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
+    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
     with pytest.raises(ExportError, match=r"ELU outputs reach 7, must stay below 6\.4"):
-        c_library(program, replace(ranges, hidden2=7.0))
+        c_library(rounded, replace(ranges, hidden2=7.0))
 
 
 def test_gates_beyond_an_integer_are_refused():
-    program = quantise(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
-    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    rounded = rounded_to_nearest(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
+    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
     with pytest.raises(ExportError, match=r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"):
-        c_library(program, replace(ranges, row=1e12))
+        c_library(rounded, replace(ranges, row=1e12))
 
 
 def test_a_layer_behind_an_elu_must_not_overflow():
-    program = quantise(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3, dynamics_width=517)))
-    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    model = ModelConfig(window=2, latent=2, lstm_width=3, dynamics_width=517)
+    rounded = rounded_to_nearest(random_program(5, model=model))
+    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
     with pytest.raises(ExportError, match="a layer of width 517 behind an ELU: int8 lowering takes at most 516"):
-        c_library(program, ranges)
+        c_library(rounded, ranges)
 
 
 def test_ranges_need_windows():

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.host_library import CController, host_compiler
+from contract.controller.interface import ControlStep
 from contract.errors import LibraryError
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program
 from export.program.weights import Array, Linear, Norm
-from export.reference.mpc import Solution, control_step
-from export.to_c.host import CController
+from export.reference.mpc import control_step
 from export.to_c.library import c_library
 
 MODEL = ModelConfig(window=7, latent=4, lstm_width=6, dynamics_width=22, decoder_width=10)
@@ -98,7 +98,9 @@ def symmetric_program(seed: int) -> ControllerProgram:
     )
 
 
-def assert_mirrored(program: ControllerProgram, step: Callable[..., Solution], actions: float, forces: float) -> None:
+def assert_mirrored(
+    program: ControllerProgram, step: Callable[..., ControlStep], actions: float, forces: float
+) -> None:
     mirror = with_action(np.eye(4)[PAIRS])
     for case in control_cases(program, count=5):
         one = step(case.window, case.plan, case.free, case.weights)
@@ -121,4 +123,5 @@ def test_c_library():
     except LibraryError as error:
         pytest.skip(str(error))
     program = symmetric_program(0)
-    assert_mirrored(program, CController(program, c_library(program), flags=("-O1",)).control_step, 2.5e-5, 1e-4)
+    controller = CController(c_library(program), program.sizes, flags=("-O1",))
+    assert_mirrored(program, controller.control_step, 2.5e-5, 1e-4)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
 from export.gates.parity import check_parity, control_cases
-from export.int8.nearest import quantise
+from export.int8.rounded_program import effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window
+from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
-from export.to_onnx.session import OnnxController
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 
@@ -44,19 +44,17 @@ def small_program(seed: int) -> ControllerProgram:
 @pytest.mark.parametrize("seed", range(10))
 def test_random_small_nets(seed, precision):
     program = small_program(seed)
-    effective = quantise(program) if precision == "int8" else program
-    rng = np.random.default_rng(seed)
-    windows = [random_window(program, rng) for _ in range(6)]
-    check_parity(effective, build_controller(program, precision).SerializeToString(), windows)
+    lowered = rounded_to_nearest(program) if precision == "int8" else program
+    model = build_controller(lowered).SerializeToString()
+    check_parity(effective(lowered), model, random_windows(program, 6, seed=seed))
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_paper_size(precision):
     program = random_program(11)
-    effective = quantise(program) if precision == "int8" else program
-    rng = np.random.default_rng(1)
-    windows = [random_window(program, rng) for _ in range(4)]
-    report = check_parity(effective, build_controller(program, precision).SerializeToString(), windows)
+    lowered = rounded_to_nearest(program) if precision == "int8" else program
+    model = build_controller(lowered).SerializeToString()
+    report = check_parity(effective(lowered), model, random_windows(program, 4, seed=1))
     # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
     assert report.action < 2e-6
 
@@ -64,7 +62,7 @@ def test_paper_size(precision):
 def test_a_closed_loop_of_steps_stays_together():
     """Plans fed back for 30 steps: differences must not accumulate beyond the gate's tolerance for one."""
     program = random_program(4, model=SMALL, mpc=MpcConfig(horizon=10))
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
     rng = np.random.default_rng(4)
     plan = found = np.zeros(10)
     for _ in range(30):
@@ -76,7 +74,7 @@ def test_a_closed_loop_of_steps_stays_together():
 
 def test_weights_are_an_optional_input_and_change_the_goal():
     program = random_program(2, model=SMALL, mpc=MpcConfig(horizon=6))
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
     (case,) = control_cases(program, count=1)
     default = controller.control_step(case.window, case.plan, case.free)
     given = controller.control_step(case.window, case.plan, case.free, np.array(program.mpc.weights.as_tuple()))
@@ -92,7 +90,7 @@ def test_actions_stay_within_a_limit_that_float32_rounds_up():
     unsmoothed = CostWeights(smoothness=0.0)
     mpc = MpcConfig(horizon=6, iterations=20, learning_rate=0.05, weights=unsmoothed)
     program = random_program(6, model=SMALL, mpc=mpc, action_limit=limit)
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
     rng = np.random.default_rng(0)
     touched = 0.0
     for _ in range(10):
@@ -104,7 +102,7 @@ def test_actions_stay_within_a_limit_that_float32_rounds_up():
 
 def test_committed_actions_come_back_to_the_bit():
     program = random_program(8, model=SMALL, mpc=MpcConfig(horizon=8))
-    controller = OnnxController(build_controller(program, "float32").SerializeToString())
+    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
     rng = np.random.default_rng(8)
     plan = rng.uniform(-0.07, 0.07, 8).astype(np.float32).astype(np.float64)
     free = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
@@ -117,7 +115,8 @@ def test_committed_actions_come_back_to_the_bit():
 def test_gate_refuses_a_graph_of_another_program():
     program = random_program(9, model=SMALL, mpc=MpcConfig(horizon=6))
     other = replace(program, mpc=replace(program.mpc, iterations=program.mpc.iterations + 1))
+    windows = random_windows(program, 20)
     with pytest.raises(ExportError, match=r"differ by .* in action"):
-        check_parity(other, build_controller(program, "float32").SerializeToString())
+        check_parity(other, build_controller(program).SerializeToString(), windows)
     with pytest.raises(ExportError, match="differ by"):
-        check_parity(program, build_controller(program, "int8").SerializeToString())
+        check_parity(program, build_controller(rounded_to_nearest(program)).SerializeToString(), windows)

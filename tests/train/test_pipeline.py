@@ -12,13 +12,12 @@ import torch
 
 from contract import sensors
 from contract.config.tree import Config
-from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.errors import ConfigError, DatasetError, ModelError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from train import model_store
 from train.distil import encode_all
 from train.evaluate import evaluate
-from train.model_store import ModelError
 from train.pipeline import train_all
 from train.rows import prepare
 from train.selection.choice import SensorChoice

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from contract.errors import ExportError
-from export.int8.calibrate import rounded_program
+from export.int8.calibrate import rounded_on
 from export.int8.layer_inputs import layer_inputs
-from export.int8.nearest import quantise
+from export.int8.rounded_program import rounded_to_nearest
 from export.program.random_program import random_program
 from export.reference.layers import elu, layer_norm, linear
 from export.reference.model import decode, encode, encoder_layers, step
@@ -53,14 +53,14 @@ def test_a_step_is_closer_than_rounded_to_nearest(case):
     program, windows, seen = case
     nearest, calibrated = (
         np.sqrt(np.mean(_step_errors(program, other, seen) ** 2))
-        for other in (quantise(program), rounded_program(program, windows))
+        for other in (rounded_to_nearest(program).program, rounded_on(program, windows).program)
     )
     assert calibrated < 0.5 * nearest
 
 
 def test_so_are_latent_states_and_forces(case):
     program, windows, seen = case
-    nearest, calibrated = quantise(program), rounded_program(program, windows)
+    nearest, calibrated = rounded_to_nearest(program).program, rounded_on(program, windows).program
     for function, inputs in ((encode, windows), (decode, seen.z[::50])):
         exact, coarse, fed = (np.array([function(of, x) for x in inputs]) for of in (program, nearest, calibrated))
         assert np.sqrt(np.mean((fed - exact) ** 2)) < 0.8 * np.sqrt(np.mean((coarse - exact) ** 2))
@@ -68,14 +68,13 @@ def test_so_are_latent_states_and_forces(case):
 
 def test_rounding_again_changes_nothing(case):
     program, windows, _ = case
-    calibrated = rounded_program(program, windows)
-    again = quantise(calibrated)
-    np.testing.assert_allclose(again.dynamics.hidden.weight, calibrated.dynamics.hidden.weight, rtol=1e-6)
-    np.testing.assert_allclose(again.encoder.lstm.weight_recurrent, calibrated.encoder.lstm.weight_recurrent, rtol=1e-6)
-    for ours, theirs in zip(again.decoder.blocks, calibrated.decoder.blocks, strict=True):
-        np.testing.assert_allclose(ours.linear.weight, theirs.linear.weight, rtol=1e-6)
+    calibrated = rounded_on(program, windows)
+    again = rounded_to_nearest(calibrated.program)
+    for name, matrix in calibrated.matrices.items():
+        np.testing.assert_array_equal(again.matrices[name].values, matrix.values)
+        np.testing.assert_allclose(again.matrices[name].scales, matrix.scales, rtol=1e-6)
 
 
 def test_calibration_needs_windows():
     with pytest.raises(ExportError, match="no windows"):
-        rounded_program(random_program(0), [])
+        rounded_on(random_program(0), [])

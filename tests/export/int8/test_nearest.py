@@ -9,7 +9,8 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import ExportError
 from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_quantised
-from export.int8.nearest import quantise, quantise_matrix
+from export.int8.nearest import quantise_matrix
+from export.int8.rounded_program import rounded_to_nearest
 from export.program.random_program import random_program, random_window
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
@@ -42,7 +43,7 @@ def test_each_row_has_its_own_scale_and_its_largest_weight_is_kept():
 
 def test_matrices_are_rounded_and_nothing_else_is():
     program = random_program(0, model=SMALL)
-    rounded = quantise(program)
+    rounded = rounded_to_nearest(program).program
     for pick in (
         lambda p: p.encoder.lstm.weight_input,
         lambda p: p.encoder.lstm.weight_recurrent,
@@ -72,7 +73,7 @@ def test_report_of_a_program_against_itself_is_zero_and_against_its_rounding_is_
     windows = [random_window(program, rng) for _ in range(5)]
     same = compare_quantised(program, program, windows)
     assert (same.max_plan_error, same.max_cost_gap, same.cases) == (0.0, 0.0, 5)
-    report = compare_quantised(program, quantise(program), windows)
+    report = compare_quantised(program, rounded_to_nearest(program).program, windows)
     assert 0 < report.rms_action_error <= report.max_action_error <= report.max_plan_error
     assert report.mean_cost_gap <= report.max_cost_gap
 
@@ -80,7 +81,7 @@ def test_report_of_a_program_against_itself_is_zero_and_against_its_rounding_is_
 def test_gate_names_the_figure_that_is_too_large():
     program = random_program(1, model=SMALL, mpc=MpcConfig(horizon=6))
     windows = [random_window(program, np.random.default_rng(i)) for i in range(5)]
-    report = compare_quantised(program, quantise(program), windows)
+    report = compare_quantised(program, rounded_to_nearest(program).program, windows)
     check_quantisation(report, QuantisationLimits(rms_action_error=1.0, max_cost_gap=1.0))
     with pytest.raises(ExportError, match="rms_action_error"):
         check_quantisation(report, QuantisationLimits(rms_action_error=1e-12, max_cost_gap=1.0))

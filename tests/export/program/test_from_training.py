@@ -1,26 +1,27 @@
-"""Reading what training writes: the networks arrive unchanged, and every kind of damage is refused by name."""
+"""From what training writes to a program: the networks arrive unchanged."""
 
-import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from contract import sensors
+from contract import model_folder, sensors
 from contract.config.tree import Config, ModelConfig, MpcConfig
 from contract.errors import ExportError
 from contract.release.bundle import Scaling
-from export.program.from_training import DESCRIPTION, WEIGHTS, load_trained
+from export.program.from_training import program_of
 from export.reference.model import decode, encode, step
 from train import model_store
 from train.model import Encoder, WakeModel
+from train.selection.choice import GIVEN, SensorChoice
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8, decoder_blocks=3)
 CHOSEN = ("base_9", "upper_39", "base_0", "lower_39")
 
 
 @pytest.fixture
-def trained():
+def trained(metrics):
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     return model_store.TrainedModel(
@@ -37,8 +38,8 @@ def trained():
         predictor=None,
         sensors=CHOSEN,
         dataset_sha256="d" * 64,
-        metrics={"slim": {"r2": 0.9}},
-        ranking={"method": "shap"},
+        metrics=metrics,
+        ranking=SensorChoice(method=GIVEN, order=CHOSEN),
         versions={"torch": torch.__version__},
     )
 
@@ -52,7 +53,7 @@ def directory(trained, tmp_path):
 def test_the_networks_compute_what_the_trained_modules_do(directory, trained):
     """Float32 modules against the float64 reference: 1e-5."""
     mpc = MpcConfig(horizon=7, iterations=2)
-    program = load_trained(directory).program(mpc)
+    program = program_of(model_folder.read(directory), mpc)
     assert (program.mpc, program.window, program.sensors) == (mpc, 6, CHOSEN)
     assert program.action_limit == trained.config.flow.action_limit
     rng = np.random.default_rng(1)
@@ -73,65 +74,18 @@ def test_the_networks_compute_what_the_trained_modules_do(directory, trained):
     np.testing.assert_allclose(decode(program, found), forces, atol=1e-5)
 
 
-def test_provenance_carries_what_a_manifest_should_say(directory):
-    provenance = load_trained(directory).provenance
-    assert provenance["dataset_sha256"] == "d" * 64
-    assert provenance["metrics"] == {"slim": {"r2": 0.9}}
-    assert provenance["config"]["model"]["latent"] == 3
-    json.dumps(provenance)
+def test_the_narrow_networks_go_on_the_vehicle_where_there_are_any(directory, trained):
+    """And of the wide ones nothing is left in the program."""
+    read = model_folder.read(directory)
+    narrow = {f"slim_{key}": 2.0 * value for key, value in read.tensors.items() if key.startswith("decoder.")}
+    program = program_of(replace(read, tensors={**read.tensors, **narrow}), MpcConfig())
+    wide = program_of(read, MpcConfig())
+    np.testing.assert_array_equal(program.decoder.output.weight, 2.0 * wide.decoder.output.weight)
+    np.testing.assert_array_equal(program.dynamics.output.weight, wide.dynamics.output.weight)
 
 
-def rewrite(directory, **changes):
-    path = directory / DESCRIPTION
-    body = {**json.loads(path.read_text()), **changes}
-    path.write_text(json.dumps({key: value for key, value in body.items() if value is not None}))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9'"),
-        ({"weights_sha256": "0" * 64}, "SHA-256 does not match"),
-        ({"sensors": ["base_0", "base_1"]}, r"lstm\.weight_ih_l0"),
-        ({"sensors": ["base_0", "roof"]}, "unknown sensor 'roof'"),
-        ({"scaling": None}, "'scaling' is missing"),
-        ({"metrics": None}, "'metrics' is missing"),
-        ({"config": {"flow": {"reynold": 1.0}}}, "reynold"),
-        ({"scaling": {"pressure_mean": [0.0]}}, "pressure_std"),
-    ],
-)
-def test_a_description_that_does_not_fit_is_refused(directory, changes, message):
-    rewrite(directory, **changes)
-    with pytest.raises(ExportError, match=message) as caught:
-        load_trained(directory).program(MpcConfig())
-    assert "\n" not in str(caught.value)
-
-
-def test_altered_weights_are_refused(directory):
-    raw = bytearray((directory / WEIGHTS).read_bytes())
-    raw[-1] ^= 1
-    (directory / WEIGHTS).write_bytes(raw)
-    with pytest.raises(ExportError, match=r"model\.safetensors: SHA-256"):
-        load_trained(directory)
-
-
-@pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
-def test_a_missing_file_is_named(directory, name):
-    (directory / name).unlink()
-    with pytest.raises(ExportError, match=name):
-        load_trained(directory)
-
-
-def test_files_that_are_something_else_are_refused(directory):
-    import hashlib
-
-    (directory / WEIGHTS).write_bytes(b"not tensors")
-    rewrite(directory, weights_sha256=hashlib.sha256(b"not tensors").hexdigest())
-    with pytest.raises(ExportError, match=r"model\.safetensors: not a safetensors file"):
-        load_trained(directory)
-    (directory / DESCRIPTION).write_text("{")
-    with pytest.raises(ExportError, match=r"model\.json: not JSON"):
-        load_trained(directory)
-    (directory / DESCRIPTION).write_text("[]")
-    with pytest.raises(ExportError, match="schema None"):
-        load_trained(directory)
+def test_weights_for_other_sensors_are_refused(directory):
+    read = model_folder.read(directory)
+    fewer = replace(read, description=replace(read.description, sensors=CHOSEN[:2]))
+    with pytest.raises(ExportError, match=r"lstm\.weight_ih_l0"):
+        program_of(fewer, MpcConfig())

@@ -15,11 +15,13 @@ from contract.controller.host_library import EXAMPLE, STANDARD, compile_c, host_
 from contract.errors import ExportError, LibraryError
 from contract.release.bundle import dbc_sha256
 from export.gates.quantisation import QuantisationLimits
-from export.int8.calibrate import rounded_program
+from export.int8.calibrate import rounded_on
 from export.program.program_hash import program_sha256
 from export.program.random_program import random_program, random_window
 from export.reference.mpc import control_step
-from export.release.c_folder import RECORDED, int8_library, recorded_rows, write_c_release
+from export.release.c_folder import RECORDED, recorded_rows, write_c_release
+from export.release.gated import gate
+from export.release.lowering import int8_library, lower
 from export.to_c.library import SETTINGS, WEIGHTS, c_library, hand_written, write_c_library
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
@@ -119,7 +121,7 @@ def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flag
 def test_the_header_says_what_it_is(contents):
     text = contents[SETTINGS].decode()
     integers = '#define SW_PRECISION "int8"' in text
-    computed = rounded_program(PROGRAM, WINDOWS) if integers else PROGRAM
+    computed = rounded_on(PROGRAM, WINDOWS).program if integers else PROGRAM
     for expected in (
         f'#define SW_PROGRAM_SHA256 "{program_sha256(computed)}"',
         f'#define SW_DBC_SHA256 "{dbc_sha256()}"',
@@ -165,24 +167,15 @@ def test_another_folder_is_never_replaced(tmp_path, contents):
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precision):
     write_c_library(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
-    report = write_c_release(
-        tmp_path / "c", PROGRAM, precision=precision, windows=WINDOWS[:4], calibration=WINDOWS, limits=LENIENT
-    )
-    gate = report.parity if precision == "float32" else report.quantisation
-    assert gate.cases == 4
+    program = PROGRAM if precision == "float32" else rounded_on(PROGRAM, WINDOWS)
+    gated = gate(lower(program, calibration=WINDOWS, with_library=True), WINDOWS[:4], LENIENT)
+    write_c_release(tmp_path / "c", gated, WINDOWS[:4])
+    found = gated.library.parity if precision == "float32" else gated.library.quantisation
+    assert found.cases == 4
     assert np.loadtxt(tmp_path / "c" / RECORDED).shape == (PROGRAM.window + 3, 5)
     assert {item.name for item in (tmp_path / "c").iterdir()} == {
         *hand_written(precision), SETTINGS, WEIGHTS, RECORDED
     }  # fmt: skip
-
-
-def test_an_int8_library_that_is_too_coarse_is_not_written(tmp_path):
-    strict = QuantisationLimits(rms_action_error=1e-12)
-    with pytest.raises(ExportError, match=r"int8 C library: rms_action_error is .*, at most 1e-12 is allowed"):
-        write_c_release(
-            tmp_path / "c", PROGRAM, precision="int8", windows=WINDOWS[:2], calibration=WINDOWS, limits=strict
-        )
-    assert not (tmp_path / "c").exists()
 
 
 def test_without_a_compiler_the_line_says_so(monkeypatch):

@@ -10,11 +10,17 @@ from onnx import TensorProto
 
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import ExportError
+from export.int8.rounded_program import rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program
 from export.to_onnx.control_step import build_controller
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+
+
+def as_it_is(program: ControllerProgram) -> ControllerProgram:
+    """In float32."""
+    return program
 
 
 def nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
@@ -29,9 +35,9 @@ def shapes(values: object) -> dict[str, tuple[int, ...]]:
     return {value.name: tuple(d.dim_value for d in value.type.tensor_type.shape.dim) for value in values}
 
 
-@pytest.fixture(scope="module", params=["float32", "int8"])
+@pytest.fixture(scope="module", params=[as_it_is, rounded_to_nearest])
 def paper_model(request):
-    return build_controller(random_program(0), request.param)
+    return build_controller(request.param(random_program(0)))
 
 
 def test_interface_is_the_bundles(paper_model):
@@ -51,14 +57,14 @@ def test_only_standard_operators_of_an_opset_that_onnxruntime_1_20_knows(paper_m
 def test_nothing_is_unrolled():
     def count(**mpc: int) -> int:
         program = random_program(0, model=SMALL, mpc=MpcConfig(**mpc))
-        return sum(1 for _ in nodes(build_controller(program, "float32").graph))
+        return sum(1 for _ in nodes(build_controller(program).graph))
 
     assert count(horizon=5, iterations=2) == count(horizon=50, iterations=20)
     assert count(horizon=5, iterations=2) < 300
 
 
 def test_dequantisation_happens_outside_the_scans():
-    graph = build_controller(random_program(0, model=SMALL), "int8").graph
+    graph = build_controller(rounded_to_nearest(random_program(0, model=SMALL))).graph
     outside = sum(node.op_type == "DequantizeLinear" for node in graph.node)
     # LSTM 2, encoder 2, dynamics 3, decoder 2 and one a block.
     assert outside == 9 + SMALL.decoder_blocks
@@ -67,7 +73,7 @@ def test_dequantisation_happens_outside_the_scans():
 
 def test_int8_stores_every_matrix_in_a_byte_a_weight():
     program = random_program(0)
-    whole, small = (build_controller(program, precision) for precision in ("float32", "int8"))
+    whole, small = (build_controller(of) for of in (program, rounded_to_nearest(program)))
     matrices = [t for t in small.graph.initializer if t.data_type == TensorProto.INT8 and len(t.dims) >= 2]
     weights = sum(int(np.prod(t.dims)) for t in matrices)
     assert weights == _count_weights(program)
@@ -87,17 +93,14 @@ def _count_weights(program: ControllerProgram) -> int:
 
 
 def test_the_same_program_gives_the_same_bytes():
-    one, two = (build_controller(random_program(5, model=SMALL), "int8").SerializeToString() for _ in range(2))
+    one, two = (
+        build_controller(rounded_to_nearest(random_program(5, model=SMALL))).SerializeToString() for _ in range(2)
+    )
     assert one == two
 
 
-def test_an_unknown_precision_is_refused():
-    with pytest.raises(ExportError, match="'int4': must be one of float32, int8"):
-        build_controller(random_program(0, model=SMALL), "int4")
-
-
-@pytest.mark.parametrize("precision", ["float32", "int8"])
-def test_values_that_float32_cannot_hold_are_refused(precision):
+@pytest.mark.parametrize("lowered", [as_it_is, rounded_to_nearest])
+def test_values_that_float32_cannot_hold_are_refused(lowered):
     program = random_program(0, model=SMALL)
     hidden = program.dynamics.hidden
     for layer in (
@@ -106,15 +109,15 @@ def test_values_that_float32_cannot_hold_are_refused(precision):
     ):
         broken = replace(program, dynamics=replace(program.dynamics, hidden=layer))
         with pytest.raises(ExportError, match=r"dynamics\.hidden\.(weight|bias).*too large for float32"):
-            build_controller(broken, precision)
+            build_controller(lowered(broken))
     tiny = replace(program.scaling, pressure_std=(1e-60, 1.0, 1.0, 1.0))
     with pytest.raises(ExportError, match="window_std: a value is too large"):
-        build_controller(replace(program, scaling=tiny), precision)
+        build_controller(lowered(replace(program, scaling=tiny)))
 
 
 def test_int8_weights_go_straight_into_arithmetic():
     """onnxruntime 1.20 aborts where a per-row DequantizeLinear feeds an operator that only rearranges."""
-    graph = build_controller(random_program(0, model=SMALL), "int8").graph
+    graph = build_controller(rounded_to_nearest(random_program(0, model=SMALL))).graph
     weights = {node.output[0] for node in graph.node if node.op_type == "DequantizeLinear"}
     consumers = {node.op_type for node in nodes(graph) if weights & set(node.input)}
     assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "Mul", "ReduceMean"}

@@ -189,7 +189,7 @@ def test_a_figure_that_does_not_exist_is_null(run):
 
 
 def test_the_controller_is_the_bundles(release):
-    controller = OnnxController(release)
+    controller = OnnxController.of(release)
     controller.warm_up(1)
     manifest = release.manifest
     horizon = manifest.mpc.horizon
@@ -213,13 +213,13 @@ def test_a_model_that_contradicts_its_manifest_is_refused(release):
             self.manifest = type(release.manifest)(**{**vars(release.manifest), **changes})
 
     with pytest.raises(BundleError, match="'window' has shape"):
-        OnnxController(Altered(window=7))
+        OnnxController.of(Altered(window=7))
     with pytest.raises(BundleError, match="'plan' has shape"):
-        OnnxController(Altered(mpc=MpcConfig(horizon=9)))
+        OnnxController.of(Altered(mpc=MpcConfig(horizon=9)))
     broken = Altered()
     broken.files = {"controller.onnx": b"no model"}
     with pytest.raises(BundleError, match=r"controller\.onnx does not load"):
-        OnnxController(broken)
+        OnnxController.of(broken)
 
 
 def test_the_ecu_setting_decides_what_is_charged_for_computing(run):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.controller.onnx_session import ControllerError
+from contract.controller.interface import ControllerError
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract.controller.onnx_session import ControllerError
+from contract.controller.interface import ControllerError
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
 

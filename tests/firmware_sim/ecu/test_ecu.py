@@ -9,7 +9,7 @@ from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import EcuConfig, FlowConfig
-from contract.controller.onnx_session import ControllerError
+from contract.controller.interface import ControllerError
 from contract.operating_point import OperatingPoint
 
 WINDOW, HORIZON = 4, 5

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode, Reason
-from contract.controller.onnx_session import ControllerError, ControlStep
+from contract.controller.interface import ControllerError, ControlStep
 from firmware_sim.ecu.ecu import Ecu, StepOutcome
 from firmware_sim.ecu.ecu_state import EcuState
 
@@ -20,14 +20,15 @@ from firmware_sim.ecu.ecu_state import EcuState
 class Mixing:
     """A controller whose plan depends on every number it is given, and on nothing else."""
 
-    def control_step(self, window, plan, free) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None) -> ControlStep:
         weights = np.linspace(-0.01, 0.02, window.size).reshape(window.shape)
         drive = 0.05 * np.sin(np.sum(weights * window) + np.arange(len(plan)))
         shifted = np.append(plan[1:], plan[-1])
         if window[-1, 0] > 3.0:
             raise ControllerError("too much pressure")
         new = np.where(free > 0.5, 0.5 * shifted + drive, shifted)
-        return ControlStep(plan=new, forces=np.outer(new, [1.0, -1.0]), cost=float(np.sum(new**2)))
+        forces = np.outer(new, [1.0, -1.0])
+        return ControlStep(plan=new, forces=forces, terms=np.zeros(7), cost=float(np.sum(new**2)))
 
 
 class Period(NamedTuple):

@@ -22,18 +22,23 @@ from can_bridge.wire.messages import Mode
 from contract import sensors
 from contract.config.tree import Config, ModelConfig, MpcConfig
 from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
-from contract.controller.onnx_session import Controller, ControllerError, OnnxController
+from contract.controller.interface import Controller, ControllerError
+from contract.controller.onnx_session import OnnxController
 from contract.errors import LibraryError
+from contract.model_folder import Provenance
 from contract.release import bundle
+from contract.release.manifest import Precision
 from export.gates.quantisation import QuantisationLimits
+from export.int8.calibrate import rounded_on
 from export.program.random_program import random_program
-from export.release.bundle import write_release
+from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
-from export.to_onnx.weights import Precision
+from export.release.gated import gate
+from export.release.lowering import lower
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.library_controller import LibraryController
+from firmware_sim.ecu.library_controller import open_library
 from wake.truck.sample import Sample
 
 try:
@@ -90,23 +95,17 @@ def recorded(count: int) -> list[np.ndarray]:
 def exported(root: Path, precision: Precision) -> Exported:
     """The bundle of `random_release` in either precision, and the C library of the same export."""
     windows = recorded(30)
-    write_c_release(root / "c", PROGRAM, precision=precision, windows=windows[:4], calibration=windows, limits=LENIENT)
+    program = rounded_on(PROGRAM, windows) if precision == "int8" else PROGRAM
+    gated = gate(lower(program, calibration=windows, with_library=True), windows[:4], LENIENT)
+    provenance = Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={})
+    write_c_release(root / "c", gated, windows[:4])
     write_release(
         root / "bundle",
-        PROGRAM,
-        precision=precision,
+        gated,
         name="random",
-        operating_point=CONFIG.operating_point,
-        budget_ms=CONFIG.period_ns / 1e6,
-        compute_time_ms=CONFIG.ecu.compute_time_ms,
-        control_period=CONFIG.flow.control_period,
         created=date(2026, 1, 2),
-        dataset_sha256="0" * 64,
-        weights_sha256="0" * 64,
-        provenance={},
-        windows=windows[:4],
-        calibration=windows,
-        limits=LENIENT,
+        vehicle=Vehicle.of(CONFIG),
+        provenance=provenance,
     )
     return Exported(bundle.load(root / "bundle"), root / "bundle", root / "c")
 
@@ -139,7 +138,7 @@ def commands(release: Exported, controller: Controller, periods: int = 25) -> np
 
 
 def test_in_float32_the_loop_gets_the_commands_of_onnx(whole):
-    onnx, library = OnnxController(whole.bundle), LibraryController(whole.folder, whole.bundle, flags=FAST_BUILD)
+    onnx, library = OnnxController.of(whole.bundle), open_library(whole.folder, whole.bundle, flags=FAST_BUILD)
     with_onnx, with_c = (commands(whole, controller) for controller in (onnx, library))
     np.testing.assert_allclose(with_c, with_onnx, rtol=0, atol=5e-3 * REACH + RESOLUTION)
     assert np.abs(with_onnx).max() > REACH
@@ -147,7 +146,7 @@ def test_in_float32_the_loop_gets_the_commands_of_onnx(whole):
 
 def test_in_int8_the_loop_stays_within_the_int8_gate(small):
     """Both have the same int8 weights; the library also rounds activations. The limit is the gate's for weights."""
-    onnx, library = OnnxController(small.bundle), LibraryController(small.folder, small.bundle, flags=FAST_BUILD)
+    onnx, library = OnnxController.of(small.bundle), open_library(small.folder, small.bundle, flags=FAST_BUILD)
     with_onnx, with_c = (commands(small, controller) for controller in (onnx, library))
     assert 0 < np.sqrt(np.mean(np.square(with_c - with_onnx))) < QuantisationLimits().rms_action_error
     assert np.abs(with_onnx).max() > REACH
@@ -169,7 +168,7 @@ def test_the_command_runs_it_and_says_so(whole, monkeypatch, capsys, tmp_path):
 def test_the_library_of_another_program_is_refused(whole, small):
     """The int8 library is another program than the float one: its weights are rounded."""
     with pytest.raises(LibraryError) as refusal:
-        LibraryController(small.folder, whole.bundle)
+        open_library(small.folder, whole.bundle)
     rounded = small.bundle.manifest.program_sha256
     assert rounded[:12] in str(refusal.value)
     assert whole.bundle.manifest.program_sha256[:12] in str(refusal.value)
@@ -192,7 +191,7 @@ def test_an_altered_header_is_refused(whole, tmp_path, old, new, said):
     assert old in header
     (folder / "sw_settings.h").write_text(header.replace(old, new))
     with pytest.raises(LibraryError, match=said):
-        LibraryController(folder, whole.bundle)
+        open_library(folder, whole.bundle)
 
 
 def test_without_a_compiler_the_line_says_so(whole, monkeypatch):
@@ -200,13 +199,13 @@ def test_without_a_compiler_the_line_says_so(whole, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
-        LibraryController(whole.folder, whole.bundle)
+        open_library(whole.folder, whole.bundle)
 
 
 def test_a_compiler_that_does_not_run_is_named(whole, monkeypatch):
     monkeypatch.setenv("CC", "/nowhere/gcc")
     with pytest.raises(LibraryError, match="/nowhere/gcc: No such file"):
-        LibraryController(whole.folder, whole.bundle)
+        open_library(whole.folder, whole.bundle)
 
 
 def test_sources_that_do_not_compile_are_one_line(whole, tmp_path):
@@ -214,12 +213,12 @@ def test_sources_that_do_not_compile_are_one_line(whole, tmp_path):
     shutil.copytree(whole.folder, folder)
     (folder / "sw_cost.c").write_text("#error broken\n#error again\n")
     with pytest.raises(LibraryError, match="broken") as refusal:
-        LibraryController(folder, whole.bundle, flags=("-O0",))
+        open_library(folder, whole.bundle, flags=("-O0",))
     assert "\n" not in str(refusal.value)
 
 
 def test_a_number_that_is_not_finite_is_the_controllers_failure(whole):
-    library = LibraryController(whole.folder, whole.bundle, flags=FAST_BUILD)
+    library = open_library(whole.folder, whole.bundle, flags=FAST_BUILD)
     manifest = whole.bundle.manifest
     window = np.full((manifest.window, len(manifest.sensors) + 1), np.nan)
     with pytest.raises(ControllerError, match="not finite"):

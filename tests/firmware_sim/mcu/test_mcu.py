@@ -10,7 +10,8 @@ from contract.config.tree import ModelConfig, MpcConfig
 from contract.errors import McuError
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
-from export.release.c_folder import RECORDED, int8_library, recorded_rows
+from export.release.c_folder import RECORDED, recorded_rows
+from export.release.lowering import int8_library
 from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")

@@ -14,7 +14,7 @@ import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
 from export.program.random_program import random_program, random_window
-from export.release.c_folder import int8_library
+from export.release.lowering import int8_library
 from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")

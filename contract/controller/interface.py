@@ -1,0 +1,108 @@
+"""One control step of a released controller: what goes in, what comes out, and what runs it.
+
+Every lowering has this interface: `controller.onnx` in a release bundle by the names below, the C library by the
+members of its structures. With L the window, S the sensors and H the horizon:
+
+=========  ========  =====================================================================================
+input      shape     meaning
+=========  ========  =====================================================================================
+window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
+plan       (H,)      the previous step's plan, as it came out; the controller shifts it by one step
+free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
+weights    (7,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
+=========  ========  =====================================================================================
+
+=========  ========  =====================================================================================
+output     shape     meaning
+=========  ========  =====================================================================================
+new_plan   (H,)      optimised actions a_t .. a_{t+H-1}
+forces     (H, 2)    predicted (Cd, Cl) at t+1 .. t+H under `new_plan`
+terms      (7,)      unweighted cost terms of `new_plan`, in the order of the weights
+cost       ()        J of `new_plan`
+=========  ========  =====================================================================================
+"""
+
+from dataclasses import dataclass, fields
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.config.tree import CostWeights
+from contract.errors import StillwakeError
+from contract.release.manifest import Manifest
+
+Array = npt.NDArray[np.float64]
+
+INPUTS: Final = ("window", "plan", "free", "weights")
+OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
+TERMS: Final = len(fields(CostWeights))
+FORCES: Final = 2
+"""(Cd, Cl)."""
+
+
+class ControllerError(StillwakeError):
+    """The controller could not compute its step; the ECU latches a fault."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """What the shapes of the interface follow from: L, S and H."""
+
+    window: int
+    sensors: int
+    horizon: int
+
+    @classmethod
+    def of(cls, manifest: Manifest) -> "Sizes":
+        """Those of a bundle's controller."""
+        return cls(window=manifest.window, sensors=len(manifest.sensors), horizon=manifest.mpc.horizon)
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shape of every input and output by its name."""
+        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (TERMS,))
+        outputs = ((self.horizon,), (self.horizon, FORCES), (TERMS,), ())
+        return dict(zip(INPUTS + OUTPUTS, inputs + outputs, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControlStep:
+    """Outcome of a control step.
+
+    Attributes:
+        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first one is commanded.
+        forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
+        terms: (7,) unweighted cost terms of the plan.
+        cost: J of the plan.
+    """
+
+    plan: Array
+    forces: Array
+    terms: Array
+    cost: float
+
+
+class Controller(Protocol):
+    """What computes control steps: all that the ECU and the gates of the export need."""
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+        """One control step; without weights the controller's own default applies.
+
+        Raises:
+            ControllerError: if there is no answer.
+        """
+        ...
+
+
+class RunnableController(Controller, Protocol):
+    """A controller on this machine: it has a description and can be made ready before a run.
+
+    Attributes:
+        description: what computes the step, for people.
+    """
+
+    description: str
+
+    def warm_up(self, steps: int) -> None:
+        """Run on zeros, so that the first real step does not pay for what happens once."""
+        ...

@@ -1,0 +1,240 @@
+"""A trained model on disk: a directory of `model.safetensors` and `model.json`, whole or not there.
+
+`model.safetensors` holds the weights under `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
+`decoder.`, and where the configuration asks for narrower ones, under `slim_dynamics.` and `slim_decoder.`;
+`model.json` holds what they assume and where they come from:
+
+    schema, config (all settings), scaling (contract.release.manifest.Scaling),
+    sensors (the slim encoder's inputs in order),
+    dataset_sha256, weights_sha256, metrics, ranking, versions
+
+Tensors are arrays here: `train` makes networks of them, `export` a controller program.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import dacite
+import numpy as np
+import numpy.typing as npt
+
+from contract import sensors as sensor_facts
+from contract.atomic import replacing
+from contract.config.loading import from_tree, to_tree
+from contract.config.tree import Config
+from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.release.manifest import Scaling
+
+SCHEMA: Final = "stillwake-model/1"
+DESCRIPTION: Final = "model.json"
+WEIGHTS: Final = "model.safetensors"
+TEACHER: Final = "encoder"
+SLIM: Final = "slim"
+PREDICTOR: Final = ("dynamics", "decoder")
+"""Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
+
+_NETWORKS: Final = (TEACHER, SLIM, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
+_LENGTHS: Final = {
+    "pressure_mean": sensor_facts.COUNT,
+    "pressure_std": sensor_facts.COUNT,
+    "force_mean": 2,
+    "force_std": 2,
+}
+
+Tensors = Mapping[str, npt.NDArray[Any]]
+"""Arrays by name, `network.layer`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Description:
+    """What the weights assume and where they come from.
+
+    Attributes:
+        config: all settings of the training.
+        scaling: of all 90 pressures, the action and the forces.
+        sensors: names, in the order of the slim encoder's inputs.
+        dataset_sha256: of the recording that the model was fitted to.
+        metrics: "teacher", "slim" and with narrower networks "deployed" (`train.evaluate.EncoderMetrics`), and
+            "slim_latent" (L1/sigma against the teacher).
+        ranking: method and order of the sensors; of SHAP also every sensor's mean and std, stability of the best sets.
+        versions: of the software.
+    """
+
+    config: Config
+    scaling: Scaling
+    sensors: tuple[str, ...]
+    dataset_sha256: str
+    metrics: Mapping[str, Any]
+    ranking: Mapping[str, Any]
+    versions: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        sensor_facts.indices(self.sensors)
+        for name, count in _LENGTHS.items():
+            if len(getattr(self.scaling, name)) != count:
+                raise ModelError(f"scaling.{name} has {len(getattr(self.scaling, name))} values, must have {count}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a trained model comes from, for a release made of it.
+
+    Attributes:
+        dataset_sha256: of the recording that it was fitted to.
+        weights_sha256: of its tensors.
+        metrics, versions, config: as the model's description has them.
+    """
+
+    dataset_sha256: str
+    weights_sha256: str
+    metrics: Mapping[str, Any]
+    versions: Mapping[str, str]
+    config: Mapping[str, Any]
+
+    def training(self) -> dict[str, Any]:
+        """What a bundle's manifest has as `provenance`; for the hashes it has fields of their own."""
+        return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelFolder:
+    """A verified model directory.
+
+    Attributes:
+        tensors: by their names in the file; every one belongs to a network that a model may have.
+        config_tree: the settings as they were written down, defaults of later versions left out.
+    """
+
+    description: Description
+    tensors: Tensors
+    weights_sha256: str
+    config_tree: Mapping[str, Any]
+
+    def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
+        """One network's tensors, named as in its own state dict; empty if the model does not hold it."""
+        return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
+
+    def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
+        """The tensors of `dynamics` or `decoder` that go on the vehicle: the narrower ones where there are any."""
+        return self.network(f"{SLIM}_{name}") or self.network(name)
+
+    @property
+    def provenance(self) -> Provenance:
+        """As a release made of the model keeps it."""
+        return Provenance(
+            dataset_sha256=self.description.dataset_sha256,
+            weights_sha256=self.weights_sha256,
+            metrics=self.description.metrics,
+            versions=self.description.versions,
+            config=self.config_tree,
+        )
+
+
+def write(path: Path, description: Description, tensors: Tensors) -> None:
+    """Write the directory, replacing a model that is there.
+
+    Raises:
+        StillwakeError: if the place cannot be written or holds something that is not a model.
+    """
+    # Not at the top: a vehicle imports this room and has no safetensors.
+    import safetensors.numpy
+
+    check_free(path)
+    weights = safetensors.numpy.save({name: np.ascontiguousarray(value) for name, value in tensors.items()})
+    body = {
+        "schema": SCHEMA,
+        "config": to_tree(description.config),
+        "scaling": asdict(description.scaling),
+        "sensors": description.sensors,
+        "dataset_sha256": description.dataset_sha256,
+        "weights_sha256": hashlib.sha256(weights).hexdigest(),
+        "metrics": description.metrics,
+        "ranking": description.ranking,
+        "versions": description.versions,
+    }
+    with replacing(path) as temporary:
+        temporary.mkdir()
+        (temporary / WEIGHTS).write_bytes(weights)
+        (temporary / DESCRIPTION).write_text(json.dumps(body, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def check_free(path: Path) -> None:
+    """Raise StillwakeError if writing a model to `path` would replace anything but a model."""
+    if path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir())):
+        return
+    if path.exists():
+        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+
+
+def read(path: Path) -> ModelFolder:
+    """Read and verify a model directory.
+
+    Raises:
+        ModelError: if a file is missing, damaged, altered or of another schema, or the description does not fit
+            itself; the message names the file and the entry.
+    """
+    body = read_description(path)
+    raw = _read_bytes(path, WEIGHTS)
+    if hashlib.sha256(raw).hexdigest() != body["weights_sha256"]:
+        raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
+    return ModelFolder(
+        description=_describe(path, body),
+        tensors=_unpack(path, raw),
+        weights_sha256=body["weights_sha256"],
+        config_tree=body["config"],
+    )
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """`model.json` of a model directory, complete and of this schema; raises ModelError if it is not."""
+    try:
+        body = json.loads(_read_bytes(path, DESCRIPTION))
+    except ValueError as error:
+        raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
+    schema = body.get("schema") if isinstance(body, dict) else None
+    if not isinstance(body, dict) or schema != SCHEMA:
+        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {SCHEMA!r}")
+    for name in (*Description.__dataclass_fields__, "weights_sha256"):
+        if name not in body:
+            raise ModelError(f"model {path}: {DESCRIPTION} lacks {name!r}")
+    return body
+
+
+def _read_bytes(path: Path, name: str) -> bytes:
+    try:
+        return (path / name).read_bytes()
+    except OSError as error:
+        raise ModelError(f"model {path}: {name} cannot be read ({error.strerror or error})") from error
+
+
+def _describe(path: Path, body: Mapping[str, Any]) -> Description:
+    try:
+        return Description(
+            config=from_tree(body["config"]),
+            scaling=dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple])),
+            sensors=tuple(body["sensors"]),
+            dataset_sha256=body["dataset_sha256"],
+            metrics=body["metrics"],
+            ranking=body["ranking"],
+            versions=body["versions"],
+        )
+    except (dacite.DaciteError, ConfigError, ModelError, TypeError, AttributeError) as error:
+        raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
+
+
+def _unpack(path: Path, raw: bytes) -> Tensors:
+    import safetensors
+    import safetensors.numpy
+
+    try:
+        tensors: Tensors = safetensors.numpy.load(raw)
+    except (safetensors.SafetensorError, ValueError) as error:
+        raise ModelError(f"model {path}: {WEIGHTS}: not a safetensors file ({error})") from error
+    for key in sorted(tensors):
+        if key.split(".")[0] not in _NETWORKS:
+            raise ModelError(f"model {path}: {WEIGHTS}: unknown tensor {key}")
+    return tensors

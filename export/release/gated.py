@@ -1,0 +1,96 @@
+"""Lowerings that have passed every gate: the only ones that are written."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from contract.controller.host_library import CController
+from export.gates.parity import ParityReport, check_lowering, check_parity
+from export.gates.quantisation import (
+    QuantisationLimits,
+    QuantisationReport,
+    check_quantisation,
+    compare_answers,
+    compare_quantised,
+)
+from export.int8.rounded_program import RoundedProgram
+from export.program.weights import Array
+from export.release.lowering import Lowered
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraphReport:
+    """What the gates measured, also found in the manifest's provenance under `export`.
+
+    Attributes:
+        controller_bytes: size of `controller.onnx`.
+        parity: ONNX graph against the reference at the same weights.
+        quantisation: int8 against float weights; None for a float release.
+    """
+
+    controller_bytes: int
+    parity: ParityReport
+    quantisation: QuantisationReport | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LibraryReport:
+    """What the gates measured.
+
+    Attributes:
+        parity: float32 against the reference; None for int8.
+        quantisation: int8, integer products included, against the float reference; None for float32.
+        workspace_bytes: scratch memory that a caller has to own.
+    """
+
+    parity: ParityReport | None
+    quantisation: QuantisationReport | None
+    workspace_bytes: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gated:
+    """Lowerings and what their gates measured; `library` is None where there is none."""
+
+    lowered: Lowered
+    graph: GraphReport
+    library: LibraryReport | None
+
+
+def gate(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits | None = None) -> Gated:
+    """Run every lowering through its gates.
+
+    Args:
+        windows: consecutive recorded windows (L, S+1) that the gates replay.
+        limits: what int8 weights may change; the default ones if None.
+
+    Raises:
+        ExportError: a lowering is further from the reference than its gate allows; the message names both figures.
+        LibraryError: there is no C compiler, or it does not take the library.
+    """
+    limits = QuantisationLimits() if limits is None else limits
+    return Gated(
+        lowered=lowered,
+        graph=_gate_graph(lowered, windows, limits),
+        library=None if lowered.library is None else _gate_library(lowered, windows, limits),
+    )
+
+
+def _gate_graph(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits) -> GraphReport:
+    quantisation = None
+    if isinstance(lowered.program, RoundedProgram):
+        quantisation = compare_quantised(lowered.program.source, lowered.program.program, windows)
+        check_quantisation(quantisation, limits)
+    parity = check_parity(lowered.effective, lowered.graph, windows)
+    return GraphReport(controller_bytes=len(lowered.graph), parity=parity, quantisation=quantisation)
+
+
+def _gate_library(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits) -> LibraryReport:
+    assert lowered.library is not None
+    controller = CController(lowered.library, lowered.effective.sizes)
+    parity, quantisation = None, None
+    if isinstance(lowered.program, RoundedProgram):
+        quantisation = compare_answers(lowered.program.source, controller.control_step, windows)
+        check_quantisation(quantisation, limits, name="int8 C library")
+    else:
+        parity = check_lowering(lowered.program, controller, "C library", windows)
+    return LibraryReport(parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes)

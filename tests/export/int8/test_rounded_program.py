@@ -1,0 +1,53 @@
+"""One rounding for all lowerings: the integers, the scales and the program that they stand for agree."""
+
+import numpy as np
+import pytest
+from onnx import numpy_helper
+
+from contract.config.tree import ModelConfig
+from export.int8.calibrate import rounded_on
+from export.int8.rounded_program import rounded_to_nearest
+from export.program.matrices import map_matrices, matrices
+from export.program.random_program import random_program, random_windows
+from export.to_onnx.control_step import build_controller
+
+PROGRAM = random_program(0, model=ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8))
+
+
+@pytest.fixture(scope="module", params=["nearest", "calibrated"])
+def rounded(request):
+    return (
+        rounded_to_nearest(PROGRAM) if request.param == "nearest" else rounded_on(PROGRAM, random_windows(PROGRAM, 9))
+    )
+
+
+def test_every_matrix_is_rounded_and_stands_for_the_programs(rounded):
+    """To a unit in the last place of the scale, 1.2e-7 of a weight."""
+    expected = matrices(rounded.program)
+    assert rounded.matrices.keys() == expected.keys() == matrices(PROGRAM).keys()
+    assert len(expected) == 9 + len(PROGRAM.decoder.blocks)
+    for name, matrix in rounded.matrices.items():
+        np.testing.assert_allclose(matrix.dequantised(), expected[name], rtol=2.4e-7, err_msg=name)
+
+
+def test_the_source_is_kept_as_it_was(rounded):
+    assert rounded.source is PROGRAM
+
+
+def test_the_graph_stores_these_integers_and_scales(rounded):
+    """The LSTM's rows in ONNX's gate order, i, o, f, c for i, f, g, o; one direction in front."""
+    tensors = [numpy_helper.to_array(tensor) for tensor in build_controller(rounded).graph.initializer]
+    for name, matrix in rounded.matrices.items():
+        values, scales = matrix.values, matrix.scales
+        if name.startswith("lstm."):
+            order = np.arange(len(scales)).reshape(4, -1)[[0, 3, 1, 2]].ravel()
+            values, scales = values[order][None], scales[order]
+        for expected in (values, scales):
+            same = (expected.dtype == found.dtype and np.array_equal(expected, found) for found in tensors)
+            assert any(same), name
+
+
+def test_a_program_with_its_own_matrices_is_itself():
+    own = matrices(PROGRAM)
+    again = matrices(map_matrices(PROGRAM, lambda name, weight: own[name]))
+    assert all(again[name] is own[name] for name in own)

@@ -1,0 +1,66 @@
+"""The gates: every lowering passes through its own, and one that is another program's passes none."""
+
+from dataclasses import replace
+
+import pytest
+
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.host_library import host_compiler
+from contract.errors import ExportError, LibraryError
+from export.gates.quantisation import QuantisationLimits
+from export.int8.calibrate import rounded_on
+from export.program.random_program import random_program, random_windows
+from export.release.gated import gate
+from export.release.lowering import library_of, lower
+from export.to_onnx.control_step import build_controller
+
+MODEL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+MPC = MpcConfig(horizon=6)
+PROGRAM, OTHER = random_program(0, model=MODEL, mpc=MPC), random_program(1, model=MODEL, mpc=MPC)
+WINDOWS = random_windows(PROGRAM, 30)
+LOOSE = QuantisationLimits(rms_action_error=2e-3, max_cost_gap=0.01)
+
+try:
+    host_compiler()
+except LibraryError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+
+def test_in_float32_both_are_held_to_parity():
+    gated = gate(lower(PROGRAM, calibration=WINDOWS, with_library=True), WINDOWS[:3])
+    assert (gated.graph.parity.cases, gated.library.parity.cases) == (3, 3)
+    assert gated.graph.quantisation is gated.library.quantisation is None
+
+
+def test_in_int8_both_are_compared_with_the_program_before_rounding():
+    rounded = rounded_on(PROGRAM, WINDOWS)
+    gated = gate(lower(rounded, calibration=WINDOWS, with_library=True), WINDOWS[:3], LOOSE)
+    assert (gated.graph.quantisation.cases, gated.library.quantisation.cases) == (3, 3)
+    assert gated.graph.quantisation.rms_action_error > 0
+    assert gated.graph.parity.cases == 3
+
+
+def test_rounding_that_changes_too_much_is_refused():
+    lowered = lower(rounded_on(PROGRAM, WINDOWS), calibration=WINDOWS, with_library=False)
+    with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*, at most 1e-15 is allowed"):
+        gate(lowered, WINDOWS[:3], QuantisationLimits(rms_action_error=1e-15))
+
+
+def test_an_int8_library_of_another_program_is_refused():
+    rounded = rounded_on(PROGRAM, WINDOWS)
+    library = library_of(rounded_on(OTHER, WINDOWS), WINDOWS)
+    lowered = replace(lower(rounded, calibration=WINDOWS, with_library=False), library=library)
+    with pytest.raises(ExportError, match="int8 C library: "):
+        gate(lowered, WINDOWS[:3], LOOSE)
+
+
+def test_a_graph_of_another_program_is_refused():
+    lowered = lower(PROGRAM, calibration=WINDOWS, with_library=False)
+    with pytest.raises(ExportError, match="ONNX graph and reference differ"):
+        gate(replace(lowered, graph=build_controller(OTHER).SerializeToString()), WINDOWS[:3])
+
+
+def test_a_library_of_another_program_is_refused():
+    lowered = lower(PROGRAM, calibration=WINDOWS, with_library=False)
+    with pytest.raises(ExportError, match="C library and reference differ"):
+        gate(replace(lowered, library=library_of(OTHER, WINDOWS)), WINDOWS[:3])
