@@ -29,7 +29,7 @@ from benchmarks.controller.eager import EagerController
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
 from contract.recording import dataset
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
+from contract.controller.c_folder import RECORDED, rows_text, write_folder
 from export.gates.parity import ParityReport, check_lowering
 from export.gates.quantisation import QuantisationLimits, QuantisationReport, check_quantisation, compare_answers
 from export.int8.activation_ranges import activation_ranges
@@ -14,11 +14,8 @@ from export.int8.calibrate import rounded_program
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array
 from export.to_c.host import CController
-from export.to_c.library import c_library, write_c_library
+from export.to_c.library import c_library
 from export.to_onnx.weights import Precision
-
-RECORDED: Final = "recorded.txt"
-"""Rows for the example program: pressures, then the action commanded one step before."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +50,8 @@ def write_c_release(
         calibration: other ones, for int8 rounding and ranges; the same as an int8 ONNX graph is calibrated on.
 
     Raises:
-        LibraryError: there is no C compiler, or it does not take the library.
-        ExportError: the library is further from the reference than its gate allows, or the folder holds something
-            else.
+        LibraryError: there is no C compiler, it does not take the library, or the folder holds something else.
+        ExportError: the library is further from the reference than its gate allows.
         StillwakeError: the folder cannot be written.
     """
     if precision == "int8":
@@ -69,7 +65,7 @@ def write_c_release(
         controller = CController(program, contents)
         parity = check_lowering(program, controller, "C library", windows)
         report = CReport(parity=parity, quantisation=None, workspace_bytes=controller.workspace_bytes)
-    write_c_library(folder, contents | {RECORDED: recorded_rows(windows).encode()})
+    write_folder(folder, contents | {RECORDED: recorded_rows(windows).encode()})
     return report
 
 
@@ -81,5 +77,4 @@ def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> di
 
 def recorded_rows(windows: Sequence[Array]) -> str:
     """The rows that consecutive windows are made of, one a line, in the digits of float32."""
-    rows = np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])
-    return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows)
+    return rows_text(np.concatenate([windows[0], *(window[-1:] for window in windows[1:])]))

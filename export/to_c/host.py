@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from contract.controller.host_library import OPTIMISED, HostLibrary, host_compiler
+from contract.controller.compiler import OPTIMISED, host_compiler
+from contract.controller.host_library import HostLibrary
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Array

@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.c_folder import SETTINGS, Settings
-from contract.controller.host_library import OPTIMISED, HostLibrary, compiler_version, host_compiler
+from contract.controller.c_folder import SETTINGS, Settings, read_sources
+from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
+from contract.controller.host_library import HostLibrary
 from contract.controller.onnx_session import Array, ControllerError, ControlStep
-from contract.errors import LibraryError, McuError
+from contract.errors import LibraryError
 from contract.release.bundle import Bundle, dbc_sha256
 
 _OK: Final = 0
@@ -40,7 +41,7 @@ class LibraryController:
         compiler: Sequence[str] | None = None,
         flags: Sequence[str] = OPTIMISED,
     ) -> None:
-        sources = _read(folder)
+        sources = read_sources(folder)
         precision = _check_program(folder, sources, bundle)
         manifest = bundle.manifest
         command = host_compiler() if compiler is None else list(compiler)
@@ -73,13 +74,6 @@ class LibraryController:
         )
 
 
-def _read(folder: Path) -> dict[str, bytes]:
-    try:
-        return {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
-    except OSError as error:
-        raise LibraryError(f"library {folder}: {error.strerror or error}") from error
-
-
 def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
     """The library's precision, once its header has said that it is the bundle's; raises LibraryError if it has not."""
     manifest = bundle.manifest
@@ -89,7 +83,7 @@ def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> s
         # The hash covers the sizes, but the caller's structures are laid out by them: an edited header must not pass.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
         dbc = header.text("SW_DBC_SHA256")
-    except (McuError, UnicodeDecodeError) as error:
+    except (LibraryError, UnicodeDecodeError) as error:
         raise LibraryError(f"library {folder}: {error}") from error
     if program != manifest.program_sha256:
         raise LibraryError(

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.gates.parity import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.compiler import host_compiler
 from contract.errors import LibraryError
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import EXAMPLE, STANDARD, compile_c, host_compiler
+from contract.controller.c_folder import RECORDED, REPLAY, SETTINGS, WEIGHTS, write_folder
+from contract.controller.compiler import STANDARD, compile_c, host_compiler
 from contract.errors import ExportError, LibraryError
 from contract.release.bundle import dbc_sha256
 from export.gates.quantisation import QuantisationLimits
@@ -19,8 +20,8 @@ from export.int8.calibrate import rounded_program
 from export.program.program_hash import program_sha256
 from export.program.random_program import random_program, random_window
 from export.reference.mpc import control_step
-from export.release.c_folder import RECORDED, int8_library, recorded_rows, write_c_release
-from export.to_c.library import SETTINGS, WEIGHTS, c_library, hand_written, write_c_library
+from export.release.c_folder import int8_library, recorded_rows, write_c_release
+from export.to_c.library import c_library, static_sources
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
 PROGRAM = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
@@ -36,13 +37,13 @@ def contents(request) -> dict[str, bytes]:
 
 @pytest.fixture
 def folder(tmp_path, contents) -> Path:
-    write_c_library(tmp_path / "c", contents)
+    write_folder(tmp_path / "c", contents)
     return tmp_path / "c"
 
 
 def compiled(folder: Path, *command: str) -> list[Path]:
     """Object files of the library, without the example."""
-    sources = [item.name for item in folder.glob("*.c") if item.name != EXAMPLE]
+    sources = [item.name for item in folder.glob("*.c") if item.name != REPLAY]
     subprocess.run([*command, "-c", *sources], cwd=folder, check=True)
     return sorted(folder.glob("*.o"))
 
@@ -157,14 +158,14 @@ def test_a_value_too_large_for_float32_is_refused():
 
 def test_another_folder_is_never_replaced(tmp_path, contents):
     (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(ExportError, match="holds something else"):
-        write_c_library(tmp_path, contents)
+    with pytest.raises(LibraryError, match="holds something else"):
+        write_folder(tmp_path, contents)
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precision):
-    write_c_library(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
+    write_folder(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
     report = write_c_release(
         tmp_path / "c", PROGRAM, precision=precision, windows=WINDOWS[:4], calibration=WINDOWS, limits=LENIENT
     )
@@ -172,7 +173,7 @@ def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precisio
     assert gate.cases == 4
     assert np.loadtxt(tmp_path / "c" / RECORDED).shape == (PROGRAM.window + 3, 5)
     assert {item.name for item in (tmp_path / "c").iterdir()} == {
-        *hand_written(precision), SETTINGS, WEIGHTS, RECORDED
+        *static_sources(precision), SETTINGS, WEIGHTS, RECORDED
     }  # fmt: skip
 
 

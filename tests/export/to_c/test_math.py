@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 import pytest
 
-from contract.controller.host_library import compile_c, host_compiler
-from export.to_c.library import hand_written
+from contract.controller.compiler import compile_c, host_compiler
+from export.to_c.library import static_sources
 
 SHIM = b"""
 #include "sw_math.h"
@@ -29,7 +29,7 @@ EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)
 def apply(request, tmp_path_factory):
     """One of the functions over an array of float32, compiled with and without optimisation."""
     path = tmp_path_factory.mktemp("math") / "math.so"
-    contents = {"shim.c": SHIM, "sw_math.h": hand_written("float32")["sw_math.h"]}
+    contents = {"shim.c": SHIM, "sw_math.h": static_sources("float32")["sw_math.h"]}
     compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", request.param))
     library = ctypes.CDLL(str(path))
 

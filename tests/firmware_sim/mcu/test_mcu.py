@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.errors import McuError
+from contract.errors import LibraryError, McuError
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
-from export.release.c_folder import RECORDED, int8_library, recorded_rows
+from export.release.c_folder import int8_library, recorded_rows
 from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
@@ -20,7 +20,7 @@ pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 import unicorn
 from unicorn import arm_const
 
-from contract.controller.c_folder import Settings
+from contract.controller.c_folder import RECORDED, Settings
 from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.elf import Firmware, Segment, read_elf
@@ -162,10 +162,10 @@ def test_the_pipeline_model_keeps_its_rules(code, cycles, why):
 
 
 def test_a_folder_that_is_no_library_is_refused(tmp_path):
-    with pytest.raises(McuError, match=r"recorded\.txt"):
+    with pytest.raises(LibraryError, match=r"recorded\.txt"):
         mcu.measure_folder(tmp_path)
     (tmp_path / RECORDED).write_text("1 2 3 4 5\n")
-    with pytest.raises(McuError, match=r"sw_settings.h is missing"):
+    with pytest.raises(LibraryError, match=r"sw_settings.h is missing"):
         mcu.measure_folder(tmp_path)
 
 
