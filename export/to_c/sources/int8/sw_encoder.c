@@ -8,7 +8,7 @@
 static inline int32_t gate(const sw_encoder_scratch *e, int number, int k)
 {
     const int c = number * SW_LSTM_P + k;
-    const float(*of)[8] = sw_lstm_channel[c / 8];
+    const float (*of)[8] = sw_lstm_channel[c / 8];
     return (int32_t)((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
 }
 

@@ -24,9 +24,6 @@ static inline float sw_fmax(float a, float b) { return sw_max(a, b); }
 static inline float sw_fmin(float a, float b) { return sw_min(a, b); }
 #endif
 
-static inline int16_t sw_saturated(float value, float qmax)
-{
-    return sw_rounded(sw_fmin(sw_fmax(value, -qmax), qmax));
-}
+static inline int16_t sw_saturated(float value, float qmax) { return sw_rounded(sw_fmin(sw_fmax(value, -qmax), qmax)); }
 
 #endif

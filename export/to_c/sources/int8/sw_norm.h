@@ -26,7 +26,7 @@ static inline float sw_norm_elu(int32_t *restrict sums, float *restrict values, 
 {
     float sum[8] = {0}, squares[8] = {0};
     for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const float(*of)[8] = channel[c / 8];
+        const float (*of)[8] = channel[c / 8];
         for (int j = 0; j < 8; j++) {
             const float u = (float)sums[c + j] * of[SW_SCALE][j] + of[SW_BIAS][j];
             values[c + j] = u;
@@ -39,7 +39,7 @@ static inline float sw_norm_elu(int32_t *restrict sums, float *restrict values, 
     const float r = sw_inverse_sqrt(sw_fmax(variance, 0.0f) + SW_NORM_EPSILON);
     const float factor = r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width)), shift = -mean * factor;
     for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const float(*of)[8] = channel[c / 8];
+        const float (*of)[8] = channel[c / 8];
         for (int j = 0; j < 8; j++) {
             const float normed = values[c + j] * factor + shift;
             xhat[c + j] = sw_rounded(normed);

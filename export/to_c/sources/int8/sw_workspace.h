@@ -87,8 +87,8 @@ typedef struct {
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
     float plan[SW_HORIZON];
-    float gradient[SW_HORIZON];               /* dJ/da */
-    float moment1[SW_HORIZON];                /* Adam's m and v */
+    float gradient[SW_HORIZON]; /* dJ/da */
+    float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];
     sw_dynamics_tape dynamics;
     sw_decoder_tape decoder;
