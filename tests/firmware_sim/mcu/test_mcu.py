@@ -1,6 +1,7 @@
 """The controller on an emulated Cortex-M7: the host's numbers to the bit, and budgets that a change may not exceed."""
 
 import platform
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -175,5 +176,15 @@ def test_too_few_rows_and_code_that_does_not_compile_are_refused():
         mcu.measure(sources, rows[:5])
     with pytest.raises(McuError, match=r"compiling for the microcontroller: .*error"):
         mcu.measure(sources | {"sw_cost.c": b"#error broken\n"}, rows)
-    with pytest.raises(McuError, match="not a 32-bit"):
-        read_elf(Path(__file__).read_bytes())
+
+
+@pytest.mark.parametrize(("image", "reason"), [(b"import this", "Magic number"), (b"\x7fELF\x02\x01\x01", "expected")])
+def test_what_is_no_elf_file_is_refused(image, reason):
+    with pytest.raises(McuError, match=f"not a 32-bit little-endian ELF file: .*{reason}"):
+        read_elf(image)
+
+
+def test_the_elf_file_of_this_machines_python_is_refused():
+    """64 bits, or another byte order, or another format altogether."""
+    with pytest.raises(McuError, match="not a 32-bit little-endian ELF file"):
+        read_elf(Path(sys.executable).read_bytes())
