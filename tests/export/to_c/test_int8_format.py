@@ -8,7 +8,7 @@ from scipy.special import expit
 
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.c_folder import library_sources
-from contract.controller.compiler import compile_c, host_compiler
+from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.int8.activation_ranges import activation_ranges
 from export.int8.nearest import quantise
@@ -42,7 +42,7 @@ ELU, LOGISTIC, TANH = range(3)
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory):
+def library(tmp_path_factory, shared_builds):
     """The functions of `sw_tables.h` with the tables that the exporter writes."""
     try:
         compiler = host_compiler()
@@ -53,7 +53,7 @@ def library(tmp_path_factory):
     ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
     path = tmp_path_factory.mktemp("tables") / "tables.so"
     contents = library_sources(c_library(program, ranges)) | {"shim.c": SHIM}
-    compile_c(contents, path, compiler=compiler, flags=("-shared", "-fPIC", "-O1"))
+    shared_builds.compile_c(contents, path, compiler=compiler, flags=("-shared", "-fPIC", "-O1"))
     return ctypes.CDLL(str(path))
 
 

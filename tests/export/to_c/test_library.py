@@ -12,8 +12,8 @@ import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.c_folder import RECORDED, REPLAY, SETTINGS, WEIGHTS, write_folder
-from contract.controller.compiler import STANDARD, compile_c, host_compiler
-from contract.errors import ExportError, LibraryError
+from contract.controller.compiler import STANDARD, host_compiler
+from contract.errors import ExportError
 from contract.release.bundle import dbc_sha256
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_program
@@ -60,6 +60,7 @@ CORTEX_M4 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp"
 AARCH64 = ("-target", "aarch64-linux-musl")
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize("target", [(), ("-march=native",), CORTEX_M7, (*CORTEX_M7, "-O0"), CORTEX_M4, AARCH64])
 def test_clang_takes_it_without_a_warning(folder, target):
     """For this processor and for others, each with its own products."""
@@ -97,13 +98,13 @@ def test_it_calls_nothing_and_writes_no_static_memory(folder):
 
 
 @pytest.mark.parametrize("flags", [(), ("-march=native",)])
-def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flags):
+def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flags, shared_builds):
     """And the example program prints what the reference computes."""
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
     program = tmp_path / "replay"
     sanitisers = ("-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all")
-    compile_c(contents, program, compiler=["gcc"], flags=("-O1", "-g", *sanitisers, *flags))
+    shared_builds.compile_c(contents, program, compiler=["gcc"], flags=("-O1", "-g", *sanitisers, *flags))
     windows = [window.astype(np.float32).astype(np.float64) for window in WINDOWS]
     done = subprocess.run([program], input=recorded_rows(windows), capture_output=True, text=True, check=True)
     found = np.array([line.split() for line in done.stdout.splitlines()], dtype=np.float64)
@@ -156,13 +157,6 @@ def test_a_value_too_large_for_float32_is_refused():
         c_library(program)
 
 
-def test_another_folder_is_never_replaced(tmp_path, contents):
-    (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(LibraryError, match="holds something else"):
-        write_folder(tmp_path, contents)
-    assert (tmp_path / "thesis.txt").read_text() == "years of work"
-
-
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precision):
     write_folder(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
@@ -184,16 +178,3 @@ def test_an_int8_library_that_is_too_coarse_is_not_written(tmp_path):
             tmp_path / "c", PROGRAM, precision="int8", windows=WINDOWS[:2], calibration=WINDOWS, limits=strict
         )
     assert not (tmp_path / "c").exists()
-
-
-def test_without_a_compiler_the_line_says_so(monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
-        host_compiler()
-
-
-def test_a_compiler_that_complains_is_quoted(tmp_path):
-    with pytest.raises(LibraryError, match="error"):
-        compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=host_compiler(), flags=())

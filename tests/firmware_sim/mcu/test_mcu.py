@@ -55,6 +55,7 @@ def budgeted() -> mcu.Measurement:
     return of_an_ecu(5)
 
 
+@pytest.mark.mcu
 def test_five_iterations_keep_an_ecus_budget(budgeted):
     """20 ms is the period; instructions are exact for this compiler, so a little room is enough for another one."""
     assert budgeted.flash_bytes <= 160 * 1024
@@ -64,6 +65,7 @@ def test_five_iterations_keep_an_ecus_budget(budgeted):
     assert budgeted.modelled_ms["480"] <= 20.0
 
 
+@pytest.mark.mcu
 def test_three_iterations_leave_a_third_of_the_period():
     budgeted = of_an_ecu(3)
     assert budgeted.instructions <= 11.0e6
@@ -78,11 +80,13 @@ def agrees(found: mcu.Measurement) -> bool:
     return found.identical if fuses else found.action_difference <= 2.5e-5
 
 
+@pytest.mark.mcu
 def test_the_core_computes_what_the_host_does(budgeted):
     assert budgeted.steps == 4
     assert agrees(budgeted)
 
 
+@pytest.mark.mcu
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_odd_sizes_agree_too(precision):
     model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
@@ -100,6 +104,7 @@ def test_multiply_accumulates_are_those_of_the_layers():
     assert Settings.of(c_library(program)).multiply_accumulates() == expected
 
 
+@pytest.mark.mcu
 def test_counting_blocks_counts_every_instruction():
     sources, _ = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "int8")
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
