@@ -95,7 +95,7 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
                 }
                 sw_gather(&all, s->values + o, d, xhat + o, sw_block_adjoint[b][o / 8][SW_ADJOINT_GAIN]);
             }
-            unit[t] = sw_through_norm(&all, s->values, 1.0f, s->vector[t], xhat, sw_block_adjoint[b],
+            unit[t] = sw_norm_adjoint(&all, s->values, 1.0f, s->vector[t], xhat, sw_block_adjoint[b],
                                       sw_block_largest[b], tape->r[b][first + t], SW_DECODER);
         }
         multiply(s, sw_block_adjoint_rows[b], SW_DECODER_P, SW_DECODER_P, count);

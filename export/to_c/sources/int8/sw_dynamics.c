@@ -31,7 +31,7 @@ void sw_roll_out(sw_workspace *work)
 
 /* From dJ/dh, in s->sums, to dJ/du, in s->vector; returns the next product's unit. */
 static inline float adjoint_of_layer(sw_dynamics_scratch *s, float unit, const int16_t *xhat, const int16_t *hidden,
-                                     const float back[][2][8], float largest, float r, int width)
+                                     const float channel[][2][8], float largest, float r, int width)
 {
     sw_gathered all = {{0}, {0}, {0}};
     for (int c = 0; c < SW_PADDED(width); c += 8) {
@@ -41,9 +41,9 @@ static inline float adjoint_of_layer(sw_dynamics_scratch *s, float unit, const i
             const int16_t slope = (int16_t)(sw_elu_slope(hidden[c + j]) * (65536 / SW_SLOPE_PART / SW_ELU_ONE));
             d[j] = (float)(int32_t)((int64_t)s->sums[c + j] * slope >> 16);
         }
-        sw_gather(&all, s->values + c, d, xhat + c, back[c / 8][SW_ADJOINT_GAIN]);
+        sw_gather(&all, s->values + c, d, xhat + c, channel[c / 8][SW_ADJOINT_GAIN]);
     }
-    return sw_through_norm(&all, s->values, unit * (float)SW_SLOPE_PART, s->vector, xhat, back, largest, r, width);
+    return sw_norm_adjoint(&all, s->values, unit * (float)SW_SLOPE_PART, s->vector, xhat, channel, largest, r, width);
 }
 
 void sw_roll_out_adjoint(sw_workspace *work)

@@ -72,8 +72,8 @@ static inline void sw_gather(sw_gathered *all, float t[8], const float d[8], con
 /* From t, in `values`, to dJ/du times the scales of the rows in front, as int16 for the transposed product. Returns
  * what that product's sums have to be multiplied by. `unit` is what a 1 in dJ/dh stands for.
  */
-static inline float sw_through_norm(const sw_gathered *all, const float *restrict values, float unit,
-                                    int16_t *restrict vector, const int16_t *restrict xhat, const float back[][2][8],
+static inline float sw_norm_adjoint(const sw_gathered *all, const float *restrict values, float unit,
+                                    int16_t *restrict vector, const int16_t *restrict xhat, const float channel[][2][8],
                                     float largest, float r, int width)
 {
     const float qmax = (float)SW_QMAX(SW_PADDED(width));
@@ -89,7 +89,7 @@ static inline float sw_through_norm(const sw_gathered *all, const float *restric
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         for (int j = 0; j < 8; j++) {
             const float d = values[c + j] * factor + ((float)xhat[c + j] * slant + centre);
-            vector[c + j] = sw_rounded(d * back[c / 8][SW_ADJOINT_SCALE][j]);
+            vector[c + j] = sw_rounded(d * channel[c / 8][SW_ADJOINT_SCALE][j]);
         }
     }
     return factor > 0.0f ? unit * r * largest / factor : 0.0f;
