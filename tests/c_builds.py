@@ -23,7 +23,7 @@ MODULES = ("contract.controller.compiler", "contract.controller.host_library", "
 KEPT_S = 14 * 24 * 3600.0
 
 compile_c = compilers.compile_c
-compiler_version = cache(lambda command: compilers.compiler_version(command))
+"""The function itself, whatever stands in its place."""
 
 
 class SharedBuilds:
@@ -46,10 +46,15 @@ class SharedBuilds:
                 unfinished = built.with_suffix(".part")
                 compile_c(contents, unfinished, compiler=compiler, flags=flags)
                 unfinished.replace(built)
-        os.utime(built)
-        shutil.copy(built, output)
+            os.utime(built)
+            shutil.copy(built, output)
 
 
 def _key(contents: Mapping[str, bytes], compiler: Sequence[str], flags: Sequence[str]) -> str:
-    made_from = (sorted(contents.items()), compiler_version(tuple(compiler)), list(compiler), list(flags))
+    made_from = (sorted(contents.items()), _version(tuple(compiler)), list(compiler), list(flags))
     return hashlib.sha256(repr(made_from).encode()).hexdigest()
+
+
+@cache
+def _version(compiler: tuple[str, ...]) -> str:
+    return compilers.compiler_version(compiler)

@@ -19,6 +19,7 @@ from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
 pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
 from firmware_sim.mcu.build import LINKER_SCRIPT, compile_for_cortex_m7
