@@ -48,7 +48,7 @@ def _one_line_errors() -> Iterator[None]:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
-        of_extra = {"train": ("torch", "shap", "onnx", "safetensors"), "mcu": ("unicorn", "capstone")}
+        of_extra = {"train": ("torch", "shap", "onnx", "safetensors"), "mcu": ("unicorn", "capstone", "elftools")}
         extra = next((extra for extra, names in of_extra.items() if error.name in names), "sim")
         line = f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'"
         errors.print(line, style="red", markup=False)

@@ -2,7 +2,7 @@
 
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -11,6 +11,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.tree import Config, ModelConfig, MpcConfig
+from tests.c_builds import MODULES, SharedBuilds
 
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
@@ -37,6 +38,17 @@ def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
         return Outcome(0 if code is None else code, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_builds(request, tmp_path_factory) -> Iterator[SharedBuilds]:
+    """C libraries and programs are compiled once for all tests, workers and sessions."""
+    cache = getattr(request.config, "cache", None)
+    builds = SharedBuilds(tmp_path_factory.mktemp("builds") if cache is None else cache.mkdir("c_builds"))
+    with pytest.MonkeyPatch.context() as patch:
+        for module in MODULES:
+            patch.setattr(f"{module}.compile_c", builds.compile_c)
+        yield builds
 
 
 @pytest.fixture(scope="session")

@@ -30,7 +30,8 @@ from contract import model_folder
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import OPTIMISED, CController, compiler_version, host_compiler
+from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
+from contract.controller.host_library import CController
 from contract.controller.onnx_session import OnnxController
 from contract.recording import dataset
 from export.gates.parity import control_cases

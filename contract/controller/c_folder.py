@@ -1,32 +1,58 @@
-"""What a C library's generated header says about it, and what follows from its sizes."""
+"""The folder of a C library, one control step in C99: its files' names, and their formats.
+
+`export` writes the folder; the ECU and the emulated microcontroller read it. `stillwake.h` in it describes the calls.
+Every folder has the same file names, whatever the program and the precision: sources that are the same for every
+program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.txt` for the example program `replay.c`.
+"""
 
 import re
 from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
 from typing import Final
 
-from contract.errors import McuError
+import numpy as np
+import numpy.typing as npt
+
+from contract.atomic import replacing
+from contract.config.tree import CostWeights
+from contract.errors import LibraryError
 
 SETTINGS: Final = "sw_settings.h"
-TERMS: Final = 7
+"""Sizes and settings of one program, and the hashes of the program and of the DBC it was built beside."""
+WEIGHTS: Final = "sw_weights.c"
+"""The arrays that `sw_weights.h` declares."""
+REPLAY: Final = "replay.c"
+"""Example program: runs control steps from recorded rows on a host; not part of the library."""
+RECORDED: Final = "recorded.txt"
+"""Rows for the example program: pressures, then the action commanded one step before."""
+COMPILE_FLAGS: Final = "compile_flags.txt"
+"""Flags for editors (clangd), one a line; only in sample folders."""
+
+TERMS: Final = tuple(item.name for item in fields(CostWeights))
+"""Cost terms in the order of every array of them; in C `SW_` and the name in capitals is the index."""
+
+Rows = npt.NDArray[np.float32]
+
 _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
 class Settings:
-    """The header's definitions; raises McuError for one that is missing."""
+    """The definitions of a generated header; raises LibraryError for one that is missing."""
 
     def __init__(self, header: bytes) -> None:
         self._found: dict[str, str] = dict(_DEFINITION.findall(header.decode()))
 
     @classmethod
-    def of(cls, sources: Mapping[str, bytes]) -> "Settings":
-        """Those of a library's files; raises McuError if the header is not among them."""
-        if SETTINGS not in sources:
-            raise McuError(f"{SETTINGS} is missing: this is no folder written by `stillwake export --c`")
-        return cls(sources[SETTINGS])
+    def of(cls, contents: Mapping[str, bytes]) -> "Settings":
+        """Those of a library's files; raises LibraryError if the header is not among them."""
+        if SETTINGS not in contents:
+            raise LibraryError(f"{SETTINGS} is missing: this is no folder written by `stillwake export --c`")
+        return cls(contents[SETTINGS])
 
     def text(self, name: str) -> str:
         if name not in self._found:
-            raise McuError(f"{SETTINGS}: {name} is missing")
+            raise LibraryError(f"{SETTINGS}: {name} is missing")
         return self._found[name].strip('"')
 
     def number(self, name: str) -> int:
@@ -44,3 +70,77 @@ class Settings:
         outputs = decoder * (latent + sizes["BLOCKS"] * decoder + 2)
         passes = 2 * self.number("SW_ITERATIONS") + 1
         return encoder + passes * self.number("SW_HORIZON") * (dynamics + outputs)
+
+
+def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
+    """`sw_settings.h` from its definitions, which `Settings` reads again; text is quoted."""
+    lines = "\n".join(f"#define {name} {_literal(value)}" for name, value in definitions.items())
+    return (
+        "/* Generated: sizes and settings of one trained program. */\n"
+        f"#ifndef SW_SETTINGS_H\n#define SW_SETTINGS_H\n\n{lines}\n\n#endif\n"
+    ).encode()
+
+
+def _literal(value: int | str | np.float32) -> str:
+    if isinstance(value, np.float32):
+        return float_literal(value)
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def float_literal(value: np.float32) -> str:
+    """The shortest C literal that is this float32 again."""
+    return f"{np.format_float_scientific(value, trim='0')}f"
+
+
+def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The files that a compiler takes for the library: sources and headers without the example program."""
+    return {name: content for name, content in contents.items() if name.endswith((".c", ".h")) and name != REPLAY}
+
+
+def read_sources(folder: Path) -> dict[str, bytes]:
+    """All sources and headers of a folder by name; raises LibraryError if it cannot be read."""
+    try:
+        return {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
+    except OSError as error:
+        raise LibraryError(f"library {folder}: {error.strerror or error}") from error
+
+
+def read_recorded(folder: Path) -> Rows:
+    """The recorded rows of a folder, (n, S+1): pressures Cp, and the action commanded one step before in U_inf W.
+
+    Raises:
+        LibraryError: there are none, or one of them is not made of numbers.
+    """
+    path = folder / RECORDED
+    try:
+        return rows_from_text(path.read_text())
+    except OSError as error:
+        raise LibraryError(f"{path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise LibraryError(f"{path}: {error}") from error
+
+
+def rows_text(rows: npt.NDArray[np.floating]) -> str:
+    """`recorded.txt`, and the input of the example program: a row a line, in the digits of float32."""
+    return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.astype(np.float64))
+
+
+def rows_from_text(text: str) -> Rows:
+    """Rows of numbers as the example program reads and prints them; raises ValueError."""
+    return np.loadtxt(text.splitlines(), dtype=np.float32, ndmin=2)
+
+
+def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write a library's folder, whole or not at all.
+
+    Raises:
+        LibraryError: the folder holds something else.
+        StillwakeError: it cannot be written.
+    """
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / SETTINGS).is_file():
+        # Writing replaces the whole folder.
+        raise LibraryError(f"{folder}: that directory holds something else; name another")
+    with replacing(folder) as temporary:
+        temporary.mkdir()
+        for name, content in contents.items():
+            (temporary / name).write_bytes(content)

@@ -1,15 +1,10 @@
-"""The controller's C99 library on this machine: the host's compiler, and the compiled library called through ctypes.
+"""The controller's C99 library on this machine: compiled by the host's compiler and called through ctypes.
 
-The library is a folder that `stillwake export --c` writes; `stillwake.h` in it describes one control step. The gates
-of `export` and the ECU of `firmware_sim` run it through the same class.
+The library is a folder that `stillwake export --c` writes (`contract.controller.c_folder`). The gates of `export` and
+the ECU of `firmware_sim` run it through the same class.
 """
 
 import ctypes
-import importlib.util
-import os
-import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,61 +13,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.controller.c_folder import library_sources
+from contract.controller.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
 from contract.controller.interface import FORCES, TERMS, Array, ControllerError, ControlStep, Sizes
 from contract.errors import LibraryError
 
-EXAMPLE: Final = "main.c"
-"""Runs a control step from recorded numbers on a host; not part of the library."""
-STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
-OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
-"""Contraction to fused multiply-adds changes roundings only; -ffast-math would break them."""
 _OK: Final = 0
 _ALIGNMENT: Final = 64
-
-
-def host_compiler() -> list[str]:
-    """The command that compiles C here: $CC, else cc, gcc or clang, else the `ziglang` package's.
-
-    Raises:
-        LibraryError: there is none.
-    """
-    if os.environ.get("CC"):
-        return os.environ["CC"].split()
-    for name in ("cc", "gcc", "clang"):
-        found = shutil.which(name)
-        if found:
-            return [found]
-    if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-m", "ziglang", "cc"]
-    raise LibraryError("no C compiler: install gcc or clang, or pip install ziglang")
-
-
-def compiler_version(compiler: Sequence[str]) -> str:
-    """The first line of what the compiler says about itself; raises LibraryError if it does not run."""
-    return next(iter(_run([*compiler, "--version"], None).stdout.splitlines()), compiler[0]).strip()
-
-
-def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link all C files given, warnings as errors.
-
-    Raises:
-        LibraryError: the compiler does not take them; the message has its first complaint.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in contents.items():
-            Path(folder, name).write_bytes(content)
-        sources = [name for name in contents if name.endswith(".c")]
-        done = _run([*compiler, *STANDARD, "-Werror", *flags, *sources, "-o", str(output.resolve())], folder)
-    if done.returncode != 0:
-        said = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
-        raise LibraryError(f"{compiler[0]}: {next((line for line in said if 'error' in line), said[0][:200])}")
-
-
-def _run(command: list[str], folder: str | None) -> subprocess.CompletedProcess[str]:
-    try:
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    except OSError as error:
-        raise LibraryError(f"{command[0]}: {error.strerror or error}") from error
 
 
 class CController:
@@ -100,10 +47,9 @@ class CController:
         flags: Sequence[str] = OPTIMISED,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
-        sources = {name: content for name, content in contents.items() if name != EXAMPLE}
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "controller.so")
-            compile_c(sources, path, compiler=command, flags=("-fPIC", "-shared", *flags))
+            compile_c(library_sources(contents), path, compiler=command, flags=("-fPIC", "-shared", *flags))
             try:
                 self._library = ctypes.CDLL(str(path))
                 self._library.sw_workspace_bytes.restype = ctypes.c_size_t

@@ -2,16 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
+from contract.controller.c_folder import RECORDED, rows_text, write_folder
 from export.program.weights import Array
 from export.release.gated import Gated
-from export.to_c.library import write_c_library
-
-RECORDED: Final = "recorded.txt"
-"""Rows for the example program: pressures, then the action commanded one step before."""
 
 
 def write_c_release(folder: Path, gated: Gated, windows: Sequence[Array]) -> None:
@@ -22,14 +18,13 @@ def write_c_release(folder: Path, gated: Gated, windows: Sequence[Array]) -> Non
         windows: consecutive recorded windows (L, S+1), whose rows go beside it.
 
     Raises:
-        ExportError: the folder holds something else.
+        LibraryError: the folder holds something else.
         StillwakeError: the folder cannot be written.
     """
     assert gated.lowered.library is not None
-    write_c_library(folder, {**gated.lowered.library, RECORDED: recorded_rows(windows).encode()})
+    write_folder(folder, {**gated.lowered.library, RECORDED: recorded_rows(windows).encode()})
 
 
 def recorded_rows(windows: Sequence[Array]) -> str:
     """The rows that consecutive windows are made of, one a line, in the digits of float32."""
-    rows = np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])
-    return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows)
+    return rows_text(np.concatenate([windows[0], *(window[-1:] for window in windows[1:])]))

@@ -1,4 +1,4 @@
-"""A program's numbers in the layout that the C sources expect (`export/to_c/sources/sw_weights.h`).
+"""A program's numbers in the layout that the C sources expect (`export/to_c/sources/float32/sw_weights.h`).
 
 Derived in float64 and rounded once: matrices centred where a norm follows, 1 / action_std folded into the action's row,
 both LSTM biases added up. Vectors are padded with zeros to whole registers.

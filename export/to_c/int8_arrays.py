@@ -3,7 +3,7 @@
 Integers and scales are the rounded program's, as in the int8 ONNX graph. Biases come from the program as they are.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -14,45 +14,24 @@ from export.int8.nearest import Int8Matrix
 from export.int8.rounded_program import RoundedProgram
 from export.program.weights import Array, Norm
 from export.to_c.float32_arrays import optimiser_arrays, scaling_arrays
-
-WORD = 4
-"""int8 weights in a 32-bit word."""
-
-PADDING = 2 * WORD
-"""Every length is padded to whole pairs of words; C's SW_PADDED."""
-
-MARGIN = 1.5
-"""How far an activation may exceed its calibrated range before it saturates."""
-
-AHEAD = 16
-"""Zeros after every matrix, for loads ahead of their use; C's SW_AHEAD."""
-
-ELU_ONE = 4096
-"""ELU outputs are integers of 1 / 4096 up to 8, whatever the layer, so that one table serves all; C's SW_ELU_ONE."""
-
-XHAT_MOST = 32767
-"""The integer of a normed value at its bound, sqrt(n) in a layer of width n; C's SW_XHAT_MOST."""
-
-LOGISTIC_ONE = 16384
-"""An argument of 1 of the table of the logistic function; C's SW_LOGISTIC_ONE."""
-
-LOGISTIC_MOST = 32767
-"""The table's integer for 1; C's SW_LOGISTIC_MOST."""
-
-LOGISTIC_RANGE = 16.0
-
-GATE_MOST = 6e4
-"""Largest argument of a gate that, in 1 / `LOGISTIC_ONE` and doubled, is still an int32."""
-
-ELU_ARGUMENT_MOST = 5e5
-"""Largest argument of an ELU that, in 1 / `ELU_ONE`, is still an int32."""
-
-WHOLE_RANGE = 516
-"""Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
-
-ELU_RANGE = 8.0
-ELU_MOST = 6.4
-"""Largest calibrated output that still leaves room below the range's end."""
+from export.to_c.int8_format import (
+    ELU_ARGUMENT_MAX,
+    ELU_MAX,
+    ELU_ONE,
+    ELU_RANGE,
+    FULL_RANGE_WIDTH,
+    GATE_MAX,
+    LANES,
+    LOGISTIC_ONE,
+    LOGISTIC_RANGE,
+    MARGIN,
+    XHAT_QMAX,
+    elu_points,
+    logistic_points,
+    packed,
+    padded_size,
+    qmax,
+)
 
 Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.uint32]
 
@@ -68,8 +47,8 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
     hidden = (ranges.latent, ranges.hidden1, ranges.hidden2, *ranges.elus)
-    if not max(hidden) < ELU_MOST:
-        raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {ELU_MOST}")
+    if not max(hidden) < ELU_MAX:
+        raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {ELU_MAX}")
     return {
         **scaling_arrays(program),
         "sw_logistic_points": logistic_points(),
@@ -82,74 +61,36 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
     }
 
 
-def levels(width: int) -> int:
-    """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; C's SW_LEVELS."""
-    if width > 4 * WHOLE_RANGE:
-        raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * WHOLE_RANGE}")
-    return 32767 if width <= WHOLE_RANGE else 16909320 // width
-
-
-def elu_points() -> npt.NDArray[np.uint32]:
-    """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it."""
-    return _points(lambda x: ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), ELU_RANGE)
-
-
-def logistic_points() -> npt.NDArray[np.uint32]:
-    """The logistic function at -16, -16 + 1/32, .. below 16 in 1 / `LOGISTIC_MOST`, as C's sw_between takes it."""
-    return _points(lambda x: LOGISTIC_MOST / (1.0 + np.exp(-x)), LOGISTIC_RANGE)
-
-
-def _points(function: Callable[[Array], Array], reach: float) -> npt.NDArray[np.uint32]:
-    values = np.rint(function(np.arange(-reach, reach + 1 / 32, 1 / 32))).astype(np.int64)
-    return (values[:-1] % (1 << 16) + (np.diff(values) << 16)).astype(np.uint32)
-
-
-def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """For `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0, 2, 1, 3."""
-    whole = _whole_pairs(values)
-    outputs, inputs = whole.shape
-    tiles = whole.reshape(outputs // WORD, WORD, inputs // WORD, WORD)[..., [0, 2, 1, 3]]
-    return np.append(tiles.transpose(0, 2, 1, 3).ravel(), np.zeros(AHEAD, np.int8))
-
-
-def _whole_pairs(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    return np.pad(values, [(0, -size % PADDING) for size in values.shape])
-
-
-def _padded(size: int) -> int:
-    return size + -size % PADDING
-
-
-def _per_unit(largest: float, width: int) -> float:
+def _inverse_scale(largest: float, width: int) -> float:
     """Integers per unit of an activation; a range of zero is any range."""
-    return levels(_padded(width)) / (MARGIN * largest if largest > 0 else 1.0)
+    return qmax(padded_size(width)) / (MARGIN * largest if largest > 0 else 1.0)
 
 
 def _channels(*columns: Array) -> Array:
     """Constants of every output in eights, (n / 8, constants, 8), zeros in the padding."""
-    rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % PADDING), (0, 0)])
-    return rows.reshape(-1, PADDING, len(columns)).transpose(0, 2, 1)
+    rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % LANES), (0, 0)])
+    return rows.reshape(-1, LANES, len(columns)).transpose(0, 2, 1)
 
 
-def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, per_unit: float) -> Array:
-    _stay_below(ELU_ARGUMENT_MOST, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
+def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Array:
+    _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
     # The gain multiplies the tape's integer of xhat; sw_elu takes integers that begin with its table, cut off after the
     # point.
-    gain = ELU_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_MOST
+    gain = ELU_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_QMAX
     offset = ELU_ONE * (norm.bias + ELU_RANGE) + 0.5
-    return _channels(matrix.scales.astype(np.float64) / per_unit, bias, gain, offset)
+    return _channels(matrix.scales.astype(np.float64) / inverse_scale, bias, gain, offset)
 
 
-def _back(matrix: Int8Matrix, norm: Norm) -> Array:
+def _adjoint(matrix: Int8Matrix, norm: Norm) -> Array:
     return _channels(norm.weight, matrix.scales.astype(np.float64) / matrix.scales.max())
 
 
-def _plain(matrix: Int8Matrix, bias: Array, per_unit: float) -> Array:
-    return _channels(matrix.scales.astype(np.float64) / per_unit, bias)
+def _plain(matrix: Int8Matrix, bias: Array, inverse_scale: float) -> Array:
+    return _channels(matrix.scales.astype(np.float64) / inverse_scale, bias)
 
 
 def _scales(matrix: Int8Matrix) -> Array:
-    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % PADDING))
+    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % LANES))
 
 
 def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
@@ -157,14 +98,14 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     lstm = weights.lstm
     by_input, by_hidden = matrices["lstm.weight_input"], matrices["lstm.weight_recurrent"]
     head, output = matrices["encoder.hidden.weight"], matrices["encoder.output.weight"]
-    row = _per_unit(ranges.row, weights.inputs)
+    row = _inverse_scale(ranges.row, weights.inputs)
     # The hidden state never leaves [-1, 1].
-    cell = float(levels(_padded(lstm.width)))
-    middle = _per_unit(ranges.head, lstm.width)
+    cell = float(qmax(padded_size(lstm.width)))
+    middle = _inverse_scale(ranges.head, lstm.width)
     reach = np.abs(lstm.weight_input).sum(axis=1) * MARGIN * ranges.row + np.abs(lstm.weight_recurrent).sum(axis=1)
-    _stay_below(GATE_MOST, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
+    _stay_below(GATE_MAX, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
     of_head = np.abs(weights.hidden.weight).sum(axis=1) * MARGIN * ranges.head + np.abs(weights.hidden.bias)
-    _stay_below(ELU_ARGUMENT_MOST, of_head, "the encoder's ELUs")
+    _stay_below(ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
     _fed_by_elu(weights.output.weight)
     # tanh(x) = 2 logistic(2 x) - 1, for gate g.
     arguments = LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
@@ -178,15 +119,15 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
         "sw_lstm_input_rows": packed(_gates(by_input.values)),
         "sw_lstm_hidden_rows": packed(_gates(by_hidden.values)),
         "sw_lstm_channel": np.concatenate([_channels(*gate) for gate in channels]),
-        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % PADDING)),
-        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % PADDING)),
+        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % LANES)),
+        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % LANES)),
         "sw_head_rows": packed(head.values),
         "sw_head_channel": _plain(head, weights.hidden.bias, middle),
         "sw_latent_rows": packed(output.values),
         "sw_latent_channel": _plain(output, weights.output.bias, ELU_ONE),
-        "sw_row_levels": np.array(row),
-        "sw_cell_levels": np.array(cell),
-        "sw_head_levels": np.array(middle),
+        "sw_row_inverse_scale": np.array(row),
+        "sw_cell_inverse_scale": np.array(cell),
+        "sw_head_inverse_scale": np.array(middle),
     }
 
 
@@ -197,40 +138,40 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 def _fed_by_elu(weight: Array) -> None:
     """ELU outputs take all 16 bits, whatever the width."""
-    if weight.shape[1] > WHOLE_RANGE:
+    if weight.shape[1] > FULL_RANGE_WIDTH:
         raise ExportError(
-            f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {WHOLE_RANGE}"
+            f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {FULL_RANGE_WIDTH}"
         )
 
 
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     """Rows of the four gates, each gate padded by itself."""
-    return np.concatenate([np.pad(gate, [(0, -len(gate) % PADDING), (0, 0)]) for gate in np.split(stacked, 4)])
+    return np.concatenate([np.pad(gate, [(0, -len(gate) % LANES), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
 def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
     weights, matrices = rounded.program.dynamics, rounded.matrices
     first, second = matrices["dynamics.input.weight"], matrices["dynamics.hidden.weight"]
     third = matrices["dynamics.output.weight"]
-    state = _per_unit(ranges.state, weights.latent + 1)
+    state = _inverse_scale(ranges.state, weights.latent + 1)
     for layer in (weights.hidden, weights.output):
         _fed_by_elu(layer.weight)
     return {
         "sw_dyn1_rows": packed(first.values),
-        "sw_dyn1_back_rows": packed(first.values.T),
+        "sw_dyn1_adjoint_rows": packed(first.values.T),
         "sw_dyn1_channel": _normed(first, weights.input.bias, weights.norm_in, state),
-        "sw_dyn1_back": _back(first, weights.norm_in),
+        "sw_dyn1_adjoint": _adjoint(first, weights.norm_in),
         "sw_dyn1_largest": np.array(first.scales.max()),
         "sw_dyn2_rows": packed(second.values),
-        "sw_dyn2_back_rows": packed(second.values.T),
+        "sw_dyn2_adjoint_rows": packed(second.values.T),
         "sw_dyn2_channel": _normed(second, weights.hidden.bias, weights.norm_hidden, ELU_ONE),
-        "sw_dyn2_back": _back(second, weights.norm_hidden),
+        "sw_dyn2_adjoint": _adjoint(second, weights.norm_hidden),
         "sw_dyn2_largest": np.array(second.scales.max()),
         "sw_dyn3_rows": packed(third.values),
-        "sw_dyn3_back_rows": packed(third.values.T),
+        "sw_dyn3_adjoint_rows": packed(third.values.T),
         "sw_dyn3_channel": _plain(third, weights.output.bias, ELU_ONE),
         "sw_dyn3_scale": _scales(third),
-        "sw_state_levels": np.array(state),
+        "sw_state_inverse_scale": np.array(state),
     }
 
 
@@ -239,31 +180,31 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     width = len(weights.input.bias)
     first, last = matrices["decoder.input.weight"], matrices["decoder.output.weight"]
     blocks = [matrices[f"decoder.blocks.{i}.linear.weight"] for i in range(len(weights.blocks))]
-    latent = _per_unit(ranges.state, weights.latent)
-    inputs = [_per_unit(largest, width) for largest in ranges.blocks]
-    output = _per_unit(ranges.forces, width)
+    latent = _inverse_scale(ranges.state, weights.latent)
+    inputs = [_inverse_scale(largest, width) for largest in ranges.blocks]
+    output = _inverse_scale(ranges.forces, width)
     return {
         "sw_decoder_rows": packed(first.values),
-        "sw_decoder_back_rows": packed(first.values.T),
+        "sw_decoder_adjoint_rows": packed(first.values.T),
         "sw_decoder_channel": _plain(first, weights.input.bias, latent),
         "sw_decoder_scale": _scales(first),
         "sw_block_rows": np.array([packed(matrix.values) for matrix in blocks]),
-        "sw_block_back_rows": np.array([packed(matrix.values.T) for matrix in blocks]),
+        "sw_block_adjoint_rows": np.array([packed(matrix.values.T) for matrix in blocks]),
         "sw_block_channel": np.array(
             [
-                _normed(matrix, block.linear.bias, block.norm, per_unit)
-                for matrix, block, per_unit in zip(blocks, weights.blocks, inputs, strict=True)
+                _normed(matrix, block.linear.bias, block.norm, inverse_scale)
+                for matrix, block, inverse_scale in zip(blocks, weights.blocks, inputs, strict=True)
             ]
         ),
-        "sw_block_back": np.array(
-            [_back(matrix, block.norm) for matrix, block in zip(blocks, weights.blocks, strict=True)]
+        "sw_block_adjoint": np.array(
+            [_adjoint(matrix, block.norm) for matrix, block in zip(blocks, weights.blocks, strict=True)]
         ),
         "sw_block_largest": np.array([matrix.scales.max() for matrix in blocks]),
         "sw_force_rows": packed(last.values),
-        "sw_force_back_rows": packed(last.values.T),
+        "sw_force_adjoint_rows": packed(last.values.T),
         "sw_force_channel": _plain(last, weights.output.bias, output),
         "sw_force_scale": _scales(last),
-        "sw_decoder_levels": np.array(latent),
-        "sw_block_levels": np.array(inputs),
-        "sw_force_levels": np.array(output),
+        "sw_decoder_inverse_scale": np.array(latent),
+        "sw_block_inverse_scale": np.array(inputs),
+        "sw_force_inverse_scale": np.array(output),
     }

@@ -1,18 +1,15 @@
 """The C99 library of one control step: hand-written sources from `sources/`, generated settings and weights.
 
-The generated text is numbers only. `sw_settings.h` has the sizes, the settings, and the hashes of the program and of
-the DBC it was built beside; `sw_weights.c` has the arrays that `sw_weights.h` declares.
+The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
 """
 
 from collections.abc import Callable, Mapping
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, Final, overload
 
 import numpy as np
 
-from contract.atomic import replacing
-from contract.errors import ExportError
+from contract.controller.c_folder import SETTINGS, TERMS, WEIGHTS, float_literal, settings_header
 from contract.release.bundle import dbc_sha256
 from contract.release.manifest import Precision
 from export.int8.activation_ranges import ActivationRanges
@@ -20,11 +17,11 @@ from export.int8.rounded_program import Program, RoundedProgram, effective, prec
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import as_float32, float32_within
 from export.program.program_hash import program_sha256
+from export.program.weights import LAYER_NORM_EPSILON
+from export.reference.mpc import ADAM_BETAS, ADAM_EPSILON
 from export.to_c.float32_arrays import LANES, float_arrays
 from export.to_c.int8_arrays import Values, int8_arrays
-
-SETTINGS: Final = "sw_settings.h"
-WEIGHTS: Final = "sw_weights.c"
+from export.to_c.int8_format import c_constants
 
 _LINE: Final = 16
 
@@ -52,13 +49,13 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     else:
         arrays = {**float_arrays(program)}
     precision = precision_of(program)
-    return hand_written(precision) | {
-        SETTINGS: _settings(effective(program), precision).encode(),
+    return static_sources(precision) | {
+        SETTINGS: settings_header(settings(effective(program), precision)),
         WEIGHTS: _weights(arrays).encode(),
     }
 
 
-def hand_written(precision: Precision) -> dict[str, bytes]:
+def static_sources(precision: Precision) -> dict[str, bytes]:
     """The sources that are the same for every program."""
     root = files("export.to_c").joinpath("sources")
     return {
@@ -69,30 +66,15 @@ def hand_written(precision: Precision) -> dict[str, bytes]:
     }
 
 
-def write_c_library(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write the library's folder, whole or not at all.
-
-    Raises:
-        ExportError: the folder holds something else.
-        StillwakeError: it cannot be written.
-    """
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / SETTINGS).is_file():
-        # Writing replaces the whole folder.
-        raise ExportError(f"{folder}: that directory holds something else; name another")
-    with replacing(folder) as temporary:
-        temporary.mkdir()
-        for name, content in contents.items():
-            (temporary / name).write_bytes(content)
-
-
-def _settings(program: ControllerProgram, precision: Precision) -> str:
+def settings(program: ControllerProgram, precision: Precision) -> dict[str, int | str | np.float32]:
+    """Everything of `sw_settings.h`: numbers that C shares with Python stand here, and nowhere in C."""
     mpc = program.mpc
-    numbers: dict[str, int | str] = {
-        "SW_PROGRAM_SHA256": f'"{program_sha256(program)}"',
-        "SW_DBC_SHA256": f'"{dbc_sha256()}"',
-        "SW_SENSOR_NAMES": f'"{" ".join(program.sensors)}"',
-        "SW_PRECISION": f'"{precision}"',
-        **({"SW_LANES": LANES} if precision == "float32" else {}),
+    beta1, beta2 = ADAM_BETAS
+    return {
+        "SW_PROGRAM_SHA256": program_sha256(program),
+        "SW_DBC_SHA256": dbc_sha256(),
+        "SW_SENSOR_NAMES": " ".join(program.sensors),
+        "SW_PRECISION": precision,
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
         "SW_LSTM": program.encoder.lstm.width,
@@ -104,11 +86,16 @@ def _settings(program: ControllerProgram, precision: Precision) -> str:
         "SW_BLOCKS": len(program.decoder.blocks),
         "SW_HORIZON": mpc.horizon,
         "SW_ITERATIONS": mpc.iterations,
-        "SW_DRAG_REFERENCE": _number(np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference"))),
-        "SW_ACTION_LIMIT": _number(np.float32(float32_within(program.action_limit))),
+        "SW_DRAG_REFERENCE": np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference")),
+        "SW_ACTION_LIMIT": np.float32(float32_within(program.action_limit)),
+        **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
+        "SW_TERMS": len(TERMS),
+        "SW_NORM_EPSILON": np.float32(LAYER_NORM_EPSILON),
+        "SW_ADAM_BETA1": np.float32(beta1),
+        "SW_ADAM_BETA2": np.float32(beta2),
+        "SW_ADAM_EPSILON": np.float32(ADAM_EPSILON),
+        **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
     }
-    lines = "\n".join(f"#define {name} {value}" for name, value in numbers.items())
-    return f"/* Generated: sizes and settings of one trained program. */\n{_guarded('SW_SETTINGS_H', lines)}"
 
 
 def _weights(arrays: Mapping[str, Values]) -> str:
@@ -118,7 +105,9 @@ def _weights(arrays: Mapping[str, Values]) -> str:
         if values.dtype in (np.int8, np.uint32):
             text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
-            text.append(f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), _number)};")
+            text.append(
+                f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), float_literal)};"
+            )
     return "\n\n".join(text) + "\n"
 
 
@@ -129,13 +118,3 @@ def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
         return "{\n" + ",\n".join(_initialiser(part, number) for part in values) + "}"
     lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
     return "{" + ",\n ".join(", ".join(map(number, line)) for line in lines) + "}"
-
-
-def _number(value: np.float32) -> str:
-    """The shortest decimal that is this float32 again."""
-    text = np.format_float_scientific(value, trim="0")
-    return f"{text}f"
-
-
-def _guarded(name: str, body: str) -> str:
-    return f"#ifndef {name}\n#define {name}\n\n{body}\n\n#endif\n"

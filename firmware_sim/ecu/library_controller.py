@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from contract.controller.c_folder import SETTINGS, Settings
-from contract.controller.host_library import OPTIMISED, CController
+from contract.controller.c_folder import SETTINGS, Settings, read_sources
+from contract.controller.compiler import OPTIMISED
+from contract.controller.host_library import CController
 from contract.controller.interface import Sizes
-from contract.errors import LibraryError, McuError
+from contract.errors import LibraryError
 from contract.release.bundle import Bundle, dbc_sha256
 
 
@@ -28,7 +29,7 @@ def open_library(
         LibraryError: if the folder holds no library or another program's, there is no compiler, or it does not take
             the sources.
     """
-    sources = _read(folder)
+    sources = read_sources(folder)
     precision = _check_program(folder, sources, bundle)
     try:
         controller = CController(sources, Sizes.of(bundle.manifest), compiler=compiler, flags=flags)
@@ -36,13 +37,6 @@ def open_library(
         raise LibraryError(f"library {folder}: {error}") from error
     controller.description = f"C99 {precision}, {controller.description}"
     return controller
-
-
-def _read(folder: Path) -> dict[str, bytes]:
-    try:
-        return {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
-    except OSError as error:
-        raise LibraryError(f"library {folder}: {error.strerror or error}") from error
 
 
 def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
@@ -54,7 +48,7 @@ def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> s
         # The hash covers the sizes, but the caller's structures are laid out by them: an edited header must not pass.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
         dbc = header.text("SW_DBC_SHA256")
-    except (McuError, UnicodeDecodeError) as error:
+    except (LibraryError, UnicodeDecodeError) as error:
         raise LibraryError(f"library {folder}: {error}") from error
     if program != manifest.program_sha256:
         raise LibraryError(

@@ -1,13 +1,15 @@
-"""As much of an ELF file (32 bit, little-endian) as loading and sizing a firmware takes."""
+"""What loading and sizing a firmware takes of its ELF file."""
 
-import struct
+import io
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
+
+from elftools.common.exceptions import ELFError
+from elftools.elf.elffile import ELFFile
 
 from contract.errors import McuError
 
-_SYMBOL_TABLE: Final = 2
-_LOADABLE: Final = 1
+_BITS: Final = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +22,12 @@ class Segment:
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """Attributes:
-    segments: what stands in flash before start.
-    sections: size in bytes by name.
-    symbols: address by name.
+    """A linked program.
+
+    Attributes:
+        segments: what stands in flash before start.
+        sections: size in bytes by name.
+        symbols: address by name.
     """
 
     segments: tuple[Segment, ...]
@@ -32,28 +36,19 @@ class Firmware:
 
 
 def read_elf(image: bytes) -> Firmware:
-    """Raises McuError if it is no such file."""
-    if image[:6] != b"\x7fELF\x01\x01":
-        raise McuError("not a 32-bit little-endian ELF file")
-    (segments_at, sections_at) = struct.unpack_from("<2I", image, 28)
-    (segment_count,) = struct.unpack_from("<H", image, 44)
-    section_count, names_index = struct.unpack_from("<2H", image, 48)
-    headers = [struct.unpack_from("<10I", image, sections_at + 40 * i) for i in range(section_count)]
-    segments = []
-    for i in range(segment_count):
-        kind, offset, _, load_address, size, _, _, _ = struct.unpack_from("<8I", image, segments_at + 32 * i)
-        if kind == _LOADABLE and size:
-            segments.append(Segment(address=load_address, content=image[offset : offset + size]))
-    symbols = {}
-    for header in headers:
-        if header[1] == _SYMBOL_TABLE:
-            strings = headers[header[6]][4]
-            for at in range(header[4], header[4] + header[5], 16):
-                name, value = struct.unpack_from("<2I", image, at)
-                symbols[_text(image, strings + name)] = value
-    sections = {_text(image, headers[names_index][4] + header[0]): header[5] for header in headers}
-    return Firmware(segments=tuple(segments), sections=sections, symbols=symbols)
-
-
-def _text(image: bytes, start: int) -> str:
-    return image[start : image.index(b"\0", start)].decode()
+    """Raises McuError if it is no whole 32-bit little-endian ELF file."""
+    try:
+        # pyelftools has no annotations.
+        elf: Any = ELFFile(io.BytesIO(image))
+        if elf.elfclass != _BITS or not elf.little_endian:
+            order = "little" if elf.little_endian else "big"
+            raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
+        loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])
+        tables = elf.iter_sections("SHT_SYMTAB")
+        return Firmware(
+            segments=tuple(Segment(address=item["p_paddr"], content=item.data()) for item in loaded),
+            sections={item.name: item["sh_size"] for item in elf.iter_sections()},
+            symbols={item.name: item["st_value"] for table in tables for item in table.iter_symbols()},
+        )
+    except ELFError as error:
+        raise McuError(f"not a 32-bit little-endian ELF file: {error}") from error

@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from contract.controller.c_folder import TERMS, Settings
+from contract.controller.c_folder import TERMS, Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
 from contract.errors import McuError
-from firmware_sim.mcu.build import compile_example, compile_for_cortex_m7
+from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
 from firmware_sim.mcu.elf import Firmware, read_elf
 from firmware_sim.mcu.emulator import FLASH, Machine
 from firmware_sim.mcu.timing import Pipeline
 
 CLOCKS_MHZ: Final = (480, 300)
-RECORDED: Final = "recorded.txt"
-Rows = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +67,8 @@ class Measurement:
 
 
 def measure_folder(folder: Path) -> Measurement:
-    """`measure` on a folder written by `stillwake export --c`; raises McuError if it is none."""
-    try:
-        sources = {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
-        rows = np.loadtxt(folder / RECORDED, dtype=np.float32, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise McuError(f"{folder}: {getattr(error, 'strerror', None) or error}") from error
-    return measure(sources, rows)
+    """`measure` on a folder written by `stillwake export --c`; raises LibraryError if it is none."""
+    return measure(read_sources(folder), read_recorded(folder))
 
 
 def measure(sources: Mapping[str, bytes], rows: Rows) -> Measurement:
@@ -87,7 +79,8 @@ def measure(sources: Mapping[str, bytes], rows: Rows) -> Measurement:
         rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
 
     Raises:
-        McuError: something is missing, does not compile or does not run; the message names it.
+        LibraryError: a setting is missing in the library's header.
+        McuError: the rows are too few, or the library does not compile or does not run; the message names it.
     """
     settings = Settings.of(sources)
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
@@ -131,7 +124,7 @@ def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
         if machine.call("mcu_step" if i >= window else "mcu_push") != 0:
             raise McuError(f"row {i}: a number is not finite")
         if i >= window:
-            output = np.frombuffer(machine.read("mcu_output", 4 * (3 * horizon + TERMS + 1)), dtype="<f4")
+            output = np.frombuffer(machine.read("mcu_output", 4 * (3 * horizon + len(TERMS) + 1)), dtype="<f4")
             answers.append((output[0], output[-1]))
     return np.array(answers, dtype=np.float32)
 
@@ -146,10 +139,8 @@ def _count(machine: Machine) -> tuple[int, int]:
 def _on_host(sources: Mapping[str, bytes], rows: Rows) -> Rows:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder, "replay")
-        program.write_bytes(compile_example(sources))
-        program.chmod(0o755)
-        text = "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.astype(np.float64))
-        done = subprocess.run([program], input=text, capture_output=True, text=True, check=False)
+        compile_replay(sources, program)
+        done = subprocess.run([program], input=rows_text(rows), capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise McuError(f"the example program failed on the host: {done.stderr.strip()}")
-    return np.array([line.split() for line in done.stdout.splitlines()], dtype=np.float32)[:, [0, 3]]
+    return rows_from_text(done.stdout)[:, [0, 3]]

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.config.tree import CostWeights, ModelConfig, MpcConfig
-from contract.controller.host_library import CController, host_compiler
+from contract.controller.compiler import host_compiler
+from contract.controller.host_library import CController
 from contract.controller.interface import ControllerError
 from contract.errors import ExportError, LibraryError
 from export.gates.parity import check_lowering, control_cases

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import CController, host_compiler
+from contract.controller.compiler import host_compiler
+from contract.controller.host_library import CController
 from contract.controller.interface import ControlStep
 from contract.errors import LibraryError
 from export.gates.parity import control_cases

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on

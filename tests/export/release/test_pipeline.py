@@ -10,7 +10,7 @@ import torch
 
 from contract import sensors
 from contract.config.tree import Config, ModelConfig, MpcConfig
-from contract.controller.host_library import host_compiler
+from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from contract.recording import dataset
 from contract.recording.dataset import UNITS, Dataset, Episode

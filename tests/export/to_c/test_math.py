@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 import pytest
 
-from contract.controller.host_library import compile_c, host_compiler
-from export.to_c.library import hand_written
+from contract.controller.compiler import host_compiler
+from export.to_c.library import static_sources
 
 SHIM = b"""
 #include "sw_math.h"
@@ -26,11 +26,11 @@ EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)
 
 
 @pytest.fixture(scope="module", params=["-O0", "-O3"])
-def apply(request, tmp_path_factory):
+def apply(request, tmp_path_factory, shared_builds):
     """One of the functions over an array of float32, compiled with and without optimisation."""
     path = tmp_path_factory.mktemp("math") / "math.so"
-    contents = {"shim.c": SHIM, "sw_math.h": hand_written("float32")["sw_math.h"]}
-    compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", request.param))
+    contents = {"shim.c": SHIM, "sw_math.h": static_sources("float32")["sw_math.h"]}
+    shared_builds.compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", request.param))
     library = ctypes.CDLL(str(path))
 
     def run(which: int, x: np.ndarray) -> np.ndarray:

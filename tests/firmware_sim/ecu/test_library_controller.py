@@ -21,7 +21,7 @@ from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract import sensors
 from contract.config.tree import Config, ModelConfig, MpcConfig
-from contract.controller.host_library import OPTIMISED, compiler_version, host_compiler
+from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
 from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_session import OnnxController
 from contract.errors import LibraryError

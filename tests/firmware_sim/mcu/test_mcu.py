@@ -1,27 +1,29 @@
 """The controller on an emulated Cortex-M7: the host's numbers to the bit, and budgets that a change may not exceed."""
 
 import platform
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.errors import McuError
+from contract.errors import LibraryError, McuError
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
-from export.release.c_folder import RECORDED, recorded_rows
+from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
 pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
 import unicorn
 from unicorn import arm_const
 
-from contract.controller.c_folder import Settings
+from contract.controller.c_folder import RECORDED, Settings
 from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.elf import Firmware, Segment, read_elf
@@ -55,6 +57,7 @@ def budgeted() -> mcu.Measurement:
     return of_an_ecu(5)
 
 
+@pytest.mark.mcu
 def test_five_iterations_keep_an_ecus_budget(budgeted):
     """20 ms is the period; instructions are exact for this compiler, so a little room is enough for another one."""
     assert budgeted.flash_bytes <= 160 * 1024
@@ -64,6 +67,7 @@ def test_five_iterations_keep_an_ecus_budget(budgeted):
     assert budgeted.modelled_ms["480"] <= 20.0
 
 
+@pytest.mark.mcu
 def test_three_iterations_leave_a_third_of_the_period():
     budgeted = of_an_ecu(3)
     assert budgeted.instructions <= 11.0e6
@@ -78,11 +82,13 @@ def agrees(found: mcu.Measurement) -> bool:
     return found.identical if fuses else found.action_difference <= 2.5e-5
 
 
+@pytest.mark.mcu
 def test_the_core_computes_what_the_host_does(budgeted):
     assert budgeted.steps == 4
     assert agrees(budgeted)
 
 
+@pytest.mark.mcu
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_odd_sizes_agree_too(precision):
     model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
@@ -100,6 +106,7 @@ def test_multiply_accumulates_are_those_of_the_layers():
     assert Settings.of(c_library(program)).multiply_accumulates() == expected
 
 
+@pytest.mark.mcu
 def test_counting_blocks_counts_every_instruction():
     sources, _ = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "int8")
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
@@ -163,10 +170,10 @@ def test_the_pipeline_model_keeps_its_rules(code, cycles, why):
 
 
 def test_a_folder_that_is_no_library_is_refused(tmp_path):
-    with pytest.raises(McuError, match=r"recorded\.txt"):
+    with pytest.raises(LibraryError, match=r"recorded\.txt"):
         mcu.measure_folder(tmp_path)
     (tmp_path / RECORDED).write_text("1 2 3 4 5\n")
-    with pytest.raises(McuError, match=r"sw_settings.h is missing"):
+    with pytest.raises(LibraryError, match=r"sw_settings.h is missing"):
         mcu.measure_folder(tmp_path)
 
 
@@ -176,5 +183,15 @@ def test_too_few_rows_and_code_that_does_not_compile_are_refused():
         mcu.measure(sources, rows[:5])
     with pytest.raises(McuError, match=r"compiling for the microcontroller: .*error"):
         mcu.measure(sources | {"sw_cost.c": b"#error broken\n"}, rows)
-    with pytest.raises(McuError, match="not a 32-bit"):
-        read_elf(Path(__file__).read_bytes())
+
+
+@pytest.mark.parametrize(("image", "reason"), [(b"import this", "Magic number"), (b"\x7fELF\x02\x01\x01", "expected")])
+def test_what_is_no_elf_file_is_refused(image, reason):
+    with pytest.raises(McuError, match=f"not a 32-bit little-endian ELF file: .*{reason}"):
+        read_elf(image)
+
+
+def test_the_elf_file_of_this_machines_python_is_refused():
+    """64 bits, or another byte order, or another format altogether."""
+    with pytest.raises(McuError, match="not a 32-bit little-endian ELF file"):
+        read_elf(Path(sys.executable).read_bytes())

@@ -19,6 +19,7 @@ from export.to_c.library import c_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
 pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
 from firmware_sim.mcu.build import LINKER_SCRIPT, compile_for_cortex_m7
@@ -27,7 +28,7 @@ from firmware_sim.mcu.emulator import FLASH, Machine
 from firmware_sim.mcu.timing import Pipeline
 
 QEMU = shutil.which("qemu-system-arm") or ""
-pytestmark = pytest.mark.skipif(not QEMU, reason="qemu-system-arm is not installed")
+pytestmark = [pytest.mark.mcu, pytest.mark.skipif(not QEMU, reason="qemu-system-arm is not installed")]
 
 MODEL = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
 STEPS = 3

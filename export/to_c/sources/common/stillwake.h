@@ -2,7 +2,8 @@
  *
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
  * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
- * the work of a step does not depend on the data. sw_settings.h, generated, has the sizes and says which trained program this is.
+ * the work of a step does not depend on the data. sw_settings.h, generated, has the sizes and the hash of the trained
+ * program.
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H
@@ -15,17 +16,16 @@
 /* Columns of the window: the sensors, then the action. */
 #define SW_COLUMNS (SW_SENSORS + 1)
 
-/* Cost terms, in the order of every array of SW_TERMS numbers. */
-enum {
-    SW_DRAG_MEAN,        /* mean Cd - drag reference */
-    SW_DRAG_FLUCTUATION, /* max Cd - min Cd */
-    SW_LIFT,             /* mean |Cl| */
-    SW_LIFT_MEAN,        /* (mean Cl)^2 */
-    SW_SMOOTHNESS,       /* mean (a[k+1] - a[k])^2 */
-    SW_EFFORT,           /* mean a^2 */
-    SW_RATE,             /* (a[0] - action in force)^2 */
-    SW_TERMS
-};
+/* Cost terms, in the order of every array of SW_TERMS numbers; sw_settings.h has the indices:
+ *
+ *     SW_DRAG_MEAN         mean Cd - drag reference
+ *     SW_DRAG_FLUCTUATION  max Cd - min Cd
+ *     SW_LIFT              mean |Cl|
+ *     SW_LIFT_MEAN         (mean Cl)^2
+ *     SW_SMOOTHNESS        mean (a[k+1] - a[k])^2
+ *     SW_EFFORT            mean a^2
+ *     SW_RATE              (a[0] - previous action)^2
+ */
 
 /* What a control step needs to know. Actions are jet flow rates in U_inf W, pressures are Cp. */
 typedef struct {

@@ -3,11 +3,6 @@
 #include "sw_parts.h"
 #include "sw_weights.h"
 
-/* Adam's constants (Kingma and Ba). */
-#define BETA1 0.9f
-#define BETA2 0.999f
-#define EPSILON 1e-8f
-
 /* Largest finite float; comparisons with NaN are false. */
 #define LARGEST 3.40282347e38f
 
@@ -46,9 +41,9 @@ void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int 
     const float rate = sw_adam_rate[iteration], unbias = sw_adam_unbias[iteration];
     for (int k = 0; k < SW_HORIZON; k++) {
         const float g = work->gradient[k];
-        const float m = BETA1 * work->moment1[k] + (1.0f - BETA1) * g;
-        const float v = BETA2 * work->moment2[k] + (1.0f - BETA2) * (g * g);
-        const float moved = work->plan[k] - (m * rate) / (sw_sqrt(v) * unbias + EPSILON);
+        const float m = SW_ADAM_BETA1 * work->moment1[k] + (1.0f - SW_ADAM_BETA1) * g;
+        const float v = SW_ADAM_BETA2 * work->moment2[k] + (1.0f - SW_ADAM_BETA2) * (g * g);
+        const float moved = work->plan[k] - (m * rate) / (sw_sqrt(v) * unbias + SW_ADAM_EPSILON);
         work->moment1[k] = m;
         work->moment2[k] = v;
         if (free_actions[k] > 0.5f) work->plan[k] = sw_min(sw_max(moved, -SW_ACTION_LIMIT), SW_ACTION_LIMIT);
@@ -57,7 +52,7 @@ void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int 
 
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
 {
-    const float action_in_force = input->window[SW_WINDOW - 1][SW_SENSORS];
+    const float previous_action = input->window[SW_WINDOW - 1][SW_SENSORS];
     sw_encode(work, input->window);
     for (int k = 0; k < SW_HORIZON; k++) {
         work->plan[k] = input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
@@ -67,14 +62,14 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
     for (int i = 0; i < SW_ITERATIONS; i++) {
         sw_roll_out(work);
         sw_decode(work);
-        sw_cost_gradient(work, action_in_force, input->weights);
+        sw_cost_gradient(work, previous_action, input->weights);
         sw_decode_adjoint(work);
         sw_roll_out_adjoint(work);
         sw_adam_step(work, input->free, i);
     }
     sw_roll_out(work);
     sw_decode(work);
-    sw_cost_terms(work, action_in_force, output->terms);
+    sw_cost_terms(work, previous_action, output->terms);
     output->cost = 0.0f;
     for (int i = 0; i < SW_TERMS; i++) output->cost += input->weights[i] * output->terms[i];
     for (int k = 0; k < SW_HORIZON; k++) {

@@ -20,10 +20,10 @@ static statistics over_horizon(const float *values)
     return s;
 }
 
-void sw_cost_terms(const sw_workspace *work, float action_in_force, float terms[SW_TERMS])
+void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS])
 {
     const statistics drag = over_horizon(work->forces[0]), lift = over_horizon(work->forces[1]);
-    const float step = work->plan[0] - action_in_force;
+    const float step = work->plan[0] - previous_action;
     float lift_size = 0.0f, effort = 0.0f, steps = 0.0f;
     for (int k = 0; k < SW_HORIZON; k++) {
         lift_size += sw_abs(work->forces[1][k]);
@@ -49,7 +49,7 @@ static float share_of(float weight, const float *values, float extreme)
     return ties > 0 ? weight / (float)ties : 0.0f;
 }
 
-void sw_cost_gradient(sw_workspace *work, float action_in_force, const float weights[SW_TERMS])
+void sw_cost_gradient(sw_workspace *work, float previous_action, const float weights[SW_TERMS])
 {
     const float *cd = work->forces[0], *cl = work->forces[1], *plan = work->plan;
     const statistics drag = over_horizon(cd), lift = over_horizon(cl);
@@ -71,7 +71,7 @@ void sw_cost_gradient(sw_workspace *work, float action_in_force, const float wei
         if (k > 0) work->gradient[k] += per_step * (plan[k] - plan[k - 1]);
         if (k + 1 < SW_HORIZON) work->gradient[k] -= per_step * (plan[k + 1] - plan[k]);
     }
-    work->gradient[0] += weights[SW_RATE] * 2.0f * (plan[0] - action_in_force);
+    work->gradient[0] += weights[SW_RATE] * 2.0f * (plan[0] - previous_action);
     for (int k = SW_HORIZON; k < SW_HORIZON_P; k++) {
         work->d_forces[0][k] = 0.0f;
         work->d_forces[1][k] = 0.0f;

@@ -14,10 +14,10 @@ void sw_roll_out(sw_workspace *work);
 void sw_decode(sw_workspace *work);
 
 /* Unweighted cost terms of work->forces and work->plan. */
-void sw_cost_terms(const sw_workspace *work, float action_in_force, float terms[SW_TERMS]);
+void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS]);
 
 /* dJ/dforces, work->d_forces, and dJ/da with the forces held fixed, work->gradient. */
-void sw_cost_gradient(sw_workspace *work, float action_in_force, const float weights[SW_TERMS]);
+void sw_cost_gradient(sw_workspace *work, float previous_action, const float weights[SW_TERMS]);
 
 /* dJ/dz through the forces alone, work->d_latents, from work->d_forces. */
 void sw_decode_adjoint(sw_workspace *work);

@@ -13,8 +13,6 @@
 #include "sw_kernels.h"
 #include "sw_math.h"
 
-#define SW_NORM_EPSILON 1e-5f
-
 /* From u, in `hidden`, to h in its place, xhat and slope; `width` counts what is not padding. */
 static inline void sw_norm_elu(float *restrict hidden, float *restrict xhat, float *restrict slope,
                                const float *restrict gain, const float *restrict offset, int width, int padded)

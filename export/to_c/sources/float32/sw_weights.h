@@ -49,6 +49,6 @@ extern const float sw_force_bias[2];
 /* Optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of iteration i, and the default cost weights. */
 extern const float sw_adam_rate[SW_ITERATIONS];
 extern const float sw_adam_unbias[SW_ITERATIONS];
-extern const float sw_default_weights[7];
+extern const float sw_default_weights[SW_TERMS];
 
 #endif

@@ -47,14 +47,14 @@ typedef struct {
 } sw_encoder_scratch;
 
 typedef struct {
-    float z[SW_LATENT];                        /* latent state now */
-    float latents[SW_LATENT][SW_HORIZON_P];    /* one to SW_HORIZON steps ahead */
-    float forces[2][SW_HORIZON_P];             /* Cd, then Cl */
-    float d_forces[2][SW_HORIZON_P];           /* dJ/d(Cd, Cl) */
-    float d_latents[SW_LATENT][SW_HORIZON_P];  /* dJ/dz through the forces alone */
+    float z[SW_LATENT];                       /* latent state now */
+    float latents[SW_LATENT][SW_HORIZON_P];   /* one to SW_HORIZON steps ahead */
+    float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
+    float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
+    float d_latents[SW_LATENT][SW_HORIZON_P]; /* dJ/dz through the forces alone */
     float plan[SW_HORIZON];
-    float gradient[SW_HORIZON];                /* dJ/da */
-    float moment1[SW_HORIZON];                 /* Adam's m and v */
+    float gradient[SW_HORIZON]; /* dJ/da */
+    float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];
     union {
         sw_encoder_scratch encoder;

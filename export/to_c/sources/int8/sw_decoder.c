@@ -15,19 +15,19 @@ static void multiply(sw_decoder_scratch *s, const int8_t *w, int rows, int colum
 }
 
 /* The sum of residuals as a layer's input, saturated. */
-static void round_residuals(int16_t *restrict vector, const float *restrict x, float levels)
+static void round_residuals(int16_t *restrict vector, const float *restrict x, float inverse_scale)
 {
-    const float most = (float)SW_LEVELS(SW_DECODER_P);
-    for (int o = 0; o < SW_DECODER_P; o++) vector[o] = sw_saturated(x[o] * levels, most);
+    const float qmax = (float)SW_QMAX(SW_DECODER_P);
+    for (int o = 0; o < SW_DECODER_P; o++) vector[o] = sw_saturated(x[o] * inverse_scale, qmax);
 }
 
 /* The same after a block's output has been added. */
-static void add_residuals(float *restrict x, const int16_t *restrict elu, int16_t *restrict vector, float levels)
+static void add_residuals(float *restrict x, const int16_t *restrict elu, int16_t *restrict vector, float inverse_scale)
 {
-    const float most = (float)SW_LEVELS(SW_DECODER_P);
+    const float qmax = (float)SW_QMAX(SW_DECODER_P);
     for (int o = 0; o < SW_DECODER_P; o++) {
         x[o] += (float)elu[o] * (1.0f / (float)SW_ELU_ONE);
-        vector[o] = sw_saturated(x[o] * levels, most);
+        vector[o] = sw_saturated(x[o] * inverse_scale, qmax);
     }
 }
 
@@ -35,11 +35,11 @@ static void decode_steps(sw_workspace *work, int first, int count)
 {
     sw_decoder_tape *tape = &work->decoder;
     sw_decoder_scratch *s = &work->phase.decoder;
-    const float most = (float)SW_LEVELS(SW_LATENT_P);
+    const float qmax = (float)SW_QMAX(SW_LATENT_P);
     for (int t = 0; t < count; t++) {
         for (int l = 0; l < SW_LATENT_P; l++) s->vector[t][l] = 0;
         for (int l = 0; l < SW_LATENT; l++) {
-            s->vector[t][l] = sw_saturated(work->latents[first + t][l] * sw_decoder_levels, most);
+            s->vector[t][l] = sw_saturated(work->latents[first + t][l] * sw_decoder_inverse_scale, qmax);
         }
     }
     multiply(s, sw_decoder_rows, SW_DECODER_P, SW_LATENT_P, count);
@@ -49,15 +49,15 @@ static void decode_steps(sw_workspace *work, int first, int count)
                          sw_decoder_channel[o / 8][SW_BIAS][o % 8];
         }
     }
-    for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], sw_block_levels[0]);
+    for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], sw_block_inverse_scale[0]);
     for (int b = 0; b < SW_BLOCKS; b++) {
-        const float levels = b + 1 < SW_BLOCKS ? sw_block_levels[b + 1] : sw_force_levels;
+        const float inverse_scale = b + 1 < SW_BLOCKS ? sw_block_inverse_scale[b + 1] : sw_force_inverse_scale;
         multiply(s, sw_block_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) {
             const int k = first + t;
             tape->r[b][k] = sw_norm_elu(s->sums[t], s->values, tape->xhat[b][k], tape->elu[b][k], sw_block_channel[b],
                                         SW_DECODER);
-            add_residuals(s->x[t], tape->elu[b][k], s->vector[t], levels);
+            add_residuals(s->x[t], tape->elu[b][k], s->vector[t], inverse_scale);
         }
     }
     multiply(s, sw_force_rows, SW_ROWS(2), SW_DECODER_P, count);
@@ -80,7 +80,7 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
         const float d_forces[2] = {work->d_forces[0][k] * sw_force_std[0], work->d_forces[1][k] * sw_force_std[1]};
         unit[t] = sw_rounded_finely(s->vector[t], d_forces, sw_force_scale, 2);
     }
-    multiply(s, sw_force_back_rows, SW_DECODER_P, SW_FORCES_P, count);
+    multiply(s, sw_force_adjoint_rows, SW_DECODER_P, SW_FORCES_P, count);
     for (int t = 0; t < count; t++) {
         for (int o = 0; o < SW_DECODER_P; o++) s->x[t][o] = (float)s->sums[t][o] * unit[t];
     }
@@ -93,12 +93,12 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
                 for (int j = 0; j < 8; j++) {
                     d[j] = s->x[t][o + j] * ((float)sw_elu_slope(elu[o + j]) * (1.0f / (float)SW_ELU_ONE));
                 }
-                sw_gather(&all, s->values + o, d, xhat + o, sw_block_back[b][o / 8][SW_BACK_GAIN]);
+                sw_gather(&all, s->values + o, d, xhat + o, sw_block_adjoint[b][o / 8][SW_ADJOINT_GAIN]);
             }
-            unit[t] = sw_through_norm(&all, s->values, 1.0f, s->vector[t], xhat, sw_block_back[b], sw_block_largest[b],
-                                      tape->r[b][first + t], SW_DECODER);
+            unit[t] = sw_norm_adjoint(&all, s->values, 1.0f, s->vector[t], xhat, sw_block_adjoint[b],
+                                      sw_block_largest[b], tape->r[b][first + t], SW_DECODER);
         }
-        multiply(s, sw_block_back_rows[b], SW_DECODER_P, SW_DECODER_P, count);
+        multiply(s, sw_block_adjoint_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) {
             for (int o = 0; o < SW_DECODER_P; o++) s->x[t][o] += (float)s->sums[t][o] * unit[t];
         }
@@ -106,7 +106,7 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
     for (int t = 0; t < count; t++) {
         unit[t] = sw_rounded_finely(s->vector[t], s->x[t], sw_decoder_scale, SW_DECODER);
     }
-    multiply(s, sw_decoder_back_rows, SW_ROWS(SW_LATENT), SW_DECODER_P, count);
+    multiply(s, sw_decoder_adjoint_rows, SW_ROWS(SW_LATENT), SW_DECODER_P, count);
     for (int t = 0; t < count; t++) {
         for (int l = 0; l < SW_LATENT; l++) work->d_latents[first + t][l] = (float)s->sums[t][l] * unit[t];
     }

@@ -1,7 +1,7 @@
 /* Products of int8 matrices with int16 vectors in 32-bit sums.
  *
  * y = w x; rows a multiple of 4, columns of 8, padded with zeros. A sum cannot overflow: a vector of n numbers keeps
- * within SW_LEVELS(n).
+ * within SW_QMAX(n).
  *
  * Matrices are tiles of four rows by four columns, those of the same rows one behind the other. A row's four weights
  * are one word, in the order 0, 2, 1, 3: widening every second byte of a word then gives the weights of two neighbours

@@ -6,6 +6,11 @@
 #ifndef SW_DOTS_DSP_H
 #define SW_DOTS_DSP_H
 
+#include "sw_workspace.h"
+
+/* Lines of instructions belong together by what they do. */
+/* clang-format off */
+
 /* Widening alternates with multiplying, and weights are loaded two rows ahead: the last loads read from the SW_AHEAD
  * bytes that follow every matrix.
  */
@@ -35,6 +40,8 @@
                        [s3] "+r"(sixteens), [wa] "=&r"(wa), [wb] "=&r"(wb), [xa] "=&r"(xa), [xb] "=&r"(xb),  \
                        [t] "=&r"(t), [u] "=&r"(u), [count] "=&r"(count) : : "cc", "memory")
 
+/* clang-format on */
+
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
@@ -48,6 +55,8 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
         SW_FOUR_ROWS(SW_EIGHT_COLUMNS SW_SIXTEEN_COLUMNS);
     }
 }
+
+/* clang-format off */
 
 /* Two rows of a tile by both vectors, x the first one and z the second: eight multiplications with all else beside
  * them.
@@ -84,6 +93,8 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
                        [s3] "+r"(bytes), [wa] "=&r"(wa), [za] "=&r"(za), [zb] "=&r"(zb), [xa] "=&r"(xa),     \
                        [xb] "=&r"(xb), [t] "=&r"(t), [u] "=&r"(u)                                            \
                      : [apart] "i"(2 * SW_APART), [along] "i"(4 * SW_APART) : "cc", "memory")
+
+/* clang-format on */
 
 static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                                int columns)

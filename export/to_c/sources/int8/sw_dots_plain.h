@@ -2,6 +2,8 @@
 #ifndef SW_DOTS_PLAIN_H
 #define SW_DOTS_PLAIN_H
 
+#include "sw_workspace.h"
+
 /* The vector is put into the tiles' order once; the loop over them is then one that compilers vectorise. */
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)

@@ -8,40 +8,28 @@
 static inline int32_t gate(const sw_encoder_scratch *e, int number, int k)
 {
     const int c = number * SW_LSTM_P + k;
-    const float(*of)[8] = sw_lstm_channel[c / 8];
+    const float (*of)[8] = sw_lstm_channel[c / 8];
     return (int32_t)((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
 }
-
-/* 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_MOST, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START: a
- * straight line between points 1 / 32 apart, off by 5e-5 at most. Beyond -16 and 16 it stays.
- */
-static inline int32_t logistic(int32_t x)
-{
-    const int32_t last = 2 * SW_LOGISTIC_START - 1;
-    return sw_between(sw_logistic_points, x < 0 ? 0 : x > last ? last : x, SW_LOGISTIC_STEP);
-}
-
-/* tanh(x) in integers of 1 / SW_LOGISTIC_MOST, from 2 x as above: 2 logistic(2 x) - 1. */
-static inline int32_t hyperbolic(int32_t x) { return 2 * logistic(x) - SW_LOGISTIC_MOST; }
 
 /* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
 static void update_cells(sw_encoder_scratch *e)
 {
-    const float one = 1.0f / (float)SW_LOGISTIC_MOST, product = one * one;
+    const float one = 1.0f / (float)SW_LOGISTIC_QMAX, product = one * one;
     for (int k = 0; k < SW_LSTM; k++) {
-        const int32_t entering = logistic(gate(e, 0, k)) * hyperbolic(gate(e, 2, k));
-        const float c = (float)logistic(gate(e, 1, k)) * one * e->cell[k] + (float)entering * product;
+        const int32_t entering = sw_table_logistic(gate(e, 0, k)) * sw_table_tanh(gate(e, 2, k));
+        const float c = (float)sw_table_logistic(gate(e, 1, k)) * one * e->cell[k] + (float)entering * product;
         const int32_t argument = (int32_t)(c * (float)(2 * SW_LOGISTIC_ONE) + ((float)SW_LOGISTIC_START + 0.5f));
         e->cell[k] = c;
-        e->output[k] = (float)(logistic(gate(e, 3, k)) * hyperbolic(argument)) * product;
-        e->hidden[k] = sw_rounded(e->output[k] * sw_cell_levels);
+        e->output[k] = (float)(sw_table_logistic(gate(e, 3, k)) * sw_table_tanh(argument)) * product;
+        e->hidden[k] = sw_rounded(e->output[k] * sw_cell_inverse_scale);
     }
 }
 
 /* The normed output of the LSTM as the next layer's input. */
 static void normalise(sw_encoder_scratch *e)
 {
-    const float most = (float)SW_LEVELS(SW_LSTM_P);
+    const float qmax = (float)SW_QMAX(SW_LSTM_P);
     float mean = 0.0f, squares = 0.0f;
     for (int k = 0; k < SW_LSTM; k++) mean += e->output[k];
     mean /= (float)SW_LSTM;
@@ -53,14 +41,14 @@ static void normalise(sw_encoder_scratch *e)
     for (int k = 0; k < SW_LSTM_P; k++) e->vector[k] = 0;
     for (int k = 0; k < SW_LSTM; k++) {
         const float normed = (e->output[k] - mean) * r * sw_encoder_gain[k] + sw_encoder_offset[k];
-        e->vector[k] = sw_saturated(normed * sw_head_levels, most);
+        e->vector[k] = sw_saturated(normed * sw_head_inverse_scale, qmax);
     }
 }
 
 void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
 {
     sw_encoder_scratch *e = &work->phase.encoder;
-    const float row_most = (float)SW_LEVELS(SW_ROW_P);
+    const float row_qmax = (float)SW_QMAX(SW_ROW_P);
     for (int k = 0; k < SW_ROW_P; k++) e->row[k] = 0;
     for (int k = 0; k < SW_LSTM_P; k++) {
         e->hidden[k] = 0;
@@ -69,7 +57,7 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     for (int row = 0; row < SW_WINDOW; row++) {
         for (int c = 0; c < SW_COLUMNS; c++) {
             const float scaled = (window[row][c] - sw_window_mean[c]) * sw_window_factor[c];
-            e->row[c] = sw_saturated(scaled * sw_row_levels, row_most);
+            e->row[c] = sw_saturated(scaled * sw_row_inverse_scale, row_qmax);
         }
         sw_dots(e->by_row, sw_lstm_input_rows, e->row, 4 * SW_LSTM_P, SW_ROW_P);
         sw_dots(e->by_hidden, sw_lstm_hidden_rows, e->hidden, 4 * SW_LSTM_P, SW_LSTM_P);

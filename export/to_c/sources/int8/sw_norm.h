@@ -12,22 +12,12 @@
 #define SW_NORM_H
 
 #include "sw_dots.h"
+#include "sw_tables.h"
 #include "sw_weights.h"
-
-#define SW_NORM_EPSILON 1e-5f
 
 static inline float sw_sum_of(const float eight[8])
 {
     return ((eight[0] + eight[1]) + (eight[2] + eight[3])) + ((eight[4] + eight[5]) + (eight[6] + eight[7]));
-}
-
-/* ELU(y) in integers of 1 / SW_ELU_ONE, from y in the same unit plus SW_ELU_START: a straight line between points
- * 1 / 32 apart, which is off by 1.3 integers at most. From -8 on downwards and from 8 on upwards it stays.
- */
-static inline int16_t sw_elu(int32_t y)
-{
-    const int32_t last = 2 * SW_ELU_START - 1;
-    return sw_between(sw_elu_points, y < 0 ? 0 : y > last ? last : y, SW_ELU_STEP);
 }
 
 /* From the sums of a product to xhat and h; returns r. Sums and values are scratch afterwards. */
@@ -36,7 +26,7 @@ static inline float sw_norm_elu(int32_t *restrict sums, float *restrict values, 
 {
     float sum[8] = {0}, squares[8] = {0};
     for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const float(*of)[8] = channel[c / 8];
+        const float (*of)[8] = channel[c / 8];
         for (int j = 0; j < 8; j++) {
             const float u = (float)sums[c + j] * of[SW_SCALE][j] + of[SW_BIAS][j];
             values[c + j] = u;
@@ -46,10 +36,10 @@ static inline float sw_norm_elu(int32_t *restrict sums, float *restrict values, 
     }
     const float mean = sw_sum_of(sum) / (float)width;
     const float variance = sw_sum_of(squares) / (float)width - mean * mean;
-    const float r = sw_inverse_sqrt(sw_larger(variance, 0.0f) + SW_NORM_EPSILON);
-    const float factor = r * (SW_XHAT_MOST * sw_inverse_sqrt((float)width)), shift = -mean * factor;
+    const float r = sw_inverse_sqrt(sw_fmax(variance, 0.0f) + SW_NORM_EPSILON);
+    const float factor = r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width)), shift = -mean * factor;
     for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const float(*of)[8] = channel[c / 8];
+        const float (*of)[8] = channel[c / 8];
         for (int j = 0; j < 8; j++) {
             const float normed = values[c + j] * factor + shift;
             xhat[c + j] = sw_rounded(normed);
@@ -75,31 +65,31 @@ static inline void sw_gather(sw_gathered *all, float t[8], const float d[8], con
         t[j] = d[j] * gain[j];
         all->sum[j] += t[j];
         all->along[j] += t[j] * (float)xhat[j];
-        all->peak[j] = sw_larger(all->peak[j], sw_abs(t[j]));
+        all->peak[j] = sw_fmax(all->peak[j], sw_abs(t[j]));
     }
 }
 
 /* From t, in `values`, to dJ/du times the scales of the rows in front, as int16 for the transposed product. Returns
  * what that product's sums have to be multiplied by. `unit` is what a 1 in dJ/dh stands for.
  */
-static inline float sw_through_norm(const sw_gathered *all, const float *restrict values, float unit,
-                                    int16_t *restrict vector, const int16_t *restrict xhat, const float back[][2][8],
+static inline float sw_norm_adjoint(const sw_gathered *all, const float *restrict values, float unit,
+                                    int16_t *restrict vector, const int16_t *restrict xhat, const float channel[][2][8],
                                     float largest, float r, int width)
 {
-    const float most = (float)SW_LEVELS(SW_PADDED(width));
-    /* xhat's integers are SW_XHAT_MOST / sqrt(n) a unit, so this is mean(t xhat) for a xhat in integers. */
-    const float project = sw_sum_of(all->along) * (1.0f / (SW_XHAT_MOST * SW_XHAT_MOST));
+    const float qmax = (float)SW_QMAX(SW_PADDED(width));
+    /* xhat's integers are SW_XHAT_QMAX / sqrt(n) a unit, so this is mean(t xhat) for a xhat in integers. */
+    const float project = sw_sum_of(all->along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
     const float mean = sw_sum_of(all->sum) / (float)width;
     float peak = all->peak[0];
-    for (int j = 1; j < 8; j++) peak = sw_larger(peak, all->peak[j]);
+    for (int j = 1; j < 8; j++) peak = sw_fmax(peak, all->peak[j]);
     /* No result exceeds this, whatever xhat is; the bound costs a bit or two and saves a pass. */
-    const float bound = peak + sw_abs(mean) + SW_XHAT_MOST * sw_abs(project);
-    const float factor = bound > 1e-30f ? most / bound : 0.0f;
+    const float bound = peak + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project);
+    const float factor = bound > 1e-30f ? qmax / bound : 0.0f;
     const float centre = -mean * factor, slant = -project * factor;
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         for (int j = 0; j < 8; j++) {
             const float d = values[c + j] * factor + ((float)xhat[c + j] * slant + centre);
-            vector[c + j] = sw_rounded(d * back[c / 8][SW_BACK_PART][j]);
+            vector[c + j] = sw_rounded(d * channel[c / 8][SW_ADJOINT_SCALE][j]);
         }
     }
     return factor > 0.0f ? unit * r * largest / factor : 0.0f;
@@ -110,8 +100,8 @@ static inline float sw_rounded_finely(int16_t *restrict vector, const float *res
                                       const float *restrict scales, int width)
 {
     float peak = 0.0f;
-    for (int c = 0; c < width; c++) peak = sw_larger(peak, sw_abs(values[c] * scales[c]));
-    const float factor = peak > 1e-30f ? (float)SW_LEVELS(SW_PADDED(width)) / peak : 0.0f;
+    for (int c = 0; c < width; c++) peak = sw_fmax(peak, sw_abs(values[c] * scales[c]));
+    const float factor = peak > 1e-30f ? (float)SW_QMAX(SW_PADDED(width)) / peak : 0.0f;
     for (int c = 0; c < width; c++) vector[c] = sw_rounded(values[c] * scales[c] * factor);
     for (int c = width; c < SW_PADDED(width); c++) vector[c] = 0;
     return factor > 0.0f ? 1.0f / factor : 0.0f;

@@ -7,7 +7,11 @@
 #include "sw_settings.h"
 
 /* A length rounded up to whole pairs of 32-bit words of int8 weights; what is added is zero throughout. */
-#define SW_PADDED(n) (((n) + 7) / 8 * 8)
+#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
+
+#if SW_LANES != 8
+#error "constants of outputs stand in eights, and so do the loops over them"
+#endif
 
 /* A number of rows rounded up to those that sw_dots takes at a time. */
 #define SW_ROWS(n) (((n) + 3) / 4 * 4)
@@ -23,9 +27,9 @@
 #define SW_DECODER_P SW_PADDED(SW_DECODER)
 #define SW_HORIZON_P SW_HORIZON
 
-#define SW_LARGER(a, b) ((a) > (b) ? (a) : (b))
-#define SW_WIDEST SW_LARGER(SW_LARGER(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
-#define SW_LONGEST SW_LARGER(SW_WIDEST, SW_LARGER(SW_DECODER_P, SW_LARGER(SW_LSTM_P, SW_LARGER(SW_HEAD_P, SW_ROW_P))))
+#define SW_MAX(a, b) ((a) > (b) ? (a) : (b))
+#define SW_WIDEST SW_MAX(SW_MAX(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
+#define SW_LONGEST SW_MAX(SW_WIDEST, SW_MAX(SW_DECODER_P, SW_MAX(SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_ROW_P))))
 
 /* Tables start at 16 bytes; products on Cortex-M read whole words. */
 #if defined(__GNUC__)
@@ -54,14 +58,14 @@ typedef struct {
     int16_t row[SW_ROW_P];
     int16_t hidden[SW_LSTM_P];
     int32_t by_row[4 * SW_LSTM_P];
-    int32_t by_hidden[SW_LARGER(4 * SW_LSTM_P, SW_LARGER(SW_HEAD_P, SW_LATENT_P))];
+    int32_t by_hidden[SW_MAX(4 * SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_LATENT_P))];
     float cell[SW_LSTM_P];
     float output[SW_LSTM_P];
-    int16_t vector[SW_LARGER(SW_LSTM_P, SW_HEAD_P)];
+    int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
 /* The decoder takes two steps of the horizon at a time; their vectors, and their sums, stand so many numbers apart. */
-#define SW_APART SW_LARGER(SW_DECODER_P, SW_LATENT_P)
+#define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {
     int16_t vector[2][SW_APART];
@@ -83,8 +87,8 @@ typedef struct {
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
     float plan[SW_HORIZON];
-    float gradient[SW_HORIZON];               /* dJ/da */
-    float moment1[SW_HORIZON];                /* Adam's m and v */
+    float gradient[SW_HORIZON]; /* dJ/da */
+    float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];
     sw_dynamics_tape dynamics;
     sw_decoder_tape decoder;

@@ -1,0 +1,44 @@
+"""Write a sample of the C library, of a small random program in both precisions, to open, compile and debug.
+
+    python -m export.to_c build/c
+
+makes `build/c/float32` and `build/c/int8`, which are folders as `stillwake export --c` writes them, and
+`compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.c_folder import COMPILE_FLAGS, RECORDED, rows_text, write_folder
+from contract.controller.compiler import STANDARD
+from export.int8.activation_ranges import activation_ranges
+from export.int8.calibrate import rounded_on
+from export.program.random_program import random_program, random_window
+from export.to_c.library import c_library
+
+MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
+MPC = MpcConfig(horizon=8)
+
+
+def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples.")]) -> None:
+    """Write a sample of the C library in both precisions."""
+    program = random_program(0, model=MODEL, mpc=MPC)
+    rng = np.random.default_rng(0)
+    windows = [random_window(program, rng) for _ in range(10)]
+    others = {
+        RECORDED: rows_text(np.concatenate(windows)).encode(),
+        COMPILE_FLAGS: "".join(f"{flag}\n" for flag in STANDARD).encode(),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    rounded = rounded_on(program, windows)
+    int8 = c_library(rounded, activation_ranges(rounded.program, windows))
+    for precision, library in (("float32", c_library(program)), ("int8", int8)):
+        write_folder(folder / precision, library | others)
+
+
+if __name__ == "__main__":
+    typer.run(main)

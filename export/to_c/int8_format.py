@@ -1,0 +1,120 @@
+"""The integers of the int8 C library: how far they reach, how matrices are packed, and tables of functions.
+
+With every matrix int8 and every activation int16, a product's sum of n terms stays below 127 qmax(n) n < 2^31. What is
+stated here is written into `sw_settings.h` (`c_constants`), so that C has no number of its own.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.errors import ExportError
+from export.program.weights import Array
+
+WORD: Final = 4
+"""int8 weights in a 32-bit word; a tile is a word by as many rows."""
+
+LANES: Final = 2 * WORD
+"""Every length is padded to whole pairs of words, and constants of outputs stand in eights."""
+
+MARGIN: Final = 1.5
+"""How far an activation may exceed its calibrated range before it saturates."""
+
+AHEAD: Final = 16
+"""Zeros after every matrix, for loads ahead of their use."""
+
+INT16_QMAX: Final = 32767
+
+SUM_QMAX: Final = (2**31 - 1) // 127
+"""Largest sum of magnitudes of a vector whose product with int8 weights cannot overflow 32 bits."""
+
+FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
+"""Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
+
+XHAT_QMAX: Final = 32767
+"""The integer of a normed value at its bound, sqrt(n) in a layer of width n."""
+
+POINTS_PER_UNIT: Final = 32
+"""Of the tables; between the points they are straight lines."""
+
+ELU_ONE: Final = 4096
+"""ELU outputs are integers of 1 / 4096 up to `ELU_RANGE`, whatever the layer, so that one table serves all."""
+
+ELU_RANGE: Final = 8
+
+ELU_MAX: Final = 6.4
+"""Largest calibrated output that still leaves room below the range's end."""
+
+ELU_ARGUMENT_MAX: Final = 5e5
+"""Largest argument of an ELU that, in 1 / `ELU_ONE`, is still an int32."""
+
+LOGISTIC_ONE: Final = 16384
+"""An argument of 1 of the table of the logistic function."""
+
+LOGISTIC_QMAX: Final = 32767
+"""The table's integer for 1."""
+
+LOGISTIC_RANGE: Final = 16
+
+GATE_MAX: Final = 6e4
+"""Largest argument of a gate that, in 1 / `LOGISTIC_ONE` and doubled, is still an int32."""
+
+
+def c_constants() -> dict[str, int | np.float32]:
+    """The definitions of `sw_settings.h` that the int8 sources need, besides sizes."""
+    return {
+        "SW_LANES": LANES,
+        "SW_AHEAD": AHEAD,
+        "SW_INT16_QMAX": INT16_QMAX,
+        "SW_SUM_QMAX": SUM_QMAX,
+        "SW_FULL_RANGE_WIDTH": FULL_RANGE_WIDTH,
+        "SW_XHAT_QMAX": np.float32(XHAT_QMAX),
+        "SW_POINTS_PER_UNIT": POINTS_PER_UNIT,
+        "SW_ELU_ONE": ELU_ONE,
+        "SW_ELU_RANGE": ELU_RANGE,
+        "SW_LOGISTIC_ONE": LOGISTIC_ONE,
+        "SW_LOGISTIC_RANGE": LOGISTIC_RANGE,
+        "SW_LOGISTIC_QMAX": LOGISTIC_QMAX,
+    }
+
+
+def qmax(width: int) -> int:
+    """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX.
+
+    Raises:
+        ExportError: the vector is so wide that too little is left.
+    """
+    if width > 4 * FULL_RANGE_WIDTH:
+        raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * FULL_RANGE_WIDTH}")
+    return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
+
+
+def padded_size(size: int) -> int:
+    """A length rounded up to whole pairs of words."""
+    return size + -size % LANES
+
+
+def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    """For `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0, 2, 1, 3."""
+    whole = np.pad(values, [(0, -size % LANES) for size in values.shape])
+    outputs, inputs = whole.shape
+    tiles = whole.reshape(outputs // WORD, WORD, inputs // WORD, WORD)[..., [0, 2, 1, 3]]
+    return np.append(tiles.transpose(0, 2, 1, 3).ravel(), np.zeros(AHEAD, np.int8))
+
+
+def elu_points() -> npt.NDArray[np.uint32]:
+    """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it."""
+    return _points(lambda x: ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), ELU_RANGE)
+
+
+def logistic_points() -> npt.NDArray[np.uint32]:
+    """The logistic function at -16, -16 + 1/32, .. below 16 in 1 / `LOGISTIC_QMAX`, as C's sw_between takes it."""
+    return _points(lambda x: LOGISTIC_QMAX / (1.0 + np.exp(-x)), LOGISTIC_RANGE)
+
+
+def _points(function: Callable[[Array], Array], reach: float) -> npt.NDArray[np.uint32]:
+    spacing = 1 / POINTS_PER_UNIT
+    values = np.rint(function(np.arange(-reach, reach + spacing, spacing))).astype(np.int64)
+    return (values[:-1] % (1 << 16) + (np.diff(values) << 16)).astype(np.uint32)

@@ -1,0 +1,38 @@
+/* ELU, the logistic function and tanh on integers, by tables of points with straight lines between them. */
+#ifndef SW_TABLES_H
+#define SW_TABLES_H
+
+#include "sw_weights.h"
+
+/* A table's value at x >= 0 on a straight line between its points, which are `step` apart. A point is a word: its value
+ * in the lower half, the rise to the next one in the upper half.
+ */
+static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step)
+{
+    const uint32_t point = points[x / step];
+    const int32_t rise = ((int32_t)(point >> 16) * (x % step) + step / 2) / step;
+    return (int16_t)(point + (uint32_t)rise);
+}
+
+/* ELU(y) in integers of 1 / SW_ELU_ONE, from y in the same unit plus SW_ELU_START: a straight line between points
+ * 1 / 32 apart, which is off by 1.3 integers at most. From -8 on downwards and from 8 on upwards it stays.
+ */
+static inline int16_t sw_elu(int32_t y)
+{
+    const int32_t last = 2 * SW_ELU_START - 1;
+    return sw_between(sw_elu_points, y < 0 ? 0 : y > last ? last : y, SW_ELU_STEP);
+}
+
+/* 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_QMAX, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START: a
+ * straight line between points 1 / 32 apart, off by 5e-5 at most. Beyond -16 and 16 it stays.
+ */
+static inline int32_t sw_table_logistic(int32_t x)
+{
+    const int32_t last = 2 * SW_LOGISTIC_START - 1;
+    return sw_between(sw_logistic_points, x < 0 ? 0 : x > last ? last : x, SW_LOGISTIC_STEP);
+}
+
+/* tanh(x) in integers of 1 / SW_LOGISTIC_QMAX, from 2 x as above: 2 sw_table_logistic(2 x) - 1. */
+static inline int32_t sw_table_tanh(int32_t x) { return 2 * sw_table_logistic(x) - SW_LOGISTIC_QMAX; }
+
+#endif

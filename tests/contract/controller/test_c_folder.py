@@ -1,0 +1,76 @@
+"""The C library's folder: what one room writes another one reads, and what is no such folder is named."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from contract.controller.c_folder import (
+    RECORDED,
+    REPLAY,
+    SETTINGS,
+    Settings,
+    float_literal,
+    library_sources,
+    read_recorded,
+    read_sources,
+    rows_from_text,
+    rows_text,
+    settings_header,
+    write_folder,
+)
+from contract.errors import LibraryError
+
+finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+def test_settings_are_read_as_they_were_written():
+    header = settings_header({"SW_WINDOW": 20, "SW_NAMES": "upper_39 base_0", "SW_ACTION_LIMIT": np.float32(0.075)})
+    settings = Settings.of({SETTINGS: header})
+    assert settings.number("SW_WINDOW") == 20
+    assert settings.text("SW_NAMES") == "upper_39 base_0"
+    assert settings.text("SW_ACTION_LIMIT") == "7.5e-02f"
+    with pytest.raises(LibraryError, match=r"sw_settings\.h: SW_HORIZON is missing"):
+        settings.number("SW_HORIZON")
+
+
+@given(finite)
+def test_a_literal_is_its_float32_again(value):
+    number = np.float32(value)
+    literal = float_literal(number)
+    assert literal[-1] == "f" and "." in literal
+    assert np.float32(literal[:-1]) == number
+
+
+@given(arrays(np.float32, array_shapes(min_dims=2, max_dims=2), elements=finite))
+def test_rows_are_read_to_the_bit_as_they_were_written(rows):
+    np.testing.assert_array_equal(rows_from_text(rows_text(rows)), rows)
+
+
+def test_a_folder_is_read_as_it_was_written(tmp_path):
+    contents = {SETTINGS: b"", "a.c": b"int a;", REPLAY: b"int main(void);", RECORDED: b"1 2\n3 4\n"}
+    write_folder(tmp_path / "c", contents)
+    sources = read_sources(tmp_path / "c")
+    assert sources == {name: content for name, content in contents.items() if name != RECORDED}
+    assert set(library_sources(sources)) == {SETTINGS, "a.c"}
+    np.testing.assert_array_equal(read_recorded(tmp_path / "c"), [[1, 2], [3, 4]])
+
+
+def test_another_folder_is_never_replaced(tmp_path):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(LibraryError, match="holds something else"):
+        write_folder(tmp_path, {SETTINGS: b""})
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
+
+
+def test_what_is_missing_or_damaged_is_named(tmp_path):
+    with pytest.raises(LibraryError, match=r"nowhere: No such file"):
+        read_sources(tmp_path / "nowhere")
+    with pytest.raises(LibraryError, match=r"recorded\.txt: No such file"):
+        read_recorded(tmp_path)
+    (tmp_path / RECORDED).write_text("1 2\n3 four\n")
+    with pytest.raises(LibraryError, match=r"recorded\.txt: .*four"):
+        read_recorded(tmp_path)
+    with pytest.raises(LibraryError, match=r"sw_settings\.h is missing"):
+        Settings.of({})

@@ -1,0 +1,125 @@
+"""The integers of the int8 library: their range, how matrices are packed, and C's own functions on the tables."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from scipy.special import expit
+
+from contract.config.tree import ModelConfig, MpcConfig
+from contract.controller.c_folder import library_sources
+from contract.controller.compiler import host_compiler
+from contract.errors import ExportError, LibraryError
+from export.int8.activation_ranges import activation_ranges
+from export.int8.nearest import quantise
+from export.program.random_program import random_program, random_window
+from export.to_c.int8_format import (
+    AHEAD,
+    ELU_ONE,
+    ELU_RANGE,
+    LOGISTIC_ONE,
+    LOGISTIC_QMAX,
+    LOGISTIC_RANGE,
+    packed,
+    qmax,
+)
+from export.to_c.library import c_library
+
+SHIM = b"""
+#include "sw_integer.h"
+#include "sw_tables.h"
+void apply(int which, int count, const int32_t *x, int32_t *y);
+int32_t qmax(int32_t width);
+void apply(int which, int count, const int32_t *x, int32_t *y)
+{
+    for (int i = 0; i < count; i++) {
+        y[i] = which == 0 ? sw_elu(x[i]) : which == 1 ? sw_table_logistic(x[i]) : sw_table_tanh(x[i]);
+    }
+}
+int32_t qmax(int32_t width) { return SW_QMAX(width); }
+"""
+ELU, LOGISTIC, TANH = range(3)
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory, shared_builds):
+    """The functions of `sw_tables.h` with the tables that the exporter writes."""
+    try:
+        compiler = host_compiler()
+    except LibraryError as error:
+        pytest.skip(str(error))
+    model = ModelConfig(window=2, latent=2, lstm_width=3, dynamics_width=3, decoder_width=3)
+    program = quantise(random_program(5, model=model, mpc=MpcConfig(horizon=4)))
+    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    path = tmp_path_factory.mktemp("tables") / "tables.so"
+    contents = library_sources(c_library(program, ranges)) | {"shim.c": SHIM}
+    shared_builds.compile_c(contents, path, compiler=compiler, flags=("-shared", "-fPIC", "-O1"))
+    return ctypes.CDLL(str(path))
+
+
+@pytest.fixture(scope="module")
+def apply(library):
+    def run(which: int, x: np.ndarray) -> np.ndarray:
+        x = np.ascontiguousarray(x, dtype=np.int32)
+        y = np.empty_like(x)
+        pointer = ctypes.POINTER(ctypes.c_int32)
+        library.apply(which, len(x), x.ctypes.data_as(pointer), y.ctypes.data_as(pointer))
+        return y.astype(np.float64)
+
+    return run
+
+
+def every_integer(reach: int, one: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every argument of a table, as the C function takes it and as the number that it stands for."""
+    integers = np.arange(2 * reach * one)
+    return integers, integers / one - reach
+
+
+def test_elu_is_off_by_one_and_a_third_at_most(apply):
+    """Half an integer for the point, half for the straight line (h^2 / 8 max |f''|), half for the sum: at worst 1.5."""
+    integers, x = every_integer(ELU_RANGE, ELU_ONE)
+    exact = ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x)
+    assert np.abs(apply(ELU, integers) - exact).max() < 1.3
+
+
+def test_the_logistic_function_is_off_by_5e_5_at_most(apply):
+    """Twice half an integer of 1 / 32767 for rounding, and h^2 / 8 max |f''| = 1.2e-5 for the straight line."""
+    integers, x = every_integer(LOGISTIC_RANGE, LOGISTIC_ONE)
+    np.testing.assert_allclose(apply(LOGISTIC, integers) / LOGISTIC_QMAX, expit(x), rtol=0, atol=5e-5)
+
+
+def test_tanh_is_off_by_twice_as_much(apply):
+    """tanh(x) = 2 logistic(2 x) - 1; the argument is 2 x."""
+    integers, twice = every_integer(LOGISTIC_RANGE, LOGISTIC_ONE)
+    np.testing.assert_allclose(apply(TANH, integers) / LOGISTIC_QMAX, np.tanh(twice / 2), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("which", "reach", "one"), [(ELU, ELU_RANGE, ELU_ONE), (LOGISTIC, LOGISTIC_RANGE, LOGISTIC_ONE)]
+)
+def test_beyond_a_table_its_ends_stay(apply, which, reach, one):
+    last = 2 * reach * one - 1
+    beyond = apply(which, [-(2**31), -1, last + 1, 2**31 - 1])
+    np.testing.assert_array_equal(beyond, apply(which, [0, 0, last, last]))
+
+
+def test_no_sum_of_products_can_overflow_32_bits():
+    for width in range(4, 2065, 4):
+        assert 127 * qmax(width) * width <= 2**31 - 1
+    with pytest.raises(ExportError, match="at most 2064"):
+        qmax(2068)
+
+
+def test_c_has_the_same_largest_integers(library):
+    for width in range(8, 2065, 8):
+        assert library.qmax(width) == qmax(width)
+
+
+def test_weights_are_packed_in_tiles():
+    """Tiles of four rows and columns, in each row the columns 0, 2, 1, 3; both sides padded to eight, then zeros."""
+    found = packed(np.arange(1, 11, dtype=np.int8).reshape(2, 5))
+    assert len(found) == 8 * 8 + AHEAD
+    tiles = found[:-AHEAD].reshape(2, 2, 4, 4)
+    np.testing.assert_array_equal(tiles[0, 0], [[1, 3, 2, 4], [6, 8, 7, 9], [0] * 4, [0] * 4])
+    np.testing.assert_array_equal(tiles[0, 1], [[5, 0, 0, 0], [10, 0, 0, 0], [0] * 4, [0] * 4])
+    np.testing.assert_array_equal(tiles[1], 0)

@@ -1,0 +1,55 @@
+"""The sample folders, and the sources in place, parsed as editors do: by the flags of `compile_flags.txt`."""
+
+import subprocess
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from contract.controller.c_folder import COMPILE_FLAGS
+from contract.controller.compiler import host_compiler
+from contract.errors import LibraryError
+from export.to_c.__main__ import main
+
+SOURCES = Path(str(files("export.to_c").joinpath("sources")))
+SAMPLES = "../../../../build/c"
+"""The place of the samples, seen from a folder of the sources."""
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("samples") / "c"
+    main(folder)
+    return folder
+
+
+def parse(folder: Path, flags: list[str]) -> None:
+    try:
+        compiler = host_compiler()
+    except LibraryError as error:
+        pytest.skip(str(error))
+    if "ziglang" in compiler:
+        pytest.skip("ziglang has no -fsyntax-only")
+    sources = sorted(item.name for item in folder.glob("*.c"))
+    done = subprocess.run([*compiler, "-fsyntax-only", "-Werror", *flags, *sources], cwd=folder, check=False)
+    assert done.returncode == 0
+
+
+def flags_of(folder: Path) -> list[str]:
+    return (folder / COMPILE_FLAGS).read_text().split()
+
+
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+def test_a_sample_is_parsed_by_its_flags(samples, precision):
+    parse(samples / precision, flags_of(samples / precision))
+
+
+@pytest.mark.parametrize("folder", ["common", "float32", "int8"])
+def test_the_sources_are_parsed_in_place(samples, folder):
+    flags = flags_of(SOURCES / folder)
+    assert any(SAMPLES in flag for flag in flags)
+    parse(SOURCES / folder, [flag.replace(SAMPLES, str(samples)) for flag in flags])
+
+
+def test_a_sample_can_be_written_again(samples):
+    main(samples)
