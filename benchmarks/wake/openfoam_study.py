@@ -1,4 +1,4 @@
-"""The truck's wake by OpenFOAM's icoFoam beside the own solver: uncontrolled, forced, and in the closed loop.
+"""The truck's wake by OpenFOAM's icoFoam next to the own solver: uncontrolled, forced, and in the closed loop.
 
     python benchmarks/wake/openfoam_study.py [--json FILE] [--only PART]
 

@@ -19,7 +19,7 @@ def parse_cells(content: bytes, name: str) -> Array:
     """A field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers.
 
     Raises:
-        PlantError: if it is of another kind or cut short; `name` says which.
+        PlantError: if it is of another kind or cut short; the message has `name`.
     """
     found = _LIST.search(content)
     if found is None or b"scalar=64" not in content[: found.start()]:

@@ -88,7 +88,7 @@ def written(folder: Path, dt: float) -> FoamState:
 
 
 def save(path: Path, state: FoamState, facts: str) -> None:
-    """Write a state and a line that says how it was made, whole or not at all."""
+    """Write a state and a line on how it was made, whole or not at all."""
     about = {"schema": STATE_SCHEMA, "facts": facts, "dt": state.dt, "action": state.action, "substep": state.substep}
     readings = state.readings
     arrays: dict[str, Any] = {name: np.frombuffer(content, np.uint8) for name, content in state.files.items()}

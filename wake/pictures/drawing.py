@@ -35,7 +35,7 @@ SENSOR_COLOURS: Final = "viridis"
 BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
 SENSOR_RANGE: Final = (-0.9, 0.1)
-"""Ends of the colour scale of wall Cp: what the sensors of the uncontrolled truck see."""
+"""Ends of the colour scale of wall Cp: the range of the sensors on the uncontrolled truck."""
 
 _LEVEL: Final[dict[Kind, float]] = {"vorticity": 4.0, "pressure": 1.0}
 _LABEL: Final[dict[Kind, str]] = {

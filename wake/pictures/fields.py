@@ -1,4 +1,4 @@
-"""What a flow shows: fields in the cell centres, their mean over time, pixels of them."""
+"""Fields of a flow for pictures: in the cell centres, averaged over time, interpolated to pixels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

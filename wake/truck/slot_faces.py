@@ -1,4 +1,4 @@
-"""What the flow does to the two slot faces, from the momentum balance of the half cell before each face.
+"""The flow's load on the two slot faces, from the momentum balance of the half cell before each face.
 
 Near a slot the pressure falls by several dynamic pressures within a slot's width, and a straight line through two
 cells misses a fifth of it. Momentum does not: along x, p + u^2 - 2 nu du/dx is the same on the face and half a cell
