@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.errors import PlantError
-
-Array = npt.NDArray[np.float64]
 
 _WIDTH: Final = {b"scalar": 1, b"vector": 3}
 _LIST: Final = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s*(\d+)\s*\(")

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from contract.arrays import Array
 from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.solver.grid import graded_faces
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")

@@ -8,14 +8,12 @@ from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
 from wake.openfoam import dictionary, fields
 from wake.openfoam.measurements import Readings, read_all
-
-Array = npt.NDArray[np.float64]
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 

@@ -10,12 +10,12 @@ import numpy.typing as npt
 from matplotlib.animation import FFMpegWriter
 from PIL import Image
 
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError
 from wake.pictures.drawing import BLOWING, FIELD_COLOURS, SENSOR_COLOURS, SUCKING, WakePicture
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 Pixels = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 

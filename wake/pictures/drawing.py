@@ -14,6 +14,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
 
 from contract import sensors
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
@@ -23,7 +24,6 @@ from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 from wake.truck.recirculation import recirculation_length
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["vorticity", "pressure"]
 
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)

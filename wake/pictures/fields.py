@@ -4,14 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from contract.arrays import Array
 from contract.errors import PlantError
 from wake.solver.flow import Flow
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 View = tuple[float, float, float, float]
 """Shown part of the domain: x and y limits in W."""
 

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording.dataset import UNITS, Episode
@@ -23,7 +23,6 @@ from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 """Called with (episode, steps done, steps in all)."""
 

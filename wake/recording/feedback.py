@@ -4,9 +4,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from contract.arrays import Array
 
 
 class Policy(Protocol):

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
+from contract.arrays import Array
 from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 
-Array = npt.NDArray[np.float64]
 Component = Literal["u", "v", "p"]
 
 # The spacing to aim at, at a few stations; between them it varies linearly. The wall cell matches the body-fitted

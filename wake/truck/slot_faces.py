@@ -9,12 +9,10 @@ cancel over a cycle. On the default grid this gives the force on slots resolved 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
