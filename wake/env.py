@@ -19,15 +19,15 @@ from wake.truck.truck_wake import TruckWake
 Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""What `info` carries of a `wake.truck.sample.Sample`: all but the 90 pressures."""
+"""What `info` holds of a `wake.truck.sample.Sample`: all but the 90 pressures."""
 
 
 class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """One step is one control period of 0.2 t_c.
 
     Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
-    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and keeps
-    saying so if it is stepped further.
+    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and stays
+    truncated in every later step.
 
     `info` holds at every step the drag ledger, by the names and in the units of `wake.truck.sample.Sample`: time,
     wall force, slot force, jet momentum, jet power, their net, the wake probe and the action in force; and `clipped`,
@@ -109,11 +109,11 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         """
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        wanted = _single_value(action)
+        commanded = _single_value(action)
         limit = self._wake.config.action_limit
         # float32 rounds the bound itself up by an ulp; that is not a clipped action.
-        clipped = bool(abs(wanted) > np.float32(limit))
-        sample = self._wake.advance(float(np.clip(wanted, -limit, limit)))
+        clipped = bool(abs(commanded) > np.float32(limit))
+        sample = self._wake.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
         self._clipped_count += clipped
         truncated = self._step_count >= self._episode_steps

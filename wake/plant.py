@@ -2,14 +2,10 @@
 
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from contract.arrays import Array
 from contract.config.tree import FlowConfig
 from wake.solver.grid import Grid
 from wake.truck.sample import Sample
-
-Array = npt.NDArray[np.float64]
 
 
 class Plant(Protocol):

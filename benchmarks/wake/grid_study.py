@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from contract import sensors
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
@@ -30,8 +30,6 @@ from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
 from wake.truck.sample import Sample
 from wake.truck.truck_wake import TruckWake
-
-Array = npt.NDArray[np.float64]
 
 CASES: Final = ("0.7:30", "1.0:30", "1.0:60", "1.4:42")
 """Refinement and time steps a control period."""

@@ -12,20 +12,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from contract import sensors
+from contract.arrays import Array
 from contract.results import versions, write_result
 from wake.truck.averages import Average
 from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
-
-Array = npt.NDArray[np.float64]
 
 FREQUENCIES = (0.18, 0.19, 0.20, 0.21)
 LEADS = (0, 12)

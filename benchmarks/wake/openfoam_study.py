@@ -1,4 +1,4 @@
-"""The truck's wake by OpenFOAM's icoFoam beside the own solver: uncontrolled, forced, and in the closed loop.
+"""The truck's wake by OpenFOAM's icoFoam next to the own solver: uncontrolled, forced, and in the closed loop.
 
     python benchmarks/wake/openfoam_study.py [--json FILE] [--only PART]
 
@@ -17,12 +17,12 @@ from time import process_time
 from typing import Annotated, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from contract import sensors
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import FlowConfig
@@ -55,7 +55,6 @@ LEAD_IN: Final = 10.0
 CONTROLLED: Final = 50.0
 SETTLE: Final = 20.0
 
-Array = npt.NDArray[np.float64]
 Bar = Callable[[float, float], None]
 
 

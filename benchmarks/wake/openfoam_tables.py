@@ -1,4 +1,4 @@
-"""The table of docs/openfoam.md: the second plant beside the own one."""
+"""The table of docs/openfoam.md: the second plant next to the own one."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -16,7 +16,6 @@ from time import process_time
 from typing import Annotated, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import typer
 from numba import njit
 from rich.console import Console
@@ -24,13 +23,12 @@ from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from contract.arrays import Array
 from contract.config.tree import FlowConfig
 from contract.results import versions, write_result
 from wake.solver import kernels, poisson
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
-
-Array = npt.NDArray[np.float64]
 
 _PARTS: Final = {
     "stages": "convection, diffusion, walls",

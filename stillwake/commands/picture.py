@@ -182,16 +182,16 @@ def _actions(
         raise ConfigError("--forcing, --run and --dataset exclude each other: give one")
     if episode is not None and dataset is None:
         raise ConfigError(f"--episode {episode}: needs --dataset FILE")
-    wanted = None if duration is None else round(duration / config.flow.control_period)
+    asked = None if duration is None else round(duration / config.flow.control_period)
     usual = round(USUAL_DURATION / config.flow.control_period)
     if run is not None:
         recorded = _run_actions(run)
-        steps = len(recorded) if wanted is None else wanted
+        steps = len(recorded) if asked is None else asked
     elif dataset is not None:
         recorded = _episode_actions(dataset, episode, config.flow.action_limit)
-        steps = min(usual, len(recorded)) if wanted is None else wanted
+        steps = min(usual, len(recorded)) if asked is None else asked
     else:
-        return _signal(config, usual if wanted is None else wanted, forcing, amplitude, frequency, seed)
+        return _signal(config, usual if asked is None else asked, forcing, amplitude, frequency, seed)
     if steps > len(recorded):
         raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")
     return recorded[:steps]

@@ -32,7 +32,7 @@ def record(
     ] = False,
     under: Annotated[
         Path | None,
-        typer.Option(help="Instead, let this release bundle's controller drive the jets, and add what comes of it."),
+        typer.Option(help="Instead, let this release bundle's controller drive the jets, and add the episodes."),
     ] = None,
     controlled: Annotated[
         int | None, typer.Option(help="With --under: control steps an episode (1100).", min=1)
@@ -56,7 +56,7 @@ def record(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(help="Record on this dask scheduler's workers; they must see the output's folder at its path."),
+        typer.Option(help="Record on this dask scheduler's workers; they must have the output's folder at its path."),
     ] = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
@@ -73,12 +73,12 @@ def record(
     of_round = {"controlled": controlled, "episodes": episodes, "exploration": exploration, "role": role}
     processes = {"workers": _cores() if workers is None else workers, "scheduler": scheduler}
     if under is None:
-        _refuse_given(of_round, "says how to record under a controller: give --under BUNDLE, too")
+        _refuse_given(of_round, "needs a controller: give --under BUNDLE as well")
         _record_forced(output, config, lengths, paper, seed, processes)
         return
     if paper:
         raise StillwakeError("--under and --paper are two recordings: give one of them")
-    _refuse_given(lengths, "does not go with --under: --controlled and --episodes say how much to record")
+    _refuse_given(lengths, "does not go with --under: give --controlled and --episodes instead")
     settings = {"steps" if name == "controlled" else name: v for name, v in of_round.items() if v is not None}
     _record_round(output, config, under, {**settings, "seed": seed}, processes)
 
@@ -95,7 +95,7 @@ def _record_forced(
     from wake.recording.recorder import record as record_dataset
 
     if paper:
-        _refuse_given(lengths, "does not go with --paper, which says how much to record")
+        _refuse_given(lengths, "does not go with --paper, which has its own lengths")
 
     def steps(name: str, default: int) -> int:
         given = lengths[name]
@@ -129,15 +129,16 @@ def _record_round(
 
     release = open_release(bundle, None)
     check_flow(release, config.flow)
-    wanted = ControlledRound(**settings, bundle=release.manifest.name, bundle_digest=release.digest)
+    planned = ControlledRound(**settings, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
     BundlePolicy(release)
     console.print(*describe(release), sep="\n", soft_wrap=True)
-    with _progress(wanted.episodes) as shown:
-        number = record_round(output, wanted, config, partial(BundlePolicy, release), **processes, **shown)
+    with _progress(planned.episodes) as shown:
+        number = record_round(output, planned, config, partial(BundlePolicy, release), **processes, **shown)
     console.print(
-        f"wrote {output}: round {number}, {wanted.episodes * wanted.steps} control steps under the controller for "
-        f"{wanted.role!r}, {output.stat().st_size / 1e6:.1f} MB in all"
+        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
+        f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",
+        soft_wrap=True,
     )
 
 

@@ -5,16 +5,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.config.tree import FlowConfig
 from contract.geometry import WAKE_PROBE
 from wake.openfoam import dictionary, jets, poly_mesh
 from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import PATCHES, Mesh
 from wake.openfoam.sensing import pressure_points
-
-Array = npt.NDArray[np.float64]
 
 FORCES: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
 """Function object that measures each patch's force."""

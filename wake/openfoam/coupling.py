@@ -2,8 +2,8 @@
 
 The jets' boundary condition (`wake.openfoam.jets`) opens the file of its next instant in the first time step after the
 last one. Here every time step's end is such an instant, and its file is a named pipe, one a jet. So icoFoam stops at
-the start of each time step, when everything about the last one has been measured and written, until it is told the
-jets' velocity at the step's end. A ramp can then start at any time step of a control period, as on the project's own
+the start of each time step, when everything about the last one has been measured and written, until the
+jets' velocity at the step's end arrives. A ramp can then start at any time step of a control period, as on the own
 plant.
 """
 

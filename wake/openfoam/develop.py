@@ -6,9 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from contract.arrays import Array
 from contract.config.tree import FlowConfig, OpenFoamConfig
 from wake.openfoam import case, fields, jets
 from wake.openfoam.mesh import Mesh, truck_mesh
@@ -17,7 +15,6 @@ from wake.openfoam.start import from_own_solver
 from wake.openfoam.state import FoamState, load, save, written
 from wake.truck.state import developed_state
 
-Array = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]
 
 _CHECKPOINT: Final = 5.0  # longest time between states written, t_c

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.errors import PlantError
-
-Array = npt.NDArray[np.float64]
 
 _WIDTH: Final = {b"scalar": 1, b"vector": 3}
 _LIST: Final = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s*(\d+)\s*\(")
@@ -19,7 +17,7 @@ def parse_cells(content: bytes, name: str) -> Array:
     """A field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers.
 
     Raises:
-        PlantError: if it is of another kind or cut short; `name` says which.
+        PlantError: if it is of another kind or cut short; the message has `name`.
     """
     found = _LIST.search(content)
     if found is None or b"scalar=64" not in content[: found.start()]:

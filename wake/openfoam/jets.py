@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.geometry import JET_WIDTH
 from wake.openfoam import dictionary
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.sensing import slot_shares
-
-Array = npt.NDArray[np.float64]
 
 JETS: Final = ("jetUpper", "jetLower")
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from contract import sensors
+from contract.arrays import Array
 from contract.errors import PlantError
 from wake.openfoam.case import FORCES, PRESSURES, WAKE
 from wake.openfoam.jets import JETS
@@ -18,8 +18,6 @@ from wake.openfoam.mesh import Mesh
 from wake.openfoam.sensing import sensor_weights
 from wake.truck import jets
 from wake.truck.sample import Sample
-
-Array = npt.NDArray[np.float64]
 
 _FILES: Final = {**dict.fromkeys(FORCES.values(), "force.dat"), PRESSURES: "p", WAKE: "U"}
 

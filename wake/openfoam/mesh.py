@@ -13,18 +13,18 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from contract.arrays import Array
 from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.solver.grid import graded_faces
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
 """Patches of the plane mesh; OpenFOAM's two empty planes come on top."""
 
-# Wanted spacings (station, size), linear between them. Along the front (y), the sides (x) and the wake (x); away from
-# the wall; across the wake (y).
+# Spacings to aim at (station, size), linear between them. Along the front (y), the sides (x) and the wake (x); away
+# from the wall; across the wake (y).
 _FRONT: Final = ((0.0, 0.03), (0.25, 0.02), (0.382, 0.0155))
 _ARC: Final = 0.0155
 _SIDE: Final = (

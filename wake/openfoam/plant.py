@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake.openfoam import case, fields, jets
@@ -23,8 +23,6 @@ from wake.openfoam.start import between
 from wake.openfoam.state import FoamState, put, read_fields
 from wake.solver.grid import Grid, truck_grid
 from wake.truck.sample import Sample
-
-Array = npt.NDArray[np.float64]
 
 
 class OpenFoamWake:

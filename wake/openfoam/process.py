@@ -31,7 +31,7 @@ class IcoFoam:
 
     Args:
         folder: the case.
-        command: what to run in it; icoFoam unless a test says otherwise.
+        command: what to run in it; icoFoam, or another program in tests.
 
     Raises:
         PlantError: if icoFoam is not installed.
@@ -65,7 +65,7 @@ class IcoFoam:
             raise self.failure(_ended(status))
 
     def failure(self, what: str) -> PlantError:
-        """An error that says in one line what happened and how the log ends."""
+        """An error of one line with what happened and the log's end."""
         path = self.folder / LOG
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
         tail = " | ".join([line for line in lines if line][-_TAIL:]) or "(nothing)"

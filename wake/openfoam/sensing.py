@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
+from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.openfoam.mesh import Mesh
-
-Array = npt.NDArray[np.float64]
 
 _PROBED: Final = ("truck", "jetUpper", "jetLower")
 

@@ -1,15 +1,13 @@
 """Start fields: a developed wake interpolated from the project's own solver, or from another mesh."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator, RegularGridInterpolator
 
+from contract.arrays import Array
 from wake.openfoam.mesh import Mesh
 from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
 from wake.truck.state import State
-
-Array = npt.NDArray[np.float64]
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:

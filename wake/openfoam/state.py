@@ -8,14 +8,12 @@ from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
 from wake.openfoam import dictionary, fields
 from wake.openfoam.measurements import Readings, read_all
-
-Array = npt.NDArray[np.float64]
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
@@ -88,7 +86,7 @@ def written(folder: Path, dt: float) -> FoamState:
 
 
 def save(path: Path, state: FoamState, facts: str) -> None:
-    """Write a state and a line that says how it was made, whole or not at all."""
+    """Write a state and a line on how it was made, whole or not at all."""
     about = {"schema": STATE_SCHEMA, "facts": facts, "dt": state.dt, "action": state.action, "substep": state.substep}
     readings = state.readings
     arrays: dict[str, Any] = {name: np.frombuffer(content, np.uint8) for name, content in state.files.items()}

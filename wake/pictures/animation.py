@@ -10,12 +10,12 @@ import numpy.typing as npt
 from matplotlib.animation import FFMpegWriter
 from PIL import Image
 
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError
 from wake.pictures.drawing import BLOWING, FIELD_COLOURS, SENSOR_COLOURS, SUCKING, WakePicture
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 Pixels = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 
@@ -109,7 +109,7 @@ def _palette() -> Image.Image:
 
 
 def _write_mp4(path: Path, picture: WakePicture, frames: Iterator[Pixels], fps: int) -> int:
-    # The container is named, because the temporary file's suffix does not say it; players want even sizes in 4:2:0.
+    # The container is named, because the temporary file's suffix is another; players want even sizes in 4:2:0.
     options = ["-f", "mp4", "-pix_fmt", "yuv420p", "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2"]
     writer: Any = FFMpegWriter(fps=fps, extra_args=options)
     count = 0

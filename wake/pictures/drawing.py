@@ -14,6 +14,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
 
 from contract import sensors
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
@@ -23,7 +24,6 @@ from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 from wake.truck.recirculation import recirculation_length
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["vorticity", "pressure"]
 
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
@@ -35,7 +35,7 @@ SENSOR_COLOURS: Final = "viridis"
 BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
 SENSOR_RANGE: Final = (-0.9, 0.1)
-"""Ends of the colour scale of wall Cp: what the sensors of the uncontrolled truck see."""
+"""Ends of the colour scale of wall Cp: the range of the sensors on the uncontrolled truck."""
 
 _LEVEL: Final[dict[Kind, float]] = {"vorticity": 4.0, "pressure": 1.0}
 _LABEL: Final[dict[Kind, str]] = {

@@ -1,17 +1,16 @@
-"""What a flow shows: fields in the cell centres, their mean over time, pixels of them."""
+"""Fields of a flow for pictures: in the cell centres, averaged over time, interpolated to pixels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from contract.arrays import Array
 from contract.errors import PlantError
 from wake.solver.flow import Flow
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 View = tuple[float, float, float, float]
 """Shown part of the domain: x and y limits in W."""
 

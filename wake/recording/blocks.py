@@ -1,7 +1,7 @@
 """An episode on disk while it is being recorded.
 
-A block is one file of samples, and beside it the state at its end: the flow and the policy's memory. The state is
-written first, so that a block which is there can be continued from; the state of an earlier block is then no longer
+A block is one file of samples, and next to it the state at its end: the flow and the policy's memory. The state is
+written first, so that a block which is there can be continued; the state of an earlier block is then no longer
 needed. Every file is there and whole or not there at all, so a recording that was stopped at any instant continues
 without a seam.
 """

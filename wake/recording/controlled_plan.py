@@ -1,5 +1,5 @@
 """Which episodes are recorded under a controller (DAgger: Ross, Gordon and Bagnell 2011, a data set that grows by what
-the controller of the round before meets)."""
+the controller of the round before runs into)."""
 
 from dataclasses import dataclass
 from math import isfinite

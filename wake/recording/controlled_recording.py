@@ -19,7 +19,7 @@ FACTS = ("flow", "grid")
 
 def record_round(
     output: Path,
-    wanted: ControlledRound,
+    planned: ControlledRound,
     config: Config,
     policy: PolicyFactory,
     *,
@@ -37,7 +37,7 @@ def record_round(
 
     Args:
         output: the HDF5 file.
-        wanted: what to record.
+        planned: what to record.
         config: flow and forcing settings.
         policy: makes the controller in each recording process.
         workers, scheduler, progress, notice, block_steps: as for `wake.recording.recorder.record`.
@@ -53,12 +53,12 @@ def record_round(
     facts = {name: value for name, value in setting_of(config).items() if name in FACTS}
     there = read_to_append(output, facts)
     number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1
-    before = jobs_for(output, wanted.plans(number - 1), config, block_steps=block_steps, policy=policy)
+    before = jobs_for(output, planned.plans(number - 1), config, block_steps=block_steps, policy=policy)
     if _added(before, there):
         before[0].parts.clear()
         return number - 1
     with finished_jobs(
-        jobs_for(output, wanted.plans(number), config, block_steps=block_steps, policy=policy),
+        jobs_for(output, planned.plans(number), config, block_steps=block_steps, policy=policy),
         workers=workers,
         scheduler=scheduler,
         progress=progress,

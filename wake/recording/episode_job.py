@@ -1,4 +1,4 @@
-"""One episode of a recording: what a process needs to know to record it, block by block."""
+"""One episode of a recording: all that a process needs to record it, block by block."""
 
 import hashlib
 import platform
@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording.dataset import UNITS, Episode
@@ -23,14 +23,13 @@ from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 """Called with (episode, steps done, steps in all)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeJob:
-    """What it takes to record one episode, in this process or in another that sees the same folder.
+    """What it takes to record one episode, in this process or in another that shares the folder.
 
     Attributes:
         parts: the recording's unfinished work.
@@ -104,7 +103,7 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages`, too."""
+    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well."""
     return {
         "flow": asdict(config.flow),
         "forcing": asdict(config.forcing),
@@ -123,7 +122,7 @@ def _advance(
 ) -> tuple[Series, Sample, Array]:
     """Samples of a block that begins with `sample`, the one after it, and the policy's memory then.
 
-    What acts is the policy's command plus the signal, cut to the action limit; the policy sees it as the action in
+    What acts is the policy's command plus the signal, cut to the action limit; the policy gets it as the action in
     force one step later.
     """
     rows: list[Sample] = []
@@ -135,5 +134,5 @@ def _advance(
         actions[k] = np.clip(command + added, -limit, limit)
         sample = wake.advance(float(actions[k]))
     series = {name: np.array([getattr(row, name) for row in rows]) for name in UNITS}
-    # A sample knows the action in force when it was taken; a recording holds the one commanded then.
+    # A sample holds the action in force when it was taken, a recording the one commanded then.
     return series | {"action": actions}, sample, memory

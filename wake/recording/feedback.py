@@ -1,16 +1,15 @@
-"""What may close the loop while the wake is recorded; the room knows no controller of its own."""
+"""The controller that may close the loop while the wake is recorded; the room has none of its own."""
 
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from contract.arrays import Array
 
 
 class Policy(Protocol):
-    """A feedback controller that keeps nothing to itself: its memory is an array that others store.
+    """A feedback controller without hidden state: its memory is an array that others store.
 
     So a recording can be stopped at any step and continued in another process.
     """
@@ -36,7 +35,7 @@ PolicyFactory = Callable[[], Policy]
 
 
 class NoFeedback:
-    """Commands nothing, whatever it sees."""
+    """Commands nothing."""
 
     def start(self) -> Array:
         return np.empty(0)

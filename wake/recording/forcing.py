@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import butter, lfilter, sosfilt
 
+from contract.arrays import Array
 from contract.config.tree import FlowConfig, ForcingConfig
 from contract.errors import ConfigError
 
-Array = npt.NDArray[np.float64]
 ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 

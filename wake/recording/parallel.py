@@ -74,7 +74,7 @@ def _finish(future: Future, job: EpisodeJob) -> None:
         raise error
     if isinstance(error, KilledWorker):
         raise StillwakeError(
-            f"episode {job.plan.name}: {error.allowed_failures + 1} workers died over it, killed or for want of "
+            f"episode {job.plan.name}: {error.allowed_failures + 1} workers died over it, killed or out of "
             f"memory; finished blocks are kept in {job.parts.path}"
         )
     raise StillwakeError(f"episode {job.plan.name}: lost by its worker ({error or future.status})") from error

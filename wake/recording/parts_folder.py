@@ -48,7 +48,7 @@ class PartsFolder:
             temporary.write_text(owner)
 
     def is_owned_by(self, owner: str) -> bool:
-        """Whether the call with this token works on it; False, too, if the folder cannot be read from here."""
+        """Whether the call with this token works on it; also False if the folder cannot be read from here."""
         try:
             return self._owner.read_text() == owner
         except OSError:

@@ -11,7 +11,7 @@ from contract.recording.dataset import Role
 
 
 class Plan(Protocol):
-    """One episode to record; a dataclass whose fields tell it from every other one of the recording."""
+    """One episode to record; a dataclass whose fields no other one of the recording shares."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 

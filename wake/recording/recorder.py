@@ -39,7 +39,7 @@ def record(
         plans: episodes, in the order they will have in the file.
         config: flow and forcing settings.
         workers: processes on this machine; with 1, episodes follow one another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; they must see `output`'s folder under
+        scheduler: address of a dask scheduler whose workers record instead; they must have `output`'s folder under
             the same path.
         progress: called for every episode at the start, and then after its blocks.
         notice: called with a line when a worker was lost or joined.

@@ -1,1 +1,1 @@
-"""Incompressible Navier-Stokes on a stretched tensor grid; knows no truck."""
+"""Incompressible Navier-Stokes on a stretched tensor grid, around any body."""

@@ -17,12 +17,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array, Mask
 from wake.solver.flow import Layout
 from wake.solver.grid import Component, Grid, bilinear
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 SignedDistance = Callable[[npt.ArrayLike, npt.ArrayLike], Array]
 
 _ON_WALL = 1e-9

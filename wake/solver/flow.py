@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from wake.solver.grid import Component
-
-Array = npt.NDArray[np.float64]
 
 _ORDER: Final[tuple[Component, ...]] = ("u", "v", "p")
 _PADDED: Final[dict[Component, tuple[int, int]]] = {"u": (2, 2), "v": (2, 1), "p": (1, 0)}

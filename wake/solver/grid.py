@@ -9,16 +9,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
+from contract.arrays import Array
 from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 
-Array = npt.NDArray[np.float64]
 Component = Literal["u", "v", "p"]
 
-# Wanted spacing at a few stations; between them it varies linearly. The wall cell matches the body-fitted
+# The spacing to aim at, at a few stations; between them it varies linearly. The wall cell matches the body-fitted
 # reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as its finest regions.
 _SPACING_X: tuple[tuple[float, float], ...] = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from contract.arrays import Array
 from wake.solver.boundary import GhostMap
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
 
 

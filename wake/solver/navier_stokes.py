@@ -9,16 +9,14 @@ the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp is tw
 """
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
 
+from contract.arrays import Array
 from contract.errors import PlantError
 from wake.solver import kernels, poisson, stability
 from wake.solver.boundary import Boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-
-Array = npt.NDArray[np.float64]
 
 # Williamson's RK3: q = A q + dt rate, velocity += B q; STAGE_END are the instants the stages reach.
 _A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])

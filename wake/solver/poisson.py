@@ -20,9 +20,9 @@ import numpy.typing as npt
 from numba import njit
 from scipy.linalg import eigh
 
+from contract.arrays import Array
 from wake.solver.grid import Grid
 
-Array = npt.NDArray[np.float64]
 Links = npt.NDArray[np.int64]
 Factors = tuple[Array, Array, Array, Array, Links, Array]
 Work = tuple[Array, Array, Array, Array]

@@ -3,7 +3,7 @@
 The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous one 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability polynomial of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4
 with the viscosity of this flow, and at 2.51 on the real axis. The uncontrolled truck bears this out: it keeps a number
-of 2.0 at its front corners and diverges at 2.3. Beside the jets, where few cells are fast and not for long, 4.0 holds
+of 2.0 at its front corners and diverges at 2.3. Next to the jets, where few cells are fast and not for long, 4.0 holds
 over 100 control periods of full reversals and 4.3 does not.
 """
 
@@ -39,7 +39,7 @@ def viscous_number(grid: Grid, viscosity: float, dt: float) -> float:
 
 
 def advice(convective: float, viscous: float, dt: float) -> str:
-    """What a time step that let the flow diverge was worth, and one that holds."""
+    """The numbers of a time step with which the flow diverged, and a step that holds."""
     held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
     return (
         f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "

@@ -3,9 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-
-Array = npt.NDArray[np.float64]
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:

@@ -1,12 +1,10 @@
 """Two slots at the edges of the base that blow and suck in opposition: zero net mass flow at every instant."""
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.solver.grid import Grid
-
-Array = npt.NDArray[np.float64]
 
 MOMENTUM_FACTOR = 1.2 / JET_WIDTH
 """Integral of u^2 over a slot divided by q^2, for the parabola of flow rate q."""

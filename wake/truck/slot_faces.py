@@ -1,4 +1,4 @@
-"""What the flow does to the two slot faces, from the momentum balance of the half cell before each face.
+"""The flow's load on the two slot faces, from the momentum balance of the half cell before each face.
 
 Near a slot the pressure falls by several dynamic pressures within a slot's width, and a straight line through two
 cells misses a fifth of it. Momentum does not: along x, p + u^2 - 2 nu du/dx is the same on the face and half a cell
@@ -9,12 +9,10 @@ cancel over a cycle. On the default grid this gives the force on slots resolved 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,13 +6,11 @@ from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
 from wake.shipped import DEVELOPED
-
-Array = npt.NDArray[np.float64]
 
 STATE_SCHEMA: Final = "stillwake-flow/2"
 

@@ -2,7 +2,7 @@
 
 A flow that starts symmetric stays so but for rounding, on which the shedding instability feeds. Taking the even part of
 the flow after every control period removes that, and what remains settles. The result solves the same discrete
-equations as the shedding wake, so its drag says how much of the drag is shedding's.
+equations as the shedding wake, so its drag is the part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable

@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from contract import sensors
+from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH, WAKE_PROBE
 from wake.solver.boundary import Boundary
 from wake.solver.flow import Flow, Layout
 from wake.solver.grid import Component, Grid, bilinear
 from wake.truck.slot_faces import SlotFaces, SlotLoad
 
-Array = npt.NDArray[np.float64]
 Terms = defaultdict[int, float]
 
 _ARC_POINTS: Final = 64

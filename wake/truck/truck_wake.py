@@ -6,8 +6,8 @@ t_{k+1}; with `advance_to` a co-simulation sets when it arrives.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.config.tree import FlowConfig
 from contract.errors import PlantError
 from wake.solver import boundary, stability
@@ -19,8 +19,6 @@ from wake.truck.body import signed_distance
 from wake.truck.sample import Sample
 from wake.truck.state import Origin, State
 from wake.truck.surface import Surface
-
-Array = npt.NDArray[np.float64]
 
 
 class TruckWake:

@@ -93,7 +93,7 @@ def test_a_program_that_fails_is_one_error_with_its_last_words(case, coarse_mesh
     assert not child.running
 
 
-def test_a_program_that_dies_while_it_is_told_a_velocity(case, coarse_mesh):
+def test_a_program_that_dies_while_it_receives_a_velocity(case, coarse_mesh):
     with _reader(case, 1, "open(upper).close(); raise SystemExit(4)") as child:
         pipes = JetPipes(case, coarse_mesh, child, patience_s=30.0)
         pipes.send(0.0)

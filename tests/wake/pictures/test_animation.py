@@ -61,7 +61,7 @@ def test_a_run_that_fails_leaves_nothing(wake: TruckWake, picture: WakePicture, 
         ("a.gif", {"skip": 4}, "skip = 4"),
     ],
 )
-def test_what_cannot_be_made_is_said_before_the_run(
+def test_what_cannot_be_made_is_refused_before_the_run(
     wake: TruckWake, picture: WakePicture, tmp_path: Path, name: str, settings: dict[str, int], message: str
 ) -> None:
     with mpl.rc_context({"animation.ffmpeg_path": "no-such-program"}), pytest.raises(ConfigError, match=message):

@@ -78,7 +78,7 @@ def test_pressure_is_drawn_on_a_scale_about_zero(wake: TruckWake) -> None:
     assert colour_at(picture, picture.pixels(), 13.0, 1.5) == pytest.approx(expected, abs=0.02)
 
 
-def test_blowing_and_sucking_are_told_apart_and_grow_with_the_action(wake: TruckWake) -> None:
+def test_blowing_and_sucking_differ_and_grow_with_the_action(wake: TruckWake) -> None:
     state = wake.state()
     # The picture of a wake this long resolves an arrow only at some width.
     picture = WakePicture(wake, width=2200)

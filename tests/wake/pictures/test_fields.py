@@ -60,7 +60,7 @@ def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake: TruckWake) -> N
     assert measured.Cl == pytest.approx(0.0, abs=1e-10)
 
 
-def test_a_mean_leaves_out_what_it_is_told_to(wake: TruckWake) -> None:
+def test_a_mean_leaves_out_what_is_skipped(wake: TruckWake) -> None:
     start, calls = wake.state(), []
     mean = mean_flow(wake, np.array([0.01, 0.02, 0.03]), 1, lambda done, total: calls.append((done, total)))
     wake.reset(start)

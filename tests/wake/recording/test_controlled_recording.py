@@ -141,7 +141,7 @@ def test_what_makes_no_sense_is_refused_by_name(changes: dict[str, Any], named: 
 
 @pytest.mark.usefixtures("cheap_plant")
 class TestOnACheapPlant:
-    def test_the_controller_is_told_what_acted_and_what_was_measured(self, tmp_path: Path) -> None:
+    def test_the_controller_gets_what_acted_and_what_was_measured(self, tmp_path: Path) -> None:
         witness = Witness()
         episode = recorded(tmp_path / "a.h5", a_round(episodes=1, steps=20), lambda: witness).episodes[0]
         assert [action for _, action in witness.seen] == episode.previous_action.tolist()
@@ -170,7 +170,7 @@ class TestOnACheapPlant:
         episode = recorded(tmp_path / "a.h5", a_round(episodes=1, exploration=0.0), lambda: witness).episodes[0]
         assert not episode.series["action"].any()
 
-    def test_provenance_tells_who_drove(self, tmp_path: Path) -> None:
+    def test_provenance_names_the_controller(self, tmp_path: Path) -> None:
         wanted = a_round(bundle="mine", bundle_digest="ab" * 32, exploration=0.2, seed=4, role="controlled")
         first, second = recorded(tmp_path / "a.h5", wanted).episodes
         facts = {"forcing_signal": "controlled", "round": 1, "bundle": "mine", "bundle_digest": "ab" * 32,

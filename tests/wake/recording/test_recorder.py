@@ -69,7 +69,7 @@ def test_a_lead_passes_before_the_first_sample(tmp_path: Path, oscillator: type)
     assert series["Cl"] == pytest.approx([sample.Cl for sample in expected], abs=2**-15)
 
 
-def test_provenance_tells_how_each_episode_was_made(tmp_path: Path) -> None:
+def test_provenance_holds_how_each_episode_was_made(tmp_path: Path) -> None:
     first, second = (episode.provenance for episode in recorded(tmp_path / "a.h5").episodes)
     assert (first["seed"], first["lead_steps"], first["forcing_signal"]) == (5, 2, "training")
     assert (second["seed"], second["lead_steps"], second["forcing_signal"]) == (0, 0, "none")

@@ -1,0 +1,66 @@
+"""Whose a recording's unfinished folder is, and what is left when a call on it ends anywhere."""
+
+from pathlib import Path
+
+import pytest
+
+from contract.errors import StillwakeError
+from wake.recording.parts_folder import PartsFolder, differing
+
+TASK = {"plans": [1, 2], "block_steps": 3}
+
+
+@pytest.fixture
+def parts(tmp_path: Path) -> PartsFolder:
+    return PartsFolder.beside(tmp_path / "a.h5")
+
+
+def test_it_stands_next_to_its_output_by_an_absolute_path(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert PartsFolder.beside(Path("a.h5")).path == tmp_path / "a.h5.parts"
+
+
+def test_the_last_call_that_claims_it_owns_it(parts: PartsFolder) -> None:
+    assert not parts.is_owned_by("one")
+    parts.claim(TASK, "one")
+    assert parts.is_owned_by("one")
+    parts.claim(TASK, "two")
+    assert parts.is_owned_by("two") and not parts.is_owned_by("one")
+    parts.disown()
+    assert not parts.is_owned_by("two")
+    parts.disown()
+
+
+def test_only_the_same_task_continues_what_was_begun(parts: PartsFolder) -> None:
+    parts.claim(TASK, "one")
+    # As long as nothing is recorded, another task may have the folder.
+    parts.claim(TASK | {"block_steps": 4}, "two")
+    assert parts.task() == TASK | {"block_steps": 4}
+    (parts.path / "episode").mkdir()
+    with pytest.raises(StillwakeError, match=r"other settings \(block_steps\): finish it with those, or delete it"):
+        parts.claim(TASK, "three")
+    assert parts.is_owned_by("two")
+    parts.claim(TASK | {"block_steps": 4}, "four")
+    assert parts.is_owned_by("four")
+
+
+@pytest.mark.parametrize("label", [None, "{", "nonsense"])
+def test_parts_without_a_readable_label_are_refused(parts: PartsFolder, label: str | None) -> None:
+    (parts.path / "episode").mkdir(parents=True)
+    if label is not None:
+        (parts.path / "task.json").write_text(label)
+    assert parts.task() is None
+    with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
+        parts.claim(TASK, "one")
+
+
+def test_clearing_leaves_nothing_even_after_a_clearing_that_was_stopped(parts: PartsFolder) -> None:
+    parts.claim(TASK, "one")
+    half_cleared = parts.path.with_name(parts.path.name + ".done")
+    half_cleared.mkdir()
+    parts.clear()
+    assert list(parts.path.parent.iterdir()) == []
+
+
+def test_differing_entries_are_named() -> None:
+    assert differing({"a": 1, "b": 2}, {"b": 3, "a": 1, "c": 4}) == "b, c"
