@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint pristine retrain full openfoam tables clean
+.PHONY: demo check test lint pristine retrain full openfoam tables docs clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo
@@ -63,7 +63,7 @@ full: test
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
-	$(MAKE) tables
+	$(MAKE) docs
 
 # The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.
 openfoam: $(VENV)/dev.stamp
@@ -73,6 +73,10 @@ openfoam: $(VENV)/dev.stamp
 tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables
 	$(BIN)/python -m benchmarks pictures
+
+# All that the documents draw from files: tables, pictures, and the rooms from the imports.
+docs: tables
+	$(BIN)/python docs/rooms.py
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
