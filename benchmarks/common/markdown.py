@@ -27,7 +27,7 @@ def names(text: str) -> list[str]:
 
 
 def fill(text: str, tables: Mapping[str, str]) -> str:
-    """A page with what stands between each `<!-- table NAME -->` and `<!-- end -->` replaced.
+    """A page with what is between each `<!-- table NAME -->` and `<!-- end -->` replaced.
 
     Raises:
         ValueError: if no table has the name of a place, or a place has no end.

@@ -87,7 +87,7 @@ def limits(results: Path) -> str:
     return f"""{table(("", "mean Cd (wall)", "less drag, %", "mean abs Cl", "mean Cl", "rms action"), rows)}
 
 The first two differ only in when the jets answer: at the instant of the sample, or {late:g} ms of a period of
-{period:g} ms later, which the controller does not know of."""
+{period:g} ms later, which the controller's model leaves out."""
 
 
 def steady(results: Path) -> str:

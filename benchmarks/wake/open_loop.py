@@ -4,7 +4,7 @@
 
 Full amplitude, begun at two phases of the shedding cycle: the wake locks onto one of several states, and which one
 depends on that. Averages leave out the settling time. The figures are those of a closed-loop run, so that both can
-stand in one table.
+be in one table.
 """
 
 from typing import Annotated, Any

@@ -113,8 +113,8 @@ def methods(found: Mapping[str, Any]) -> str:
         seconds = "" if choice["cpu_seconds"] is None else f"{choice['cpu_seconds']:.1f}"
         lines.append((choice["method"], ", ".join(choice["sensors"]), *cells, seconds, *_closed(loop)))
     ours = found["hardened"][0]
-    name, said = "greedy, chosen and distilled under noise, in full", ", ".join(ours["sensors"])
-    lines.append((name, said, *_errors(ours), "", *_closed(_loop(found, "hardened"))))
+    name, chosen = "greedy, chosen and distilled under noise, in full", ", ".join(ours["sensors"])
+    lines.append((name, chosen, *_errors(ours), "", *_closed(_loop(found, "hardened"))))
     return table(("method", "sensors", *_HEADS, "CPU seconds", *_LOOP_HEADS), lines)
 
 
