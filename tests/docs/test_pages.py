@@ -21,6 +21,7 @@ NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _CODE = re.compile(r"```.*?```", re.DOTALL)
 _FILE = re.compile(r"`([\w.-]+(?:/[\w.*-]+)*/(?:[\w*-]+\.(?:py|c|h|md|toml|pub|h5|npz|dbc|json))?)`")
+_NAME = re.compile(r"`((?:contract|wake|export|can_bridge|firmware_sim|stillwake|benchmarks)(?:\.\w+)+)`")
 _OWN = {path.name for path in ROOT.iterdir() if path.is_dir() and (path / "__init__.py").exists()} | {"docs", "results"}
 
 
@@ -60,6 +61,21 @@ def test_named_files_exist(page):
     for name in _FILE.findall(page.read_text(encoding="utf-8")):
         if name.split("/")[0] in _OWN and "NAME" not in name:
             assert list(ROOT.glob(name)), f"{_id(page)}: no {name}"
+
+
+@pytest.mark.parametrize("page", NOW, ids=_id)
+def test_named_modules_and_what_they_define_exist(page):
+    for name in _NAME.findall(page.read_text(encoding="utf-8")):
+        path, *parts = ROOT, *name.split(".")
+        while parts and (path / parts[0]).is_dir():
+            path /= parts.pop(0)
+        if parts and (path / f"{parts[0]}.py").is_file():
+            text = (path / f"{parts.pop(0)}.py").read_text(encoding="utf-8")
+            assert not parts or re.search(rf"^(?:class |def )?{parts[0]}\b", text, re.MULTILINE), (
+                f"{_id(page)}: no {name}"
+            )
+            continue
+        assert not parts, f"{_id(page)}: no {name}"
 
 
 @pytest.mark.parametrize("page", NOW, ids=_id)
