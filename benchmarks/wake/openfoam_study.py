@@ -21,6 +21,7 @@ import typer
 from rich.progress import Progress, TaskID
 
 from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.commands import ROOT
 from contract import sensors
 from contract.atomic import replacing
 from contract.config.loading import load_config
@@ -29,6 +30,7 @@ from contract.release.bundle import load
 from contract.results import versions
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.summary import summary
+from stillwake.shipped import BUNDLE
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
 from wake.openfoam.measurements import Instruments, read_all
@@ -40,9 +42,7 @@ from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 FOLDER: Final = ROOT / "runs" / "openfoam"
-BUNDLE: Final = ROOT / "firmware_sim" / "data" / "bundle"
 
 # Refinement, time steps a control period, time left out and time averaged, t_c. The first starts from the own solver's
 # developed wake, each other one from the end of the one before.

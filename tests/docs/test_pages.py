@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -55,9 +56,8 @@ def test_links_resolve(page):
         assert not anchor or anchor in _anchors(target), f"{_id(page)}: no heading {link}"
 
 
-@pytest.mark.parametrize("page", [page for page in NOW if page.name != "CONTRIBUTING.md"], ids=_id)
+@pytest.mark.parametrize("page", NOW, ids=_id)
 def test_named_files_exist(page):
-    """All but the page that names where new files go."""
     for name in _FILE.findall(page.read_text(encoding="utf-8")):
         if name.split("/")[0] in _OWN and "NAME" not in name:
             assert list(ROOT.glob(name)), f"{_id(page)}: no {name}"
@@ -89,6 +89,16 @@ def test_named_commands_exist(page):
         known = {name for parameter in command.params for name in parameter.opts} | {"--help"}
         given = {word for word in rest if word.startswith("--")}
         assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
+
+
+def test_the_installs_carry_what_the_project_declares():
+    rows = (ROOT / "docs" / "reference" / "installs.md").read_text(encoding="utf-8").splitlines()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = {f"`stillwake[{extra}]`": names for extra, names in project["optional-dependencies"].items()}
+    for install, requirements in {"`pip install stillwake`": project["dependencies"], **extras}.items():
+        (row,) = (row for row in rows if row.startswith(f"| {install} |"))
+        packages = {re.match(r"[\w-]+", requirement)[0] for requirement in requirements} - {"stillwake"}
+        assert not {package for package in packages if package not in row}, f"{install}: the row lacks a package"
 
 
 def test_every_page_is_in_the_index():
