@@ -74,9 +74,10 @@ tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables
 	$(BIN)/python -m benchmarks pictures
 
-# All that the documents draw from files: tables, pictures, and the rooms from the imports.
+# All that the documents take from files: tables, pictures, the rooms from the imports, the settings from their tree.
 docs: tables
 	$(BIN)/python docs/rooms.py
+	$(BIN)/python docs/settings.py
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -5,6 +5,7 @@ import shlex
 import tomllib
 from collections.abc import Iterator
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -13,6 +14,7 @@ import typer
 
 import benchmarks.__main__ as door
 import stillwake.__main__ as command_line
+from contract.config.loading import load_config
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -89,6 +91,7 @@ def test_named_commands_exist(page):
         known = {name for parameter in command.params for name in parameter.opts} | {"--help"}
         given = {word for word in rest if word.startswith("--")}
         assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
+        load_config(None, [word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word])
 
 
 def test_the_installs_carry_what_the_project_declares():
