@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint pristine retrain full openfoam tables clean
+.PHONY: demo check test lint pristine retrain full openfoam tables docs clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo
@@ -44,36 +44,40 @@ full: test
 	$(BIN)/stillwake train runs/model
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
-	$(BIN)/python benchmarks/controller/latency.py --model runs/model --json results/controller.json
-	$(BIN)/python benchmarks/controller/latency.py --dynamics-width 128 --decoder-width 64 \
+	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
+	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json
-	$(BIN)/python -m benchmarks.controller.loop --model runs/model --dataset wake/data/recording.h5 \
+	$(BIN)/python -m benchmarks controller-loop --model runs/model --dataset wake/data/recording.h5 \
 		--json results/controller_loop.json
-	$(BIN)/python -m benchmarks.controller.truncation --json results/truncation.json
-	$(BIN)/python benchmarks/controller/mcu.py --json results/mcu.json
-	$(BIN)/python benchmarks/wake/open_loop.py --json results/open_loop.json
-	$(BIN)/python -m benchmarks.model.study --json results/model.json
-	$(BIN)/python -m benchmarks.controller.loop --model runs/model_study/*/variant_128_64 \
+	$(BIN)/python -m benchmarks truncation --model runs/model --json results/truncation.json
+	$(BIN)/python -m benchmarks mcu --json results/mcu.json
+	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
+	$(BIN)/python -m benchmarks model --json results/model.json
+	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \
 		--dataset wake/data/recording.h5 --json results/controller_loop_narrow.json
-	$(BIN)/python -m benchmarks.controller.rounding --model runs/model --model runs/model_study/*/variant_128_64 \
+	$(BIN)/python -m benchmarks rounding --model runs/model --model runs/model_study/*/variant_128_64 \
 		--json results/rounding.json
-	$(BIN)/python -m benchmarks.model.rounds --json results/rounds.json
-	$(BIN)/python -m benchmarks.model.training --json results/training.json
-	$(BIN)/python benchmarks/wake/grid_study.py --json results/wake.json
-	$(BIN)/python benchmarks/wake/speed.py --json results/wake_speed.json
+	$(BIN)/python -m benchmarks rounds --json results/rounds.json
+	$(BIN)/python -m benchmarks training --json results/training.json
+	$(BIN)/python -m benchmarks wake --json results/wake.json
+	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
-	$(MAKE) tables
+	$(MAKE) docs
 
 # The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.
 openfoam: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m openfoam
-	$(BIN)/python benchmarks/wake/openfoam_study.py --json results/openfoam.json
+	$(BIN)/python -m benchmarks openfoam --json results/openfoam.json
 
 tables: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.tables
-	$(BIN)/python -m benchmarks.wake.figure
-	$(BIN)/python -m benchmarks.controller.truncation_figure
+	$(BIN)/python -m benchmarks tables
+	$(BIN)/python -m benchmarks pictures
+
+# All that the documents take from files: tables, pictures, the rooms from the imports, the settings from their tree.
+docs: tables
+	$(BIN)/python docs/rooms.py
+	$(BIN)/python docs/settings.py
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

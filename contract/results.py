@@ -1,6 +1,8 @@
 """The files in `results/`: figures with what they were made from."""
 
 import json
+import os
+import platform
 from collections.abc import Mapping
 from datetime import date
 from importlib.metadata import version
@@ -16,10 +18,10 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
     Args:
         path: the file.
         figures: what was measured, in the units its reader documents.
-        facts: settings, seeds, versions and hashes of the inputs.
+        facts: settings, seeds, versions and hashes of the inputs; the machine is added.
         on: the day it was measured.
     """
-    content = {"date": on.isoformat(), "figures": figures, "facts": facts}
+    content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
@@ -27,3 +29,13 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
 def versions(*packages: str) -> dict[str, str]:
     """Installed versions, for `facts`."""
     return {package: version(package) for package in packages}
+
+
+def machine() -> str:
+    """This computer's processor and its number of logical cores, for `facts`."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return f"{next(named, platform.processor() or platform.machine())}, {os.cpu_count()} cores"

@@ -10,15 +10,15 @@ from contract.errors import StillwakeError
 ROOT: Final = Path(__file__).resolve().parents[2]
 
 LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
-"""Figures of `stillwake run --json` that say how a controller did."""
+"""Figures of `stillwake run --json` by which controllers are compared."""
 
 
 def stillwake(*arguments: object) -> None:
     """Run one command of this source tree.
 
     Raises:
-        StillwakeError: if it fails; what it said stands on the terminal.
+        StillwakeError: if it fails; the terminal has its messages.
     """
     words = [str(argument) for argument in arguments]
-    if (status := subprocess.run([sys.executable, str(ROOT / "stillwake.py"), *words], check=False).returncode) != 0:
+    if (status := subprocess.run([sys.executable, "-m", "stillwake", *words], check=False).returncode) != 0:
         raise StillwakeError(f"stillwake {' '.join(words)}: ended with status {status}")

@@ -1,11 +1,13 @@
 """Tables in Markdown, made of the files in `results/`."""
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 END: Final = "<!-- end -->"
+_START: Final = re.compile(r"^<!-- table (\w+) -->$", re.MULTILINE)
 
 
 def read(path: Path) -> Any:
@@ -19,18 +21,25 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join(lines)
 
 
+def names(text: str) -> list[str]:
+    """Names of the tables that a page has places for, in order."""
+    return _START.findall(text)
+
+
 def fill(text: str, tables: Mapping[str, str]) -> str:
-    """A page with what stands between `<!-- table NAME -->` and `<!-- end -->` replaced.
+    """A page with what is between each `<!-- table NAME -->` and `<!-- end -->` replaced.
 
     Raises:
-        ValueError: if a table has no place on the page.
+        ValueError: if no table has the name of a place, or a place has no end.
     """
-    for name, content in tables.items():
+    for name in names(text):
+        if name not in tables:
+            raise ValueError(f"no table {name!r}: one of {', '.join(sorted(tables))}")
         start = f"<!-- table {name} -->\n"
-        head, found, rest = text.partition(start)
-        if not found:
-            raise ValueError(f"no place for the table {name!r}")
-        text = f"{head}{start}{content}\n{rest[rest.index(END) :]}"
+        head, _, rest = text.partition(start)
+        if END not in rest:
+            raise ValueError(f"the place for the table {name!r} has no {END!r}: write it below the table")
+        text = f"{head}{start}{tables[name]}\n{rest[rest.index(END) :]}"
     return text
 
 

@@ -1,6 +1,6 @@
 """Latency of one control step: the paper's recipe in eager PyTorch, the ONNX graphs and the C library, in one run.
 
-    python benchmarks/controller/latency.py [--json FILE] [--repeats N] [--model DIR]
+    python -m benchmarks controller [--json FILE] [--repeats N] [--model DIR]
 
 One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time. Weights
 are random at the paper's sizes (our time does not depend on them); other sizes are options. Where CasADi is installed
@@ -9,31 +9,28 @@ reach are compared: on recorded windows if a trained model is named, else at ran
 """
 
 import importlib.util
-import json
-import platform
-import sys
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import torch
 import typer
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.common.command_line import JsonFile, console, progress, save
 from benchmarks.controller.eager import EagerController
+from benchmarks.controller.situations import choose_episode
 from contract import model_folder
-from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
 from contract.controller.host_library import CController
 from contract.controller.onnx_session import OnnxController
 from contract.recording import dataset
+from contract.results import versions
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
@@ -43,6 +40,7 @@ from export.program.weights import Array
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
+from wake.shipped import RECORDING
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
@@ -51,10 +49,10 @@ _SITUATIONS = 5
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
-    model_folder: Annotated[Path | None, typer.Option("--model", help="Trained model for CasADi's problems.")] = None,
-    data: Annotated[Path | None, typer.Option("--dataset", help="Recording for them; the shipped one.")] = None,
+    model: Annotated[Path | None, typer.Option("--model", help="Trained model for CasADi's problems.")] = None,
+    data: Annotated[Path, typer.Option("--dataset", help="Recording for them.")] = RECORDING,
     dynamics_width: int = 256,
     decoder_width: int = 128,
     horizon: int = 25,
@@ -62,8 +60,8 @@ def main(
 ) -> None:
     """Time the control step and print a table."""
     torch.set_num_threads(1)
-    model = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
-    program = random_program(0, model=model, mpc=MpcConfig(horizon=horizon, iterations=iterations))
+    sizes = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
+    program = random_program(0, model=sizes, mpc=MpcConfig(horizon=horizon, iterations=iterations))
     (case,) = control_cases(program, count=1)
     lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
     graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
@@ -88,8 +86,7 @@ def main(
     for step in steps.values():
         step()  # warm caches and allocators
     times: dict[str, list[float]] = {name: [] for name in steps}
-    console = Console(stderr=True)
-    for i in track(range(repeats), "control steps", console=console):
+    for i in track(range(repeats), "control steps", console=progress):
         for name, step in steps.items():
             if name != "eager_ms" or i % _EAGER_EVERY == 0:
                 times[name].append(_timed(step))
@@ -100,11 +97,11 @@ def main(
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     if importlib.util.find_spec("casadi") is not None:
-        figures["casadi"] = _casadi(program, case.window, model_folder, data)
+        figures["casadi"] = _casadi(program, case.window, model, data)
         solvers = figures["casadi"]["solvers"]
         enough = [row for row in solvers if row["gap"] <= figures["casadi"]["ours"]["gap"]]
         figures["casadi_ms"] = min(row["ms"] for row in enough or solvers)
-    figures["settings"] = {
+    settings = {
         "dynamics_width": dynamics_width,
         "decoder_width": decoder_width,
         "horizon": horizon,
@@ -114,29 +111,20 @@ def main(
         "c_flags": " ".join(OPTIMISED),
     }
     names = ("torch", "onnxruntime", "numpy", *(("casadi",) if "casadi" in figures else ()))
-    figures["versions"] = {name: version(name) for name in names}
-    figures["versions"]["c_compiler"] = compiler_version(compiler)
-    figures["machine"] = platform.processor() or platform.machine()
-    _print(figures)
-    if json_file is not None:
-        with replacing(json_file) as temporary:
-            temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    _print(figures, iterations)
+    used = versions(*names) | {"c_compiler": compiler_version(compiler)}
+    save(json_file, figures=figures, facts={"settings": settings, "versions": used})
 
 
-def _casadi(program: ControllerProgram, window: Array, model: Path | None, data: Path | None) -> dict[str, Any]:
+def _casadi(program: ControllerProgram, window: Array, model: Path | None, data: Path) -> dict[str, Any]:
     """What `solvers.compare` finds, on a recording if there is a model."""
-    if not __package__:
-        # Run as a file: its neighbours are a package of the folder above.
-        sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-    from benchmarks.controller.situations import choose_episode
     from benchmarks.controller.solvers import compare, random_problem, recorded_problems
-    from wake.shipped import RECORDING
 
     if model is None:
         return compare(program, [random_problem(program, window)])
     trained = model_folder.read(model)
     program = program_of(trained, load_config().mpc)
-    episode = choose_episode(dataset.read(RECORDING if data is None else data))
+    episode = choose_episode(dataset.read(data))
     found = compare(program, recorded_problems(program, episode, _SITUATIONS))
     return found | {"episode": episode.name, "weights_sha256": trained.weights_sha256}
 
@@ -148,7 +136,7 @@ def _timed(step: Callable[[], object]) -> float:
     return (time.perf_counter() - start) * 1e3
 
 
-def _print(figures: dict[str, Any]) -> None:
+def _print(figures: dict[str, Any], iterations: int) -> None:
     table = Table("one control step", "median ms", "min ms", "times faster", "KB")
     rows: tuple[tuple[str, str, str | None], ...] = (
         ("eager PyTorch", "eager_ms", None),
@@ -167,9 +155,9 @@ def _print(figures: dict[str, Any]) -> None:
     table.add_row(
         "session load, ONNX float32", f"{figures['onnx_load_ms']:.1f}", f"{figures['min']['onnx_load_ms']:.1f}"
     )
-    Console().print(table)
+    console.print(table)
     if "casadi" in figures:
-        _print_casadi(figures["casadi"], figures["settings"]["iterations"])
+        _print_casadi(figures["casadi"], iterations)
 
 
 def _print_casadi(found: dict[str, Any], iterations: int) -> None:
@@ -179,8 +167,4 @@ def _print_casadi(found: dict[str, Any], iterations: int) -> None:
     for label, row in (*rows, *((row["variant"], row) for row in found["solvers"])):
         time_of = f"{row['ms']:.0f}" if "ms" in row else ""
         table.add_row(label, time_of, f"{row['gap']:.2f}", f"{row['gap_worst']:.2f}")
-    Console().print(table)
-
-
-if __name__ == "__main__":
-    typer.run(main)
+    console.print(table)

@@ -1,27 +1,27 @@
 """The closed loop with each lowering of one model's controller: what int8 and the C library cost in drag.
 
-    python -m benchmarks.controller.loop --model DIR --dataset H5 [--json FILE]
+    python -m benchmarks controller-loop [--model DIR] [--dataset H5] [--json FILE]
 
 Exports the model in float32 and in int8, each as bundle and C library, and closes the loop with all four, as
 `stillwake run` does. Exports and runs are kept in `runs/controller_loop`, in a folder of the model's hash, so that an
 interrupted measurement goes on where it stopped. The step's wall-clock times are of one run each; close everything
-else before quoting them, or take those of `benchmarks/controller/latency.py`, which interleaves.
+else before quoting them, or take those of `python -m benchmarks controller`, which interleaves.
 """
 
 import json
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, save
 from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
 from contract.errors import StillwakeError
 from contract.model_folder import DESCRIPTION
-from contract.results import versions, write_result
+from contract.results import versions
+from wake.shipped import RECORDING
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
 """Lowering and precision; the differences are to the first."""
@@ -31,10 +31,10 @@ _KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "
 
 
 def main(
-    model: Annotated[Path, typer.Option(help="Model directory written by `train`.")],
-    dataset: Annotated[Path, typer.Option(help="Recording that gates and calibration use.")],
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
-    parts: Annotated[Path, typer.Option(help="Folder of finished parts.")] = Path("runs/controller_loop"),
+    model: Model = MODEL,
+    dataset: Dataset = RECORDING,
+    json_file: JsonFile = None,
+    parts: Parts = Path("runs/controller_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
@@ -50,9 +50,8 @@ def main(
     spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
     rows = compared([_run(folder, lowering, precision, spans) for lowering, precision in CASES])
     _print(rows)
-    if json_file is not None:
-        facts = {**spans, "weights_sha256": weights, "versions": versions("stillwake", "onnxruntime", "numpy", "numba")}
-        write_result(json_file, figures=rows, facts=facts, on=date.today())
+    facts = {**spans, "weights_sha256": weights, "versions": versions("stillwake", "onnxruntime", "numpy", "numba")}
+    save(json_file, figures=rows, facts=facts)
 
 
 def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -95,12 +94,7 @@ def _print(rows: list[dict[str, Any]]) -> None:
             f"{row['mpc_ms_p50']:.2f}",
             f"{row['mpc_ms_p99']:.2f}",
         )
-    console = Console()
     console.print(table)
     worst = max(abs(row["points"]) for row in rows if row["precision"] == "int8")
     verdict = "within" if worst <= ALLOWED_POINTS else "NOT within"
     console.print(f"int8 changes the reduction by {worst:.2f} percentage points: {verdict} {ALLOWED_POINTS}")
-
-
-if __name__ == "__main__":
-    typer.run(main)

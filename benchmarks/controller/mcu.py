@@ -1,23 +1,20 @@
 """The C library on an emulated Cortex-M7 at several sizes: memory, instructions, modelled time.
 
-    python benchmarks/controller/mcu.py [--json FILE]
+    python -m benchmarks mcu [--json FILE]
 
 Weights are random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
 """
 
 from dataclasses import asdict
-from datetime import date
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.common.command_line import JsonFile, console, progress, save
 from contract.config.tree import ModelConfig, MpcConfig
-from contract.results import versions, write_result
+from contract.results import versions
 from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
@@ -35,10 +32,10 @@ CASES = (
 _ROWS = 4
 
 
-def main(json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None) -> None:
+def main(json_file: JsonFile = None) -> None:
     """Measure every size and print a table."""
     rows = []
-    for dynamics, decoder, iterations, precision in track(CASES, "sizes", console=Console(stderr=True)):
+    for dynamics, decoder, iterations, precision in track(CASES, "sizes", console=progress):
         model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
         program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
         rng = np.random.default_rng(0)
@@ -48,13 +45,8 @@ def main(json_file: Annotated[Path | None, typer.Option("--json", help="Write th
         sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
         rows.append({**sizes, **asdict(measure(sources, series))})
     _print(rows)
-    if json_file is not None:
-        write_result(
-            json_file,
-            figures=rows,
-            facts={"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")},
-            on=date.today(),
-        )
+    facts = {"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")}
+    save(json_file, figures=rows, facts=facts)
 
 
 def _print(rows: list[dict[str, Any]]) -> None:
@@ -73,8 +65,4 @@ def _print(rows: list[dict[str, Any]]) -> None:
             f"{row['modelled_ms']['480']:.1f}",
             str(row["identical"]),
         )
-    Console().print(table)
-
-
-if __name__ == "__main__":
-    typer.run(main)
+    console.print(table)

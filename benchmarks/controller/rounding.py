@@ -1,6 +1,6 @@
 """What rounding a trained model's weights to int8 changes of its plans: to nearest, and with error feedback.
 
-    python -m benchmarks.controller.rounding --model DIR [--model DIR ..] [--json FILE]
+    python -m benchmarks rounding --model DIR [--model DIR ..] [--json FILE]
 
 Both kinds answer the gate's windows of the chirp, and as many of the last episode recorded under a controller, from the
 float program's warm start (`export.gates.quantisation`). Error feedback is calibrated on windows of the latter, too;
@@ -8,19 +8,18 @@ the chirp is new to it.
 """
 
 from dataclasses import asdict
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.common.command_line import Dataset, JsonFile, console, save
 from benchmarks.controller.situations import choose_episode
 from contract import model_folder
 from contract.config.loading import load_config
 from contract.recording import dataset
-from contract.results import versions, write_result
+from contract.results import versions
 from export.gates.quantisation import compare_quantised
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import rounded_to_nearest
@@ -31,9 +30,9 @@ from wake.shipped import RECORDING
 
 
 def main(
-    models: Annotated[list[Path], typer.Option("--model", help="Trained model directory; repeatable.")],
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
-    data: Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")] = RECORDING,
+    models: Annotated[list[Path], typer.Option("--model", help="Model folder by `stillwake train`; repeatable.")],
+    json_file: JsonFile = None,
+    data: Dataset = RECORDING,
 ) -> None:
     """Compare, print a table."""
     recording = dataset.read(data)
@@ -42,9 +41,8 @@ def main(
     for row in rows:
         figures = (row["rms_action_error"], row["mean_cost_gap"], row["max_cost_gap"])
         table.add_row(row["widths"], row["rounding"], row["episode"], *(f"{value:.2e}" for value in figures))
-    Console().print(table)
-    if json_file is not None:
-        write_result(json_file, figures=rows, facts={"versions": versions("numpy")}, on=date.today())
+    console.print(table)
+    save(json_file, figures=rows, facts={"versions": versions("numpy")})
 
 
 def of_model(model: Path, recording: dataset.Dataset) -> list[dict[str, Any]]:
@@ -65,7 +63,3 @@ def of_model(model: Path, recording: dataset.Dataset) -> list[dict[str, Any]]:
         for episode in (recording.with_role("test")[0], choose_episode(recording))
         for kind, rounded in kinds.items()
     ]
-
-
-if __name__ == "__main__":
-    typer.run(main)

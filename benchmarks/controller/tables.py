@@ -1,17 +1,26 @@
-"""The tables of `docs/controller.md` on int8 weights, and on the loop with each lowering."""
+"""The tables of the controller: its lowerings' times, int8 weights, the loop with each, the emulated Cortex-M7."""
 
 from pathlib import Path
 from typing import Final
 
 from benchmarks.common.markdown import read, table
+from benchmarks.controller import truncation_tables
 
 _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its name on the page, which is the name of its file."""
+    """Every table by its marker, which is the name of its file."""
     loops = {name: loop(results / f"{name}.json") for name in ("controller_loop", "controller_loop_narrow")}
-    return loops | {"rounding": rounding(results / "rounding.json")}
+    times = {name: latency(results / f"{name}.json") for name in ("controller", "controller_narrow")}
+    return {
+        **loops,
+        **times,
+        "casadi": casadi(results / "controller.json"),
+        "rounding": rounding(results / "rounding.json"),
+        "mcu": mcu(results / "mcu.json"),
+        **truncation_tables.tables(results),
+    }
 
 
 def rounding(path: Path) -> str:
@@ -35,3 +44,73 @@ def loop(path: Path) -> str:
     ]
     heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
     return table(heads, rows)
+
+
+def latency(path: Path) -> str:
+    """A row for each lowering: times, what they are of eager PyTorch's, and the graph's size."""
+    found = read(path)
+    figures, facts = found["figures"], found["facts"]
+    rows = [
+        (
+            label,
+            figures[key],
+            figures["min"][key],
+            *(of["eager_ms"] / of[key] for of in (figures, figures["min"])),
+            None if size is None else figures[size] / 1024,
+        )
+        for label, key, size in (
+            ("eager PyTorch", "eager_ms", None),
+            ("ONNX float32", "onnx_ms", "onnx_bytes"),
+            ("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"),
+            ("C float32", "c_ms", None),
+            ("C int8, integer products", "c_int8_ms", None),
+        )
+    ]
+    heads = ("", "median ms", "min ms", "times faster by the median", "by the minimum", "KiB")
+    by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (figures, figures["min"]))
+    workspace = " and ".join(f"{figures[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
+    return f"""{table(heads, rows)}
+
+The C library, compiled with `{facts["settings"]["c_flags"]}` by
+{facts["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
+{by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum."""
+
+
+def casadi(path: Path) -> str:
+    """The same control step by CasADi's solvers; empty if the benchmark was run without it."""
+    found = read(path)
+    figures, facts = found["figures"], found["facts"]
+    if "casadi" not in figures:
+        return ""
+    of_casadi = figures["casadi"]
+    ours = f"ours, C float32, {facts['settings']['iterations']} iterations"
+    rows = [("last plan, shifted", None, of_casadi["start"]), (ours, figures["c_ms"], of_casadi["ours"])]
+    rows += [(row["variant"], round(row["ms"]), row) for row in of_casadi["solvers"]]
+    windows = f"{of_casadi['problems']} recorded windows" if "episode" in of_casadi else "a random program"
+    heads = ("", "median ms", "mean gap, %", "largest gap, %")
+    return f"""CasADi {facts["versions"]["casadi"]}, on {windows}:
+
+{table(heads, [(*row, of["gap"], of["gap_worst"]) for *row, of in rows])}"""
+
+
+def mcu(path: Path) -> str:
+    """Work, memory and time of each size on the emulated core."""
+    found = read(path)
+    rows = [
+        (
+            f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}",
+            row["multiply_accumulates"] / 1e6,
+            row["flash_bytes"] / 1024,
+            row["ram_bytes"] / 1024,
+            row["stack_bytes"],
+            row["instructions"] / 1e6,
+            *(row[kind][clock] for clock in ("480", "300") for kind in ("one_per_cycle_ms", "modelled_ms")),
+            "yes" if row["identical"] else "no",
+        )
+        for row in found["figures"]
+    ]
+    heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
+    times = tuple(f"ms at {clock} MHz, {kind}" for clock in (480, 300) for kind in ("1 a cycle", "modelled"))
+    return f"""Measured on {found["date"]}; random weights, {found["facts"]["horizon"]} steps of horizon.
+
+{table((*heads, *times, "= host to the bit"), rows)}"""

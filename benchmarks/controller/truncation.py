@@ -1,7 +1,6 @@
 """What stopping the optimiser after a few iterations costs (paper, section 2.4.2).
 
-    python -m benchmarks.controller.truncation [--json results/truncation.json] [--bundle B] [--model DIR] [--dataset
-    H5]
+    python -m benchmarks truncation [--model DIR] [--bundle B] [--dataset H5] [--json FILE]
 
 The NumPy reference plans at snapshots of a recording: an episode recorded under a controller where the data set has
 one for training, else the chirp. The jets are the recording's, not the plan's, so that every setting meets the same
@@ -14,16 +13,15 @@ A gap is J - J* as a share of the gain J(zero plan) - J*, where J* is the lowest
 """
 
 from dataclasses import asdict, replace
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, console, progress, save
 from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
 from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
 from contract import model_folder
@@ -33,7 +31,7 @@ from contract.errors import ExportError
 from contract.recording import dataset
 from contract.recording.dataset import Episode
 from contract.release import bundle as bundles
-from contract.results import versions, write_result
+from contract.results import versions
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.program.weights import Array
@@ -49,10 +47,10 @@ NEAR: Final = 0.01
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     bundle: Annotated[Path | None, typer.Option(help="Settings of this bundle, which must be of the model.")] = None,
-    model: Annotated[Path, typer.Option(help="Trained model directory.")] = Path("runs/model"),
-    data: Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")] = RECORDING,
+    model: Model = MODEL,
+    data: Dataset = RECORDING,
     snapshots: Annotated[int, typer.Option(help="Over the episode.", min=2)] = 20,
     starts: Annotated[int, typer.Option(help="Random starts a snapshot.", min=2)] = 20,
     steps: Annotated[int, typer.Option(help="Consecutive steps for each learning rate.", min=10)] = 50,
@@ -66,24 +64,23 @@ def main(
     figures = at_snapshots(program, episode, snapshots, starts, rng)
     figures["learning_rates"] = by_learning_rate(program, episode, steps, rng)
     _print(figures)
-    if json_file is not None:
-        facts = {
-            "episode": episode.name,
-            "role": episode.role,
-            "snapshots": snapshots,
-            "random_starts": starts,
-            "steps": steps,
-            "lead": LEAD,
-            "noise": NOISE,
-            "optimum": {"adam_iterations": len(FALLING), "quasi_newton_evaluations": EVALUATIONS},
-            "seed": seed,
-            "horizon": program.mpc.horizon,
-            "learning_rate": program.mpc.learning_rate,
-            "weights": asdict(program.mpc.weights),
-            "weights_sha256": trained.weights_sha256,
-            "versions": versions("numpy", "scipy"),
-        }
-        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    facts = {
+        "episode": episode.name,
+        "role": episode.role,
+        "snapshots": snapshots,
+        "random_starts": starts,
+        "steps": steps,
+        "lead": LEAD,
+        "noise": NOISE,
+        "optimum": {"adam_iterations": len(FALLING), "quasi_newton_evaluations": EVALUATIONS},
+        "seed": seed,
+        "horizon": program.mpc.horizon,
+        "learning_rate": program.mpc.learning_rate,
+        "weights": asdict(program.mpc.weights),
+        "weights_sha256": trained.weights_sha256,
+        "versions": versions("numpy", "scipy"),
+    }
+    save(json_file, figures=figures, facts=facts)
 
 
 def at_snapshots(
@@ -97,7 +94,7 @@ def at_snapshots(
     learning_rates = np.full(max(ITERATIONS), program.mpc.learning_rate)
     ladder: dict[tuple[str, int], list[tuple[float, float]]] = {}
     spreads, optimisers = [], []
-    for i in track(range(snapshots), "snapshots", console=Console(stderr=True)):
+    for i in track(range(snapshots), "snapshots", console=progress):
         now, before = z[-1, i], float(previous_action[-1, i])
         begin = {"cold": np.zeros(horizon), "warm": shift(warm[i])}
         plans, scattered = np.array(list(begin.values())), rng.uniform(-limit, limit, (starts, horizon))
@@ -142,7 +139,7 @@ def by_learning_rate(
     # The optimum of every step by Adam alone, from a zero plan, the plans of two rates, and a random one.
     starts = (np.zeros_like(plans[:, 0]), plans[:, 2], plans[:, n - 1], rng.uniform(-limit, limit, plans[:, 0].shape))
     ended = []
-    for start in track(starts, "optimum of every step", console=Console(stderr=True)):
+    for start in track(starts, "optimum of every step", console=progress):
         *_, plan = adam(program, z, start, previous_action, FALLING)
         ended.append(plan)
     candidates = np.stack([*ended, *(plans[:, j] for j in range(n))], axis=1)
@@ -220,7 +217,6 @@ def _percent(values: Array) -> dict[str, float]:
 
 
 def _print(figures: dict[str, Any]) -> None:
-    console = Console()
     for title, names, rows in (
         ("iterations", ("start", "iterations"), figures["iterations"]),
         ("learning rate", ("learning_rate",), figures["learning_rates"]),
@@ -232,7 +228,3 @@ def _print(figures: dict[str, Any]) -> None:
         for row in rows:
             table.add_row(*(f"{row[c]:.3g}" if isinstance(row[c], float) else str(row[c]) for c in columns))
         console.print(table)
-
-
-if __name__ == "__main__":
-    typer.run(main)

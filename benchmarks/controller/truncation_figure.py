@@ -1,22 +1,15 @@
-"""Gap and action error against iterations and learning rate.
+"""Gap and action error against iterations and learning rate."""
 
-python -m benchmarks.controller.truncation_figure      # reads results/truncation.json, writes
-docs/pictures/truncation.png
-"""
-
-from typing import Any, Final
+from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import read
-from contract.atomic import replacing
-
-TARGET: Final = ROOT / "docs" / "pictures" / "truncation.png"
 
 
-def draw(figures: dict[str, Any]) -> Figure:
+def draw(results: Path) -> Figure:
     """Left by iterations, cold and warm; right by learning rate, receding."""
+    figures = read(results / "truncation.json")["figures"]
     figure = Figure(figsize=(9.0, 5.6), dpi=110, layout="constrained")
     grid = figure.subplots(2, 2, sharex="col")
     rates = [row for row in figures["learning_rates"] if row["learning_rate"] is not None]
@@ -46,14 +39,3 @@ def draw(figures: dict[str, Any]) -> Figure:
     grid[1, 0].set_xlabel("iterations of Adam")
     grid[1, 1].set_xlabel("learning rate, receding")
     return figure
-
-
-def main() -> None:
-    """Draw the figure anew."""
-    figure = draw(read(ROOT / "results" / "truncation.json")["figures"])
-    with replacing(TARGET) as temporary:
-        figure.savefig(temporary, format="png")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""The tables of docs/controller.md on the truncation of the optimiser."""
+"""The tables of the truncation of the optimiser."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from benchmarks.common.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by name."""
+    """Every table by its marker."""
     figures = read(results / "truncation.json")["figures"]
     names = ("gap", "gap_worst", "action_error", "action_error_worst")
     iterations = [(row["start"], row["iterations"], *(row[name] for name in names)) for row in figures["iterations"]]
@@ -29,8 +29,7 @@ def tables(results: Path) -> dict[str, str]:
     ]
     count = f"mean {starts['valleys']:.3g}, at most {starts['valleys_most']:g}"
     return {
-        "truncation": "![gap and action error](pictures/truncation.png)\n\n"
-        + table(
+        "truncation": table(
             ("start", "iterations", "gap, %", "largest", "first action off, % of limit", "largest"),
             [row for start in ("cold", "warm") for row in iterations if row[0] == start],
         ),

@@ -1,22 +1,21 @@
 """Data where the controller lives: rounds of recording under the newest bundle and training again (DAgger).
 
-    python -m benchmarks.model.rounds [--json FILE] [--rounds 3]
+    python -m benchmarks rounds [--json FILE] [--rounds 3]
 
 Round 0 is trained on the paper's data set alone. Each further round adds episodes recorded under the bundle before it,
 with exploration, and trains again from scratch on everything. Other episodes under the first bundle are held out, and
-every round's model is asked to predict them, beside the chirp. All of it are `stillwake` commands; finished parts
-stay in `runs/rounds`, so that the hours this takes may be interrupted.
+every round's model predicts them, and the chirp. Every step is a `stillwake` command; finished parts stay in
+`runs/rounds`, so that a measurement of hours can be stopped and continued.
 """
 
 import shutil
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.common.command_line import JsonFile, Parts, console, save
 from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
 from benchmarks.common.paper_data import paper_file
@@ -24,7 +23,7 @@ from contract import sensors
 from contract.model_folder import DESCRIPTION
 from contract.recording import dataset
 from contract.recording.dataset import Role
-from contract.results import versions, write_result
+from contract.results import versions
 from train import model_store
 from train.evaluate import evaluate
 from train.rows import prepare
@@ -33,11 +32,11 @@ _COLUMNS: Final = ("steps", "chirp R2", "chirp h=25", "controlled R2", "controll
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     rounds: Annotated[int, typer.Option(help="Rounds of recording after the first training.", min=1)] = 3,
     episodes: Annotated[int, typer.Option(help="Episodes a round.", min=1)] = 4,
     steps: Annotated[int, typer.Option(help="Control steps an episode.", min=100)] = 1100,
-    parts: Annotated[Path, typer.Option(help="Folder of finished parts.")] = Path("runs/rounds"),
+    parts: Parts = Path("runs/rounds"),
 ) -> None:
     """Run the rounds and print a table."""
     parts.mkdir(parents=True, exist_ok=True)
@@ -61,10 +60,9 @@ def main(
             f"{row['loop']['Cd_controlled']:.4f}",
             f"{row['loop']['reduction_percent']:.1f}",
         )
-    Console().print(table)
-    if json_file is not None:
-        facts = {"episodes": episodes, "steps": steps, "versions": versions("stillwake", "torch", "onnxruntime")}
-        write_result(json_file, figures=rows, facts=facts, on=date.today())
+    console.print(table)
+    facts = {"episodes": episodes, "steps": steps, "versions": versions("stillwake", "torch", "onnxruntime")}
+    save(json_file, figures=rows, facts=facts)
 
 
 def _release(parts: Path, number: int, data: Path) -> Path:
@@ -118,7 +116,3 @@ def _pair(part: dict[str, Any], key: str) -> str:
         last = part["rollout"][-1]
         return f"{last['drag']:.2f} / {last['lift']:.2f}"
     return f"{part['drag'][key]:.3f} / {part['lift'][key]:.3f}"
-
-
-if __name__ == "__main__":
-    typer.run(main)

@@ -1,6 +1,6 @@
 """One training step, ours beside the straightforward one, and the arithmetic below which neither can go.
 
-    python -m benchmarks.model.training [--json FILE] [--threads 1]
+    python -m benchmarks training [--json FILE] [--threads 1]
 
 Straightforward: every sample brings its k + 1 windows, `torch.nn.LSTM` reads each from its first row, autograd walks
 back. Ours: neighbouring samples are drawn together, so that windows are shared, rows are projected once, and the
@@ -11,21 +11,20 @@ The floor is the multiply-accumulates of our step at the speed of one large matr
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import date
-from pathlib import Path
 from statistics import median
 from typing import Annotated, Any, Final
 
 import torch
 import typer
-from rich.console import Console
+from rich.progress import track
 from rich.table import Table
 from torch import Tensor, nn
 
+from benchmarks.common.command_line import JsonFile, console, progress, save
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.recording import dataset
-from contract.results import versions, write_result
+from contract.results import versions
 from train.loss import joint_loss
 from train.model import Encoder, WakeModel
 from train.rows import Rows, prepare
@@ -39,7 +38,7 @@ GEMM: Final = 1024
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     threads: Annotated[int, typer.Option(help="Of torch.", min=1)] = 1,
     repeats: Annotated[int, typer.Option(help="Interleaved repeats.", min=3)] = 9,
 ) -> None:
@@ -60,7 +59,7 @@ def main(
     for call in calls.values():
         call()
     taken: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(repeats):
+    for _ in track(range(repeats), "repeats", console=progress):
         for name, call in calls.items():
             began = time.perf_counter()
             call()
@@ -70,10 +69,9 @@ def main(
     table = Table("training step", "", title=f"batch {config.train.batch_size}, {threads} thread(s)")
     for name, value in figures.items():
         table.add_row(name, f"{value:.4g}")
-    Console().print(table)
-    if json_file is not None:
-        facts = {"threads": threads, "repeats": repeats, "versions": versions("stillwake", "torch")}
-        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    console.print(table)
+    facts = {"threads": threads, "repeats": repeats, "versions": versions("stillwake", "torch")}
+    save(json_file, figures=figures, facts=facts)
 
 
 def _figures(ms: dict[str, float], config: Config) -> dict[str, float]:
@@ -178,7 +176,3 @@ def _sampler(rows: Rows, config: Config, ahead: int, segment: int, batch_size: i
     return SegmentSampler(
         rows, window=config.model.window, ahead=ahead, segment=segment, batch_size=batch_size, seed=config.train.seed
     )
-
-
-if __name__ == "__main__":
-    typer.run(main)

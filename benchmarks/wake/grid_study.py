@@ -2,7 +2,7 @@
 
 The mean drag is measured twice: on the wall, and as the momentum that a far control volume loses.
 
-    python benchmarks/wake/grid_study.py [--json FILE] [--case 1.0:30 ...]
+    python -m benchmarks wake [--json FILE] [--case 1.0:30 ...]
 
 Each case develops its own wake from rest, then averages without control, then under a sine of full amplitude. Finished
 cases stay in `runs/grid_study`, so that an interrupted study continues; the finest takes five minutes on one core.
@@ -11,21 +11,20 @@ cases stay in `runs/grid_study`, so that an interrupted study continues; the fin
 import json
 import time
 from collections.abc import Callable
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
 from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.tree import FlowConfig
-from contract.results import versions, write_result
+from contract.results import versions
 from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
 from wake.truck.sample import Sample
@@ -42,17 +41,17 @@ _UPSTREAM, _DOWNSTREAM = -3.0, 12.0
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     case: Annotated[list[str], typer.Option(help="refinement:steps a control period")] = list(CASES),  # noqa: B006
     develop_time: Annotated[float, typer.Option(help="From rest until the averages begin, t_c.")] = 120.0,
     average_time: Annotated[float, typer.Option(help="Length of each average, t_c.")] = 60.0,
     settle_time: Annotated[float, typer.Option(help="From the forcing's start to its average, t_c.")] = 30.0,
-    parts: Annotated[Path, typer.Option(help="Folder of finished cases.")] = Path("runs/grid_study"),
+    parts: Parts = Path("runs/grid_study"),
 ) -> None:
     """Run each case and print a table."""
     times = {"develop_time": develop_time, "average_time": average_time, "settle_time": settle_time}
     rows: list[dict[str, Any]] = []
-    with Progress(console=Console(stderr=True)) as bar:
+    with Progress(console=progress) as bar:
         for name in case:
             refinement, substeps = name.split(":")
             path = parts / f"{refinement}_{substeps}_{develop_time:g}_{average_time:g}_{settle_time:g}.json"
@@ -64,10 +63,9 @@ def main(
     table = Table("case", *_COLUMNS)
     for row in rows:
         table.add_row(row["case"], *(f"{row[name]:.4f}" for name in _COLUMNS))
-    Console().print(table)
-    if json_file is not None:
-        facts = {**times, "forcing_frequency": FORCING_FREQUENCY, "versions": versions("stillwake", "numpy", "numba")}
-        write_result(json_file, figures=rows, facts=facts, on=date.today())
+    console.print(table)
+    facts = {**times, "forcing_frequency": FORCING_FREQUENCY, "versions": versions("stillwake", "numpy", "numba")}
+    save(json_file, figures=rows, facts=facts)
 
 
 def _study(
@@ -142,7 +140,3 @@ def _momentum_flux(wake: TruckWake, i: int) -> float:
     stretching = (flow.faces_u[i + 1] - flow.faces_u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
     stress = 2.0 * wake.solver.viscosity * stretching
     return float(2.0 * np.sum((p + u * u - stress) * grid.dy))
-
-
-if __name__ == "__main__":
-    typer.run(main)

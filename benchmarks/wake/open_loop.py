@@ -1,25 +1,23 @@
 """What a sine without feedback does to the wake: the alternative that needs no model, no sensors and no ECU.
 
-    python benchmarks/wake/open_loop.py [--json FILE] [--frequency 0.20 ...]
+    python -m benchmarks open-loop [--json FILE] [--frequency 0.20 ...]
 
 Full amplitude, begun at two phases of the shedding cycle: the wake locks onto one of several states, and which one
 depends on that. Averages leave out the settling time. The figures are those of a closed-loop run, so that both can
-stand in one table.
+be in one table.
 """
 
-from datetime import date
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.common.command_line import JsonFile, console, progress, save
 from contract import sensors
 from contract.arrays import Array
-from contract.results import versions, write_result
+from contract.results import versions
 from wake.truck.averages import Average
 from wake.truck.sample import Sample
 from wake.truck.state import developed_state
@@ -31,7 +29,7 @@ LEADS = (0, 12)
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     frequency: Annotated[list[float], typer.Option(help="Forcing frequency in 1/t_c.")] = list(FREQUENCIES),  # noqa: B006
     lead: Annotated[list[int], typer.Option(help="Control steps before the sine begins.")] = list(LEADS),  # noqa: B006
     controlled: Annotated[float, typer.Option(help="Duration, t_c.")] = 100.0,
@@ -40,19 +38,18 @@ def main(
     """Run each frequency and print a table."""
     wake = TruckWake()
     cases = [(0.0, 0), *((f, k) for f in frequency for k in lead)]
-    rows = [_force(wake, *case, controlled, settle) for case in track(cases, "sines", console=Console(stderr=True))]
+    rows = [_force(wake, *case, controlled, settle) for case in track(cases, "sines", console=progress)]
     table = Table(*rows[0])
     for row in rows:
         table.add_row(*(f"{value:.4g}" for value in row.values()))
-    Console().print(table)
-    if json_file is not None:
-        facts = {
-            "amplitude": wake.config.action_limit,
-            "controlled": controlled,
-            "settle": settle,
-            "versions": versions("stillwake", "numpy", "numba"),
-        }
-        write_result(json_file, figures=rows, facts=facts, on=date.today())
+    console.print(table)
+    facts = {
+        "amplitude": wake.config.action_limit,
+        "controlled": controlled,
+        "settle": settle,
+        "versions": versions("stillwake", "numpy", "numba"),
+    }
+    save(json_file, figures=rows, facts=facts)
 
 
 def _force(wake: TruckWake, frequency: float, lead: int, controlled: float, settle: float) -> dict[str, Any]:
@@ -82,7 +79,3 @@ def _force(wake: TruckWake, frequency: float, lead: int, controlled: float, sett
         "Cd_net": float(average.mean(series("Cd_net"))),
         "jet_power": float(average.mean(series("jet_power"))),
     }
-
-
-if __name__ == "__main__":
-    typer.run(main)

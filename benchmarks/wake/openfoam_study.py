@@ -1,6 +1,6 @@
 """The truck's wake by OpenFOAM's icoFoam next to the own solver: uncontrolled, forced, and in the closed loop.
 
-    python benchmarks/wake/openfoam_study.py [--json FILE] [--only PART]
+    python -m benchmarks openfoam [--json FILE] [--only PART]
 
 Takes hours. Every part is kept in `runs/openfoam` when it is done, and the uncontrolled runs continue from their last
 checkpoint, so that the study can be interrupted. `--json` writes the parts that are there.
@@ -10,7 +10,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import date
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -18,18 +17,20 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import Progress, TaskID
 
+from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.commands import ROOT
 from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import FlowConfig
 from contract.release.bundle import load
-from contract.results import versions, write_result
+from contract.results import versions
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.summary import summary
+from stillwake.shipped import BUNDLE
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
 from wake.openfoam.measurements import Instruments, read_all
@@ -41,9 +42,7 @@ from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 FOLDER: Final = ROOT / "runs" / "openfoam"
-BUNDLE: Final = ROOT / "firmware_sim" / "data" / "bundle"
 
 # Refinement, time steps a control period, time left out and time averaged, t_c. The first starts from the own solver's
 # developed wake, each other one from the end of the one before.
@@ -59,7 +58,7 @@ Bar = Callable[[float, float], None]
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     only: Annotated[str, typer.Option(help="uncontrolled-1, uncontrolled-1.5, forced or loop; default: all.")] = "",
 ) -> None:
     """Run what is missing and print all figures."""
@@ -69,7 +68,7 @@ def main(
         "loop": _loop,
     }
     figures: dict[str, list[dict[str, Any]]] = {}
-    with Progress(console=Console(stderr=True)) as bar:
+    with Progress(console=progress) as bar:
         for name, part in parts.items():
             kept = FOLDER / f"{name}.json"
             if only in ("", name) and not kept.is_file():
@@ -78,18 +77,17 @@ def main(
                     temporary.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
             if kept.is_file():
                 figures.setdefault(name.split("-")[0], []).extend(json.loads(kept.read_text(encoding="utf-8")))
-    Console().print_json(json.dumps(figures))
-    if json_file is not None:
-        facts = {
-            "uncontrolled": [
-                dict(zip(("refinement", "substeps", "settle", "average"), row, strict=True)) for row in UNCONTROLLED
-            ],
-            "forced": {"frequency": FREQUENCY, "amplitude": FlowConfig().action_limit, "settle": FORCED_SETTLE},
-            "forced_time": FORCED_TIME,
-            "loop": {"lead_in": LEAD_IN, "controlled": CONTROLLED, "settle": SETTLE},
-            "versions": versions("stillwake", "numpy", "scipy", "numba"),
-        }
-        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    console.print_json(json.dumps(figures))
+    facts = {
+        "uncontrolled": [
+            dict(zip(("refinement", "substeps", "settle", "average"), row, strict=True)) for row in UNCONTROLLED
+        ],
+        "forced": {"frequency": FREQUENCY, "amplitude": FlowConfig().action_limit, "settle": FORCED_SETTLE},
+        "forced_time": FORCED_TIME,
+        "loop": {"lead_in": LEAD_IN, "controlled": CONTROLLED, "settle": SETTLE},
+        "versions": versions("stillwake", "numpy", "scipy", "numba"),
+    }
+    save(json_file, figures=figures, facts=facts)
 
 
 def _case(refinement: float) -> Path:
@@ -204,7 +202,3 @@ def _cpu_per_time(folder: Path) -> float:
     times = [float(value) for value in re.findall(r"^Time = (\S+)", log, re.MULTILINE)]
     spent = [float(value) for value in re.findall(r"^ExecutionTime = (\S+)", log, re.MULTILINE)]
     return (spent[-1] - spent[0]) / (times[len(spent) - 1] - times[0])
-
-
-if __name__ == "__main__":
-    typer.run(main)

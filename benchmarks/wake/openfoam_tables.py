@@ -1,4 +1,4 @@
-"""The table of docs/openfoam.md: the second plant next to the own one."""
+"""The table of the second plant next to the own one."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,10 +13,9 @@ def plants(results: Path) -> str:
     figures, facts = found["figures"], found["facts"]
     own = [row | {"case": f"stillwake, {row['case']}"} for row in read(results / "wake.json")["figures"]]
     paper = {"case": "paper", "St": 0.2, "base_Cp": -0.441, "Uy": 0.516}
-    command = "    python benchmarks/wake/openfoam_study.py --json results/openfoam.json\n"
     columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "St": "Strouhal", "base_Cp": "mean base Cp"}
     last = {"Uy": "std Uy at (10, 0)", "cpu_s_per_t_c": "CPU s per t_c"}
-    parts = [command, _rows("uncontrolled", [*figures["uncontrolled"], *own, paper], columns | last)]
+    parts = [_rows("uncontrolled", [*figures["uncontrolled"], *own, paper], columns | last)]
     if "forced" in figures:
         slots = {"Cd_slot_pressure": "slot pressure", "Cd_slot_viscous": "slot viscous", "Cd_momentum": "momentum"}
         columns = {"Cd": "Cd (wall)", "Cl_std": "std Cl", "base_Cp": "mean base Cp", **slots}

@@ -1,6 +1,6 @@
 """What a time step of the plant costs, where the time goes, and how far that is from what the machine can do.
 
-    python benchmarks/wake/speed.py [--json FILE] [--refinement 0.7 ...]
+    python -m benchmarks wake-speed [--json FILE] [--refinement 0.7 ...]
 
 One core. Every figure is the median over rounds that visit all cases in turn, because machines are noisy; bandwidth and
 arithmetic are measured in the same rounds, on arrays of the plant's size.
@@ -9,8 +9,6 @@ arithmetic are measured in the same rounds, on arrays of the plant's size.
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import date
-from pathlib import Path
 from statistics import median
 from time import process_time
 from typing import Annotated, Any, Final
@@ -18,14 +16,14 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 from numba import njit
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from benchmarks.common.command_line import JsonFile, console, progress, save
 from contract.arrays import Array
 from contract.config.tree import FlowConfig
-from contract.results import versions, write_result
+from contract.results import versions
 from wake.solver import kernels, poisson
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
@@ -47,16 +45,15 @@ _SETTLE: Final = 3.0
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: JsonFile = None,
     refinement: Annotated[list[float], typer.Option(help="Divides every spacing.")] = [0.7, 1.0, 1.4],  # noqa: B006
     rounds: Annotated[int, typer.Option(help="Visits of every case.")] = 9,
 ) -> None:
     """Measure and print two tables."""
-    console = Console()
     plants = [_plant(value) for value in refinement]
     spent: list[defaultdict[str, list[float]]] = [defaultdict(list) for _ in plants]
     with threadpool_limits(1):
-        for _ in track(range(rounds), "rounds", console=Console(stderr=True)):
+        for _ in track(range(rounds), "rounds", console=progress):
             for wake, times in zip(plants, spent, strict=True):
                 _visit(wake, times)
     rows = [_row(wake, value, times) for wake, value, times in zip(plants, refinement, spent, strict=True)]
@@ -67,9 +64,7 @@ def main(
         shares.add_row(str(row["cells"]), *(f"{100 * share:.0f} %" for share in row["shares"].values()))
     console.print(table)
     console.print(shares)
-    if json_file is not None:
-        facts = {"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")}
-        write_result(json_file, figures=rows, facts=facts, on=date.today())
+    save(json_file, figures=rows, facts={"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")})
 
 
 def _plant(refinement: float) -> TruckWake:
@@ -159,7 +154,3 @@ def _triad(a: Array, b: Array, c: Array) -> None:
         ai, bi, ci = a[i], b[i], c[i]
         for j in range(ai.shape[0]):
             ai[j] = bi[j] + 0.5 * ci[j]
-
-
-if __name__ == "__main__":
-    typer.run(main)

@@ -1,4 +1,4 @@
-"""The tables of docs/wake.md."""
+"""The tables of the plant: grids, forcing, cost of a time step, and the second plant."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.common.markdown import read, table
+from benchmarks.wake import openfoam_tables
 
 REFERENCE: Final = Path(__file__).with_name("reference") / "openfoam_uncontrolled.json"
 
@@ -18,12 +19,14 @@ _OTHER_ROWS: Final = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table of the page by name."""
+    """Every table by its marker."""
     return {
         "grids": _grids(results),
         "limit": _limit(results),
         "forced": _forced(results),
         "steps": _steps(results),
+        "open_loop": _open_loop(results),
+        "plants": openfoam_tables.plants(results),
     }
 
 
@@ -105,3 +108,13 @@ def _steps(results: Path) -> str:
         "shares",
     )  # fmt: skip
     return table(heads, rows)
+
+
+def _open_loop(results: Path) -> str:
+    names = ("Cd", "base_Cp", "abs_Cl", "mean_Cl", "rms_action", "Cd_net", "jet_power")
+    found = read(results / "open_loop.json")
+    facts = found["facts"]
+    rows = [[f"{row['frequency']:.2f}", row["lead"], *(row[name] for name in names)] for row in found["figures"]]
+    return f"""Measured on {found["date"]}, averages from {facts["settle"]:g} to {facts["controlled"]:g} t_c.
+
+{table(("frequency", "begins after", *names), rows)}"""

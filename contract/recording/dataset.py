@@ -1,4 +1,4 @@
-"""The recording format: HDF5, one group an episode (docs/architecture.md, "Data set").
+"""The recording format: HDF5, one group an episode (docs/reference/data-set.md).
 
 Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1}
 to a_k over [t_k, t_{k+1}]. Cd and Cl are the wall's: pressure and viscous force without the slot faces.

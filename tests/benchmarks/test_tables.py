@@ -1,23 +1,50 @@
-"""The page in docs/ is what the files in results/ say."""
+"""The tables in the documents are those that the files in results/ give."""
 
+import shutil
 from pathlib import Path
 
+import pytest
+
 from benchmarks import tables
+from benchmarks.common.commands import ROOT
+from benchmarks.common.markdown import fill, names
 
 
-def test_the_results_page_is_up_to_date() -> None:
-    assert tables.PAGE.read_text(encoding="utf-8") == tables.render(tables.ROOT / "results"), (
-        "docs/results.md is stale: run `make tables`"
+@pytest.fixture(scope="module")
+def made() -> dict[str, str]:
+    return tables.tables(ROOT / "results")
+
+
+def test_every_page_is_up_to_date(made):
+    assert len(tables.pages()) > 5
+    for page in tables.pages():
+        assert page.read_text(encoding="utf-8") == tables.filled(page, made), f"{page} is stale: run `make tables`"
+
+
+def test_every_table_has_a_place(made):
+    placed = [name for page in tables.pages() for name in names(page.read_text(encoding="utf-8"))]
+    assert set(made) == set(placed)
+
+
+def test_figures_reach_the_tables(tmp_path, made):
+    results = Path(shutil.copytree(ROOT / "results", tmp_path / "results"))
+    changed = (results / "demo.json").read_text(encoding="utf-8").replace('"frames_sent": ', '"frames_sent": 9')
+    (results / "demo.json").write_text(changed, encoding="utf-8")
+    new = tables.tables(results)
+    assert {name for name in made if new[name] != made[name]} == {"summary", "demo"}
+
+
+def test_only_what_stands_between_the_markers_is_replaced():
+    page = "before\n<!-- table one -->\nold\n<!-- end -->\nbetween\n<!-- table two -->\n<!-- end -->\nafter\n"
+    assert fill(page, {"one": "new", "two": "2"}) == (
+        "before\n<!-- table one -->\nnew\n<!-- end -->\nbetween\n<!-- table two -->\n2\n<!-- end -->\nafter\n"
     )
-    for page in tables.FILLED:
-        assert page.read_text(encoding="utf-8") == tables.render_filled(page, tables.ROOT / "results"), (
-            f"{page.name} is stale: run `make tables`"
-        )
 
 
-def test_figures_reach_the_page(tmp_path: Path) -> None:
-    for item in (tables.ROOT / "results").glob("*.json"):
-        (tmp_path / item.name).write_text(item.read_text(encoding="utf-8"), encoding="utf-8")
-    changed = (tmp_path / "demo.json").read_text(encoding="utf-8").replace('"frames_sent": ', '"frames_sent": 9')
-    (tmp_path / "demo.json").write_text(changed, encoding="utf-8")
-    assert tables.render(tmp_path) != tables.render(tables.ROOT / "results")
+@pytest.mark.parametrize(
+    ("page", "message"),
+    [("<!-- table other -->\n<!-- end -->\n", "no table 'other'"), ("<!-- table one -->\n", "'one' has no '<!-- end")],
+)
+def test_a_place_without_table_or_end_is_refused(page, message):
+    with pytest.raises(ValueError, match=message):
+        fill(page, {"one": "new"})

@@ -50,7 +50,7 @@ def forces(lab: Lab) -> Figure:
     with torch.no_grad():
         decoded = trained.deployed.decoder(latents)
     mean, std = np.array(scaling().force_mean), np.array(scaling().force_std)
-    said, true = decoded.numpy() * std + mean, rows.forces.numpy() * std + mean
+    predicted, true = decoded.numpy() * std + mean, rows.forces.numpy() * std + mean
     t = lab.config.flow.control_period * np.arange(len(true))
     figure = Figure(figsize=(10.0, 4.6), dpi=100, layout="constrained")
     grid = figure.subplots(2, 2, sharey="row", sharex="col")
@@ -58,7 +58,7 @@ def forces(lab: Lab) -> Figure:
         for row, (_, label, colour) in enumerate(FORCES):
             axes: Axes = grid[row, column]
             axes.plot(t[start:stop], true[start:stop, row], color=REFERENCE, linewidth=1.2, label="recorded")
-            axes.plot(t[start:stop], said[start:stop, row], "--", color=colour, linewidth=1.2, label="4 sensors")
+            axes.plot(t[start:stop], predicted[start:stop, row], "--", color=colour, linewidth=1.2, label="4 sensors")
             axes.grid(color="0.9")
             axes.margins(y=0.2)
             axes.set_ylabel(label if column == 0 else "")
@@ -96,7 +96,7 @@ def latent_pairs(lab: Lab) -> Figure:
 
 
 def importance(seed: Mapping[str, Any]) -> Figure:
-    """Mean |SHAP| of every sensor where it sits, its spread over the repeats, and the chosen ones."""
+    """Mean |SHAP| of every sensor at its place, its spread over the repeats, and the chosen ones."""
     ranking = seed["ranking"]
     mean, std = np.array(ranking["mean"]), np.array(ranking["std"])
     chosen = sensors.indices(seed["sensors"])
@@ -200,9 +200,9 @@ def noise(found: Mapping[str, Any]) -> Figure:
         rows = found[who]["noise"]
         x = [100 * row["level"] for row in rows]
         for name, label, colour in FORCES:
-            said = {"color": colour, "label": f"{label}, {title}", "markersize": 4}
-            left.plot(x, [row[name]["l1_over_sigma"] for row in rows], style, **said)
-            right.plot(x, [row[name]["r2"] for row in rows], style, **said)
+            look = {"color": colour, "label": f"{label}, {title}", "markersize": 4}
+            left.plot(x, [row[name]["l1_over_sigma"] for row in rows], style, **look)
+            right.plot(x, [row[name]["r2"] for row in rows], style, **look)
     left.set(ylabel=r"$L_1/\sigma$", ylim=(0, None))
     right.set(ylabel="$R^2$", ylim=(-0.5, 1.02))
     for axes in (left, right):

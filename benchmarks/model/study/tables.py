@@ -1,4 +1,4 @@
-"""The tables of `docs/model.md`, from `results/model.json` and `results/rounds.json`."""
+"""The tables of the model's study, from `results/model.json`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -6,34 +6,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.common.commands import ROOT
-from benchmarks.common.markdown import fill, read, table
-from contract.atomic import replacing
-
-PAGE: Final = ROOT / "docs" / "model.md"
+from benchmarks.common.markdown import read, table
 
 _HEADS: Final = ("R2 Cd", "R2 Cl", "L1/sigma Cd", "L1/sigma Cl")
 _LOOP_HEADS: Final = ("less drag in the loop", "mean abs Cl there")
 _ERRORS: Final = tuple((force, kind) for kind in ("r2", "l1_over_sigma") for force in ("drag", "lift"))
 
 
-def write(json_file: Path) -> None:
-    """Fill the page's tables anew."""
-    text = render(json_file.parent)
-    with replacing(PAGE) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def render(results: Path) -> str:
-    """The page with its tables replaced."""
-    return fill(PAGE.read_text(encoding="utf-8"), tables(results))
-
-
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its name on the page."""
+    """Every table by its marker."""
     found = read(results / "model.json")["figures"]
     return {
-        "summary": summary(found),
+        "accuracy": accuracy(found),
         "bands": bands(found["bands"]),
         "unrolls": unrolls(found["unrolls"]),
         "latents": latents(found["seeds"]),
@@ -45,12 +29,10 @@ def tables(results: Path) -> dict[str, str]:
         "single": single(found["disturbed"]),
         "widths": widths(found),
         "stream": stream(found["stream"]),
-        "rounds": rounds(results),
-        "training": training(results),
     }
 
 
-def summary(found: Mapping[str, Any]) -> str:
+def accuracy(found: Mapping[str, Any]) -> str:
     """The paper's figures beside ours, mean and range over the seeds."""
     lines: list[tuple[object, ...]] = [("paper, 90 sensors", 0.94, 0.96, 0.19, 0.15, 0.76, 0.81)]
     for label, rows in (
@@ -131,8 +113,8 @@ def methods(found: Mapping[str, Any]) -> str:
         seconds = "" if choice["cpu_seconds"] is None else f"{choice['cpu_seconds']:.1f}"
         lines.append((choice["method"], ", ".join(choice["sensors"]), *cells, seconds, *_closed(loop)))
     ours = found["hardened"][0]
-    name, said = "greedy, chosen and distilled under noise, in full", ", ".join(ours["sensors"])
-    lines.append((name, said, *_errors(ours), "", *_closed(_loop(found, "hardened"))))
+    name, chosen = "greedy, chosen and distilled under noise, in full", ", ".join(ours["sensors"])
+    lines.append((name, chosen, *_errors(ours), "", *_closed(_loop(found, "hardened"))))
     return table(("method", "sensors", *_HEADS, "CPU seconds", *_LOOP_HEADS), lines)
 
 
@@ -176,38 +158,6 @@ def widths(found: Mapping[str, Any]) -> str:
 def stream(found: Mapping[str, Any]) -> str:
     lines = [(row["case"], row["latent"], *_errors(row), *_ahead(row)) for row in found["rows"]]
     return table(("", "latents, L1/sigma", *_HEADS, "h = 25 Cd", "h = 25 Cl"), lines)
-
-
-def rounds(results: Path) -> str:
-    lines = []
-    for row in read(results / "rounds.json")["figures"]:
-        loop = row["loop"]
-        parts = (row["chirp"], row["controlled"])
-        fit = (f"{part['drag']['r2']:.3f} / {part['lift']['r2']:.3f}" for part in parts)
-        ahead = (f"{part['rollout'][-1]['drag']:.2f} / {part['rollout'][-1]['lift']:.2f}" for part in parts)
-        pairs = [cell for pair in zip(fit, ahead, strict=True) for cell in pair]
-        closed = (f"{loop['Cd_controlled']:.4f}", f"{loop['reduction_percent']:.1f} %")
-        lines.append((row["round"], row["controlled_steps"], *pairs, *closed, *_side(loop)))
-    heads = ("R2, chirp", "h = 25, chirp", "R2, controlled", "h = 25, controlled", "Cd", "less drag")
-    return table(("round", "steps added", *heads, "mean abs Cl", "mean Cl", "rms action"), lines)
-
-
-def training(results: Path) -> str:
-    found = read(results / "training.json")["figures"]
-    lines = [
-        ("straightforward: every window read for itself by torch.nn.LSTM", found["straightforward_ms"]),
-        ("shared windows, own backward pass (`train.recurrence`)", found["shared_ms"]),
-        ("of it the LSTM", found["lstm_ms"]),
-        ("arithmetic floor of the step", found["step_floor_ms"]),
-        ("arithmetic floor of the LSTM", found["lstm_floor_ms"]),
-        ("LSTM read as a stream, as many latents", found["stream_lstm_ms"]),
-    ]
-    return table(("one step, batch of 512 samples, one thread", "ms"), [(name, f"{ms:.1f}") for name, ms in lines])
-
-
-def _side(loop: Mapping[str, float]) -> Iterator[str]:
-    for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action"):
-        yield f"{loop[name]:.3f}"
 
 
 def _loop(found: Mapping[str, Any], variant: str) -> Mapping[str, Any]:

@@ -1,10 +1,7 @@
-"""Mean and fluctuating Cp along the body: our grids over the OpenFOAM reference.
-
-python -m benchmarks.wake.figure      # reads results/wake.json, writes docs/pictures/cp_along_body.png
-"""
+"""Mean and fluctuating Cp along the body: our grids over the OpenFOAM reference."""
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,14 +9,11 @@ from matplotlib.figure import Figure
 from benchmarks.common.markdown import read
 from benchmarks.wake.tables import REFERENCE, rows_by_grid
 from contract import sensors
-from contract.atomic import replacing
-
-ROOT: Final = Path(__file__).resolve().parents[2]
-TARGET: Final = ROOT / "docs" / "pictures" / "cp_along_body.png"
 
 
-def draw(rows: list[dict[str, Any]], reference: dict[str, Any]) -> Figure:
+def draw(results: Path) -> Figure:
     """Upper and lower side are averaged: the mean flow is symmetric."""
+    rows, reference = rows_by_grid(results), read(REFERENCE)
     figure = Figure(figsize=(9.0, 5.2), dpi=110, layout="constrained")
     grid = figure.subplots(2, 2, sharey="row", width_ratios=(3, 1))
     places = sensors.positions()
@@ -45,14 +39,3 @@ def _folded(values: list[float]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, 
     n, array = sensors.PER_SIDE, np.array(values)
     base = array[sensors.BASE]
     return 0.5 * (array[:n] + array[n : 2 * n]), 0.5 * (base + base[::-1])
-
-
-def main() -> None:
-    """Draw the figure anew."""
-    figure = draw(rows_by_grid(ROOT / "results"), read(REFERENCE))
-    with replacing(TARGET) as temporary:
-        figure.savefig(temporary, format="png")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,25 +1,25 @@
-"""Run the study, or what is left of it, write `results/model.json`, and draw its figures and tables anew.
+"""Run the study of the model, or what is left of it, write its figures and draw its pictures.
 
-    python -m benchmarks.model.study [--json results/model.json] [--parts runs/model_study]
+    python -m benchmarks model [--json results/model.json] [--parts runs/model_study]
 
-Hours on two cores. Finished parts stay in the folder, so that an interrupted study goes on where it was.
+Hours on two cores. Finished parts stay in the folder, so that a stopped study continues. `make tables` fills the
+tables of the documents from the figures.
 """
 
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from datetime import date
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from benchmarks.model.study import figures, page
+from benchmarks.common.command_line import Parts, progress, save
+from benchmarks.model.study import figures
 from benchmarks.model.study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model.study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
 from contract.config.loading import load_config, to_tree
-from contract.results import versions, write_result
+from contract.results import versions
 from stillwake.terminal import ConfigFile, Overrides
 from train.selection.correlation import correlation
 from train.selection.methods import METHODS
@@ -27,17 +27,17 @@ from train.selection.methods import METHODS
 
 def main(
     json_file: Annotated[Path, typer.Option("--json", help="Write the figures here.")] = Path("results/model.json"),
-    parts: Annotated[Path, typer.Option(help="Folder of finished parts.")] = Path("runs/model_study"),
+    parts: Parts = Path("runs/model_study"),
     workers: Annotated[int, typer.Option(help="Parts side by side, a thread each.", min=1)] = 2,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Run every part that is missing, then write results, figures and page."""
+    """Run every part that is missing, then write figures and pictures."""
     config = load_config(config_file, overrides)
     lab = open_lab(config, parts)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with (
-        Progress(*columns, console=Console(stderr=True)) as bar,
+        Progress(*columns, console=progress) as bar,
         ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=quiet) as pool,
     ):
         task = bar.add_task("parts", total=sum(len(stage) for stage in stages()))
@@ -46,9 +46,8 @@ def main(
             for future in as_completed(running):
                 future.result()
                 bar.update(task, advance=1, description=running[future].name)
-    write_result(json_file, figures=collected(lab), facts=facts(lab), on=date.today())
+    save(json_file, figures=collected(lab), facts=facts(lab))
     figures.draw_all(json_file, lab)
-    page.write(json_file)
 
 
 def collected(lab: Lab) -> dict[str, Any]:
@@ -77,7 +76,3 @@ def collected(lab: Lab) -> dict[str, Any]:
 def facts(lab: Lab) -> dict[str, Any]:
     packages = versions("stillwake", "torch", "numpy", "shap")
     return {"dataset_sha256": digest(), "config": to_tree(lab.config), "versions": packages}
-
-
-if __name__ == "__main__":
-    typer.run(main)

@@ -1,0 +1,85 @@
+"""The one way into every measurement.
+
+    python -m benchmarks                      # what there is
+    python -m benchmarks NAME [options]       # one of them; --help lists its options
+
+A measurement is a module with a function `main`, whose parameters are its options. It prints tables, and with `--json
+FILE` also writes its figures with the settings, versions and machine they belong to; `results/NAME.json` is where the
+documents' tables are made from, the dashes of the name being underscores there.
+"""
+
+import sys
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from contract.errors import StillwakeError
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One line of the list.
+
+    Attributes:
+        module: where its `main` is; imported only when it runs, because each needs other packages.
+        text: what it measures.
+        takes: rough duration on two cores; empty where nobody has written it down.
+    """
+
+    module: str
+    text: str
+    takes: str = ""
+
+
+MEASUREMENTS: Final = {
+    "wake": Measurement("wake.grid_study", "the plant on several grids and time steps, without and with forcing"),
+    "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
+    "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),
+    "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
+    "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C, CasADi's solvers"),
+    "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
+    "rounding": Measurement("controller.rounding", "what int8 weights change of a plan, to nearest and with feedback"),
+    "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
+    "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
+    "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
+    "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
+    "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
+}
+PAGES: Final = {
+    "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),
+    "pictures": Measurement("pictures", "draw the pictures in docs/pictures that are made from results/", "seconds"),
+}
+
+
+def main(arguments: list[str]) -> None:
+    """Run the measurement that the first argument names, with the others as its options."""
+    name, *options = arguments or ["--help"]
+    if name == "--help":
+        _list()
+        return
+    found = (MEASUREMENTS | PAGES).get(name)
+    if found is None:
+        sys.exit(f"error: no measurement {name!r}: one of {', '.join(MEASUREMENTS | PAGES)}")
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command()(import_module(f"benchmarks.{found.module}").main)
+    try:
+        app(options, prog_name=f"python -m benchmarks {name}")
+    except StillwakeError as error:
+        sys.exit(f"error: {error}")
+
+
+def _list() -> None:
+    table = Table("python -m benchmarks NAME", "", "takes", box=None, pad_edge=False)
+    for name, one in (MEASUREMENTS | PAGES).items():
+        table.add_row(name, one.text, one.takes)
+    console = Console()
+    console.print(table)
+    console.print("The documents' tables are made from results/NAME.json: --json writes it.", highlight=False)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,108 @@
+"""The tables of the shipped release in the closed loop, from what `stillwake run` and `stillwake steady` measured."""
+
+from pathlib import Path
+
+from benchmarks.common.markdown import read, table
+
+
+def tables(results: Path) -> dict[str, str]:
+    """Every table by its marker."""
+    return {
+        "summary": summary(results),
+        "demo": demo(results),
+        "limits": limits(results),
+        "steady": steady(results),
+    }
+
+
+def summary(results: Path) -> str:
+    """Uncontrolled, the best sine and the closed loop, side by side."""
+    loop = read(results / "demo.json")["figures"]
+    sines = [row for row in read(results / "open_loop.json")["figures"] if row["frequency"] > 0]
+    sine = min(sines, key=lambda row: float(row["Cd"]))
+    names = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
+    start = loop["Cd_uncontrolled"]
+    rows: list[tuple[object, ...]] = [
+        ("uncontrolled", *(loop[f"{name}_uncontrolled"] for name in names), 0.0, 0.0, ""),
+        (
+            f"best sine without feedback ({sine['frequency']:.2f})",
+            *(sine[name] for name in (*names, "rms_action", "jet_power")),
+            f"{100 * (1 - sine['Cd'] / start):.1f} %",
+        ),
+        (
+            "closed loop over CAN, 4 sensors, int8",
+            *(loop[f"{name}_controlled"] for name in names),
+            loop["rms_action"],
+            loop["jet_power_controlled"],
+            f"**{loop['reduction_percent']:.1f} %**",
+        ),
+    ]
+    heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
+    latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
+    return f"""{table(heads, rows)}
+
+Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes {latency} of the
+{loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
+{loop["frames_rejected"]} rejected.
+"""
+
+
+def demo(results: Path) -> str:
+    """The loop of `make demo`, without control and with it."""
+    found = read(results / "demo.json")
+    figures, facts = found["figures"], found["facts"]
+    rows = [
+        ("mean Cd (wall)", figures["Cd_uncontrolled"], figures["Cd_controlled"]),
+        ("mean base Cp", figures["base_Cp_uncontrolled"], figures["base_Cp_controlled"]),
+        ("mean abs Cl", figures["abs_Cl_uncontrolled"], figures["abs_Cl_controlled"]),
+        ("mean Cl", None, figures["mean_Cl_controlled"]),
+        ("rms action", 0.0, figures["rms_action"]),
+        ("mean Cd, wall + slots + jet momentum", figures["Cd_net_uncontrolled"], figures["Cd_net_controlled"]),
+        ("mean jet power / (rho U_inf^3 W / 2)", 0.0, figures["jet_power_controlled"]),
+    ]
+    latency = "/".join(f"{figures[name]:.2f}" for name in ("mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"))
+    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])},
+{facts["config"]["ecu"]["compute_time_ms"]:g} ms charged for a control step. Wall drag reduced by
+**{figures["reduction_percent"]:.1f} %**.
+
+{table(("", "uncontrolled", "controlled"), rows)}
+
+Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:g} ms. Frames sent
+{figures["frames_sent"]}, lost {figures["frames_lost"]}, rejected {figures["frames_rejected"]}."""
+
+
+def limits(results: Path) -> str:
+    """What latency and few iterations cost."""
+    names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
+    rows = []
+    facts = read(results / "demo.json")["facts"]
+    late, period = facts["config"]["ecu"]["compute_time_ms"], facts["budget_ms"]
+    for label, name in (
+        ("the release", "demo"),
+        ("no compute time", "limit_latency"),
+        ("15 iterations instead of 5", "limit_iterations"),
+    ):
+        figures = read(results / f"{name}.json")["figures"]
+        rows.append((label, *(figures[key] for key in names)))
+    return f"""{table(("", "mean Cd (wall)", "less drag, %", "mean abs Cl", "mean Cl", "rms action"), rows)}
+
+The first two differ only in when the jets answer: at the instant of the sample, or {late:g} ms of a period of
+{period:g} ms later, which the controller's model leaves out."""
+
+
+def steady(results: Path) -> str:
+    """The wake held symmetric beside the shedding one, and the bound that follows."""
+    found = read(results / "steady.json")
+    held, shedding = found["figures"], read(results / "demo.json")["figures"]
+    rows = [
+        ("shedding", shedding["Cd_uncontrolled"], shedding["Cd_net_uncontrolled"], shedding["base_Cp_uncontrolled"]),
+        ("steady, symmetric", held["Cd"], held["Cd"] + held["Cd_slot"], held["base_Cp"]),
+    ]
+    bound = 100.0 * (1.0 - held["Cd"] / shedding["Cd_uncontrolled"])
+    return f"""Measured on {found["date"]}, from rest until nothing changes ({held["time"]:.0f} t_c, max |du/dt|
+{held["velocity_rate"]:.0e}). Flow runs upstream behind the base over {held["recirculation_length"]:.2f} W.
+
+{table(("", "Cd (wall)", "Cd with slots", "mean base Cp"), rows)}
+
+Suppressing shedding altogether would save **{bound:.1f} %** of the wall drag; more can only come from what the jets do
+to the mean flow."""

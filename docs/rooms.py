@@ -1,0 +1,219 @@
+"""Draw `docs/rooms.svg` from the imports in the source: `make docs`.
+
+A room is a top-level package, a chip one of its folders. An arrow from one room to another is an import, and its number
+counts the modules of the lower room that the upper one uses. A room is on the lowest floor that leaves every import
+pointing down, so an import upwards or in a circle is an error. Boxes are wide enough for every arrow to be a straight
+line down a gap.
+"""
+
+import ast
+import sys
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from textwrap import wrap
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+PICTURE: Final = ROOT / "docs" / "rooms.svg"
+
+ROOMS: Final = {
+    "stillwake": (0, 3, "the command line: the only room that may import all others"),
+    "firmware_sim": (0, 1, "ECU, vehicle, closed loop, report"),
+    "wake": (0, 0, "the plant and its recorder"),
+    "can_bridge": (1, 1, "wire, protection, buses, gate"),
+    "train": (2, 2, "recording to latent model"),
+    "export": (3, 3, "model to ONNX, C and bundle"),
+    "contract": (0, 3, "facts and formats that pass between rooms: geometry, sensors, units, errors, the DBC"),
+}
+"""First and last of the four columns that a room's box covers, and a line on what it holds."""
+
+Uses = Mapping[tuple[str, str], int]
+"""Number of modules that the first room uses of the second."""
+
+WIDTH, MARGIN, GAP, FLOOR = 960, 20, 44, 60
+CHANNEL, APART = 34, 26
+"""What a box leaves of its outer columns for arrows that pass it; least distance between two arrows."""
+FILL: Final = ("#e6edf6", "#eef4e8", "#fdf2df", "#f2ecf7", "#f7e9e9")
+"""Of the floors, lowest first."""
+LETTER = 8.2
+"""Width of a letter that no usual font exceeds on average, at 14 px."""
+INK, LINE = "#17202b", "#5b6b7d"
+
+
+@dataclass(frozen=True)
+class Box:
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+
+def imports(root: Path) -> dict[tuple[str, str], int]:
+    """Numbers of modules by importing and imported room."""
+    used: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
+    for room in ROOMS:
+        for path in sorted((root / room).rglob("*.py")):
+            for module in _imported(root, ast.parse(path.read_text(encoding="utf-8"))):
+                other = module.partition(".")[0]
+                if other in ROOMS and other != room:
+                    used[room, other].add(module)
+    return {pair: len(modules) for pair, modules in sorted(used.items())}
+
+
+def _imported(root: Path, tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            folder = root.joinpath(*node.module.split("."))
+            for alias in node.names:
+                found = (folder / f"{alias.name}.py").exists() or (folder / alias.name / "__init__.py").exists()
+                yield f"{node.module}.{alias.name}" if found else node.module
+
+
+def floors(uses: Uses) -> dict[str, int]:
+    """Floor of every room, 0 for those that import none.
+
+    Raises:
+        ValueError: if rooms import each other in a circle.
+    """
+    floor = dict.fromkeys(ROOMS, 0)
+    for _ in ROOMS:
+        raised = {room: max([1 + floor[low] for up, low in uses if up == room], default=0) for room in ROOMS}
+        if raised == floor:
+            return floor
+        floor = raised
+    circle = [room for room in ROOMS if floor[room] >= len(ROOMS) - 1]
+    raise ValueError(f"rooms import each other in a circle: {', '.join(circle or ROOMS)}: cut one of the imports")
+
+
+def folders(root: Path, room: str) -> list[str]:
+    """Sub-packages of a room."""
+    return sorted(path.parent.name for path in (root / room).glob("*/__init__.py"))
+
+
+def draw(root: Path = ROOT) -> str:
+    """The picture as SVG."""
+    uses = imports(root)
+    floor = floors(uses)
+    boxes, height = _boxes(root, floor)
+    parts = [_room(root, room, box, FILL[floor[room]]) for room, box in boxes.items()]
+    taken: list[tuple[float, float, float]] = []
+    for upper, lower in sorted(uses, key=lambda pair: (floor[pair[0]] - floor[pair[1]], pair)):
+        x = _free(boxes, upper, lower, taken)
+        taken.append((x, boxes[upper].bottom, boxes[lower].top))
+        parts.append(_arrow(x, boxes[upper].bottom, boxes[lower].top, uses[upper, lower]))
+    legend = "An arrow is an import; its number counts the modules of the lower room that the upper one uses."
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height + 44:.0f}" \
+font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
+<defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="8" markerHeight="8" orient="auto">\
+<path d="M0 0 L10 5 L0 10 z" fill="{LINE}"/></marker></defs>
+<rect width="{WIDTH}" height="{height + 44:.0f}" fill="white"/>
+{chr(10).join(parts)}
+<text x="{MARGIN}" y="{height + 26:.0f}" font-size="14" fill="{LINE}">{legend}</text>
+</svg>
+"""
+
+
+def _boxes(root: Path, floor: Mapping[str, int]) -> tuple[dict[str, Box], float]:
+    """Boxes from the top floor down, and where the lowest one ends."""
+    column = (WIDTH - 2 * MARGIN - 3 * GAP) / 4
+    boxes: dict[str, Box] = {}
+    top = float(MARGIN)
+    highest = max(floor.values())
+    for level in range(highest, -1, -1):
+        rooms = [room for room in ROOMS if floor[room] == level]
+        bottom = top
+        for room in rooms:
+            first, last, _ = ROOMS[room]
+            left, right = MARGIN + first * (column + GAP), MARGIN + last * (column + GAP) + column
+            if 0 < level < highest and first != last:
+                left, right = left + CHANNEL, right - CHANNEL
+            rows = _chips(folders(root, room), right - left)
+            bottom = max(bottom, top + 50 + 18 * len(_lines(room, right - left)) + 30 * len(rows))
+            boxes[room] = Box(left, right, top, bottom)
+        for room in rooms:
+            boxes[room] = Box(boxes[room].left, boxes[room].right, top, bottom)
+        top = bottom + FLOOR
+    return boxes, bottom
+
+
+def _chips(names: list[str], width: float) -> list[list[tuple[str, float]]]:
+    """Rows of names with the width of their chips."""
+    rows: list[list[tuple[str, float]]] = []
+    used = width
+    for name in names:
+        chip = LETTER * len(name) + 12
+        if used + chip > width - 16:
+            rows.append([])
+            used = 14.0
+        rows[-1].append((name, chip))
+        used += chip + 6
+    return rows
+
+
+def _lines(room: str, width: float) -> list[str]:
+    """The line on a room, wrapped to its box."""
+    return wrap(ROOMS[room][2], int((width - 20) / LETTER))
+
+
+def _room(root: Path, room: str, box: Box, fill: str) -> str:
+    parts = [
+        f'<rect x="{box.left:g}" y="{box.top:g}" width="{box.right - box.left:g}" height="{box.bottom - box.top:g}" '
+        f'rx="8" fill="{fill}" stroke="{LINE}" stroke-width="1.2"/>',
+        f'<text x="{box.left + 14:g}" y="{box.top + 27:g}" font-size="19" font-weight="600">{room}</text>',
+    ]
+    y = box.top + 49
+    for line in _lines(room, box.right - box.left):
+        parts.append(f'<text x="{box.left + 14:g}" y="{y:g}" font-size="14">{escape(line)}</text>')
+        y += 18
+    y -= 5
+    for row in _chips(folders(root, room), box.right - box.left):
+        x = box.left + 14
+        for name, width in row:
+            parts.append(
+                f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="24" rx="5" fill="white" stroke="#b9c4d0"/>'
+                f'<text x="{x + width / 2:g}" y="{y + 16.5:g}" font-size="13.5" text-anchor="middle">{name}</text>'
+            )
+            x += width + 6
+        y += 30
+    return "\n".join(parts)
+
+
+def _free(boxes: Mapping[str, Box], upper: str, lower: str, taken: list[tuple[float, float, float]]) -> float:
+    """The middle of the widest gap that a straight arrow can use.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    a, b = boxes[upper], boxes[lower]
+    left, right = max(a.left, b.left), min(a.right, b.right)
+    blocked = [(box.left, box.right) for box in boxes.values() if box.top > a.bottom and box.bottom < b.top] + [
+        (x - APART / 2, x + APART / 2) for x, top, bottom in taken if top < b.top and bottom > a.bottom
+    ]
+    gaps, begin = [], left
+    for start, stop in sorted(blocked):
+        gaps.append((min(start, right) - begin, begin))
+        begin = max(begin, stop)
+    gaps.append((right - begin, begin))
+    width, begin = max(gaps, key=lambda gap: (round(gap[0], 3), -gap[1]))
+    if width < APART:
+        raise ValueError(f"no gap for an arrow from {upper} to {lower}: change their columns in ROOMS")
+    return begin + width / 2
+
+
+def _arrow(x: float, top: float, bottom: float, count: int) -> str:
+    middle = bottom - FLOOR / 2 - 3
+    return (
+        f'<path d="M{x:g} {top:g} V{bottom - 1:g}" stroke="{LINE}" stroke-width="1.6" marker-end="url(#tip)"/>'
+        f'<rect x="{x - 15:g}" y="{middle - 11:g}" width="30" height="22" rx="11" fill="white" stroke="{LINE}"/>'
+        f'<text x="{x:g}" y="{middle + 5:g}" font-size="14" text-anchor="middle">{count}</text>'
+    )
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(draw(), encoding="utf-8")
+    sys.stdout.write(f"wrote {PICTURE}\n")

@@ -1,0 +1,137 @@
+"""The documents name what exists: links and anchors, files, commands and their options."""
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+import benchmarks.__main__ as door
+import stillwake.__main__ as command_line
+from contract.config.loading import load_config
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]
+"""Pages on the present state: the changelog names what was there at the time."""
+
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+_CODE = re.compile(r"```.*?```", re.DOTALL)
+_FILE = re.compile(r"`([\w.-]+(?:/[\w.*-]+)*/(?:[\w*-]+\.(?:py|c|h|md|toml|pub|h5|npz|dbc|json))?)`")
+_NAME = re.compile(r"`((?:contract|wake|export|can_bridge|firmware_sim|stillwake|benchmarks)(?:\.\w+)+)`")
+_OWN = {path.name for path in ROOT.iterdir() if path.is_dir() and (path / "__init__.py").exists()} | {"docs", "results"}
+
+
+def _id(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def _anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub makes them."""
+    heads = re.findall(r"^#+ (.+)$", _CODE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def _commands(page: Path) -> Iterator[list[str]]:
+    """Command lines in indented blocks and in running text, one list of words each, without comments."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    blocks = re.findall(r"^    ((?:stillwake|python -m benchmarks|make)\b.*)$", text, re.MULTILINE)
+    inline = re.findall(r"`((?:stillwake|python\s-m\sbenchmarks|make)\s[^`]+)`", text)
+    for line in (*blocks, *inline):
+        yield shlex.split(line, comments=True)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_id)
+def test_links_resolve(page):
+    for link in _LINK.findall(_CODE.sub("", page.read_text(encoding="utf-8"))):
+        if "://" in link:
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f"{_id(page)}: no file {link}"
+        assert not anchor or anchor in _anchors(target), f"{_id(page)}: no heading {link}"
+
+
+@pytest.mark.parametrize("page", NOW, ids=_id)
+def test_named_files_exist(page):
+    for name in _FILE.findall(page.read_text(encoding="utf-8")):
+        if name.split("/")[0] in _OWN and "NAME" not in name:
+            assert list(ROOT.glob(name)), f"{_id(page)}: no {name}"
+
+
+@pytest.mark.parametrize("page", NOW, ids=_id)
+def test_named_modules_and_what_they_define_exist(page):
+    for name in _NAME.findall(page.read_text(encoding="utf-8")):
+        path, *parts = ROOT, *name.split(".")
+        while parts and (path / parts[0]).is_dir():
+            path /= parts.pop(0)
+        if parts and (path / f"{parts[0]}.py").is_file():
+            text = (path / f"{parts.pop(0)}.py").read_text(encoding="utf-8")
+            assert not parts or re.search(rf"^(?:class |def )?{parts[0]}\b", text, re.MULTILINE), (
+                f"{_id(page)}: no {name}"
+            )
+            continue
+        assert not parts, f"{_id(page)}: no {name}"
+
+
+@pytest.mark.parametrize("page", NOW, ids=_id)
+def test_named_commands_exist(page):
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    for words in _commands(page):
+        if words[0] == "make":
+            assert set(words[1:]) <= targets, f"{_id(page)}: {shlex.join(words)}"
+            continue
+        command, rest = _found(words)
+        known = {name for parameter in command.params for name in parameter.opts} | {"--help"}
+        given = {word for word in rest if word.startswith("--")}
+        assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
+        load_config(None, [word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word])
+
+
+def test_the_installs_carry_what_the_project_declares():
+    rows = (ROOT / "docs" / "reference" / "installs.md").read_text(encoding="utf-8").splitlines()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = {f"`stillwake[{extra}]`": names for extra, names in project["optional-dependencies"].items()}
+    for install, requirements in {"`pip install stillwake`": project["dependencies"], **extras}.items():
+        (row,) = (row for row in rows if row.startswith(f"| {install} |"))
+        packages = {re.match(r"[\w-]+", requirement)[0] for requirement in requirements} - {"stillwake"}
+        assert not {package for package in packages if package not in row}, f"{install}: the row lacks a package"
+
+
+def test_every_page_is_in_the_index():
+    index = ROOT / "docs" / "README.md"
+    linked = {(index.parent / link.partition("#")[0]).resolve() for link in _LINK.findall(index.read_text())}
+    assert linked >= {page for page in PAGES if page.is_relative_to(index.parent) and page != index}
+
+
+@pytest.mark.parametrize("page", [page for page in NOW if page.parent != ROOT], ids=_id)
+def test_a_page_names_its_reader_first(page):
+    if page.name != "README.md":
+        _, first = page.read_text(encoding="utf-8").split("\n\n")[:2]
+        assert first.startswith("For "), f"{_id(page)}: begin with whom the page is for"
+
+
+def _found(words: list[str]) -> tuple[click.Command, list[str]]:
+    """The command that a line names, and the words after its name."""
+    if words[0] == "python":
+        name, *rest = words[3:] or ["--help"]
+        if name in ("--help", "NAME"):
+            return click.Command("benchmarks"), rest
+        known = door.MEASUREMENTS | door.PAGES
+        assert name in known, f"{shlex.join(words)}: no measurement {name}"
+        module = import_module(f"benchmarks.{known[name].module}")
+        app = typer.Typer()
+        app.command()(module.main)
+        return typer.main.get_command(app), rest
+    command: click.Command = typer.main.get_command(command_line.app)
+    rest = words[1:]
+    while groups := getattr(command, "commands", None):
+        assert rest and rest[0] in groups, f"{shlex.join(words)}: one of {', '.join(groups)}"
+        command, rest = groups[rest[0]], rest[1:]
+    return command, rest
