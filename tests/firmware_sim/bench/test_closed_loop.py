@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
-from contract.config.tree import BusConfig, Config, EcuConfig, MpcConfig
-from contract.controller.onnx_session import OnnxController
-from contract.errors import BundleError, BusError, StillwakeError
+from contract.config.tree import BusConfig, Config, EcuConfig
+from contract.errors import BusError, StillwakeError
 from contract.release import bundle
 from export.program.random_program import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
@@ -186,40 +185,6 @@ def test_a_figure_that_does_not_exist_is_null(run):
     assert found["Cd_controlled"] is None
     assert found["reduction_percent"] is None
     assert found["Cd_uncontrolled"] is not None
-
-
-def test_the_controller_is_the_bundles(release):
-    controller = OnnxController.of(release)
-    controller.warm_up(1)
-    manifest = release.manifest
-    horizon = manifest.mpc.horizon
-    window = np.zeros((manifest.window, 5))
-    plan, committed = np.linspace(0.0, 0.07, horizon), np.zeros(horizon)
-    held = controller.control_step(window, plan, committed)
-    np.testing.assert_allclose(held.plan, np.append(plan[1:], plan[-1]), atol=1e-8)
-    free = controller.control_step(window, plan, np.ones(horizon))
-    assert (free.plan != held.plan).all()
-    assert np.abs(free.plan).max() <= manifest.action_limit
-    assert free.cost < held.cost
-    assert free.forces.shape == (horizon, 2)
-
-
-def test_a_model_that_contradicts_its_manifest_is_refused(release):
-    class Altered:
-        """The release with other facts about it."""
-
-        def __init__(self, **changes) -> None:
-            self.files = release.files
-            self.manifest = type(release.manifest)(**{**vars(release.manifest), **changes})
-
-    with pytest.raises(BundleError, match="'window' has shape"):
-        OnnxController.of(Altered(window=7))
-    with pytest.raises(BundleError, match="'plan' has shape"):
-        OnnxController.of(Altered(mpc=MpcConfig(horizon=9)))
-    broken = Altered()
-    broken.files = {"controller.onnx": b"no model"}
-    with pytest.raises(BundleError, match=r"controller\.onnx does not load"):
-        OnnxController.of(broken)
 
 
 def test_the_ecu_setting_decides_what_is_charged_for_computing(run):
