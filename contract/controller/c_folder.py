@@ -7,7 +7,6 @@ program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.
 
 import re
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.atomic import replacing
-from contract.config.tree import CostWeights
 from contract.errors import LibraryError
 
 SETTINGS: Final = "sw_settings.h"
@@ -28,9 +26,6 @@ RECORDED: Final = "recorded.txt"
 """Rows for the example program: pressures, then the action commanded one step before."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Flags for editors (clangd), one a line; only in sample folders."""
-
-TERMS: Final = tuple(item.name for item in fields(CostWeights))
-"""Cost terms in the order of every array of them; in C `SW_` and the name in capitals is the index."""
 
 Rows = npt.NDArray[np.float32]
 

@@ -63,13 +63,13 @@ class CController:
             window=(ctypes.c_float * (sizes.sensors + 1)) * sizes.window,
             plan=ctypes.c_float * horizon,
             free=ctypes.c_float * horizon,
-            weights=ctypes.c_float * TERMS,
+            weights=ctypes.c_float * len(TERMS),
         )
         self._output = _structure(
             "sw_output",
             plan=ctypes.c_float * horizon,
             forces=(ctypes.c_float * FORCES) * horizon,
-            terms=ctypes.c_float * TERMS,
+            terms=ctypes.c_float * len(TERMS),
             cost=ctypes.c_float,
         )
         reset(ctypes.byref(self._input))

@@ -36,7 +36,8 @@ Array = npt.NDArray[np.float64]
 
 INPUTS: Final = ("window", "plan", "free", "weights")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
-TERMS: Final = len(fields(CostWeights))
+TERMS: Final = tuple(item.name for item in fields(CostWeights))
+"""Cost terms in the order of every array of them."""
 FORCES: Final = 2
 """(Cd, Cl)."""
 
@@ -60,8 +61,8 @@ class Sizes:
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of every input and output by its name."""
-        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (TERMS,))
-        outputs = ((self.horizon,), (self.horizon, FORCES), (TERMS,), ())
+        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (len(TERMS),))
+        outputs = ((self.horizon,), (self.horizon, FORCES), (len(TERMS),), ())
         return dict(zip(INPUTS + OUTPUTS, inputs + outputs, strict=True))
 
 

@@ -9,7 +9,8 @@ from typing import Any, Final, overload
 
 import numpy as np
 
-from contract.controller.c_folder import SETTINGS, TERMS, WEIGHTS, float_literal, settings_header
+from contract.controller.c_folder import SETTINGS, WEIGHTS, float_literal, settings_header
+from contract.controller.interface import TERMS
 from contract.release.bundle import dbc_sha256
 from contract.release.manifest import Precision
 from export.int8.activation_ranges import ActivationRanges
@@ -88,6 +89,7 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_ITERATIONS": mpc.iterations,
         "SW_DRAG_REFERENCE": np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference")),
         "SW_ACTION_LIMIT": np.float32(float32_within(program.action_limit)),
+        # In C, `SW_` and a term's name in capitals is its index.
         **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
         "SW_TERMS": len(TERMS),
         "SW_NORM_EPSILON": np.float32(LAYER_NORM_EPSILON),

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.c_folder import TERMS, Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
+from contract.controller.c_folder import Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
+from contract.controller.interface import TERMS
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
 from firmware_sim.mcu.elf import Firmware, read_elf
