@@ -29,7 +29,7 @@ RECORDED: Final = "recorded.txt"
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Flags for editors (clangd), one a line; only in sample folders."""
 
-TERMS: Final = tuple(item.name for item in fields(CostWeights))
+TERM_NAMES: Final = tuple(item.name for item in fields(CostWeights))
 """Cost terms in the order of every array of them; in C `SW_` and the name in capitals is the index."""
 
 Rows = npt.NDArray[np.float32]

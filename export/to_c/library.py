@@ -9,7 +9,7 @@ from typing import Any, Final, overload
 
 import numpy as np
 
-from contract.controller.c_folder import SETTINGS, TERMS, WEIGHTS, float_literal, settings_header
+from contract.controller.c_folder import SETTINGS, TERM_NAMES, WEIGHTS, float_literal, settings_header
 from contract.release.bundle import dbc_sha256
 from contract.release.manifest import Precision
 from export.int8.activation_ranges import ActivationRanges
@@ -88,8 +88,8 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_ITERATIONS": mpc.iterations,
         "SW_DRAG_REFERENCE": np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference")),
         "SW_ACTION_LIMIT": np.float32(float32_within(program.action_limit)),
-        **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
-        "SW_TERMS": len(TERMS),
+        **{f"SW_{name.upper()}": index for index, name in enumerate(TERM_NAMES)},
+        "SW_TERMS": len(TERM_NAMES),
         "SW_NORM_EPSILON": np.float32(LAYER_NORM_EPSILON),
         "SW_ADAM_BETA1": np.float32(beta1),
         "SW_ADAM_BETA2": np.float32(beta2),

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.c_folder import TERMS, Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
+from contract.controller.c_folder import Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
+from contract.controller.interface import FORCES, TERMS
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
 from firmware_sim.mcu.elf import Firmware, read_elf
@@ -124,7 +125,7 @@ def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
         if machine.call("mcu_step" if i >= window else "mcu_push") != 0:
             raise McuError(f"row {i}: a number is not finite")
         if i >= window:
-            output = np.frombuffer(machine.read("mcu_output", 4 * (3 * horizon + len(TERMS) + 1)), dtype="<f4")
+            output = np.frombuffer(machine.read("mcu_output", 4 * ((1 + FORCES) * horizon + TERMS + 1)), dtype="<f4")
             answers.append((output[0], output[-1]))
     return np.array(answers, dtype=np.float32)
 

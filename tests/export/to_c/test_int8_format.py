@@ -11,8 +11,8 @@ from contract.controller.c_folder import library_sources
 from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.int8.activation_ranges import activation_ranges
-from export.int8.nearest import quantise
-from export.program.random_program import random_program, random_window
+from export.int8.rounded_program import rounded_to_nearest
+from export.program.random_program import random_program, random_windows
 from export.to_c.int8_format import (
     AHEAD,
     ELU_ONE,
@@ -49,10 +49,10 @@ def library(tmp_path_factory, shared_builds):
     except LibraryError as error:
         pytest.skip(str(error))
     model = ModelConfig(window=2, latent=2, lstm_width=3, dynamics_width=3, decoder_width=3)
-    program = quantise(random_program(5, model=model, mpc=MpcConfig(horizon=4)))
-    ranges = activation_ranges(program, [random_window(program, np.random.default_rng(0))])
+    rounded = rounded_to_nearest(random_program(5, model=model, mpc=MpcConfig(horizon=4)))
+    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
     path = tmp_path_factory.mktemp("tables") / "tables.so"
-    contents = library_sources(c_library(program, ranges)) | {"shim.c": SHIM}
+    contents = library_sources(c_library(rounded, ranges)) | {"shim.c": SHIM}
     shared_builds.compile_c(contents, path, compiler=compiler, flags=("-shared", "-fPIC", "-O1"))
     return ctypes.CDLL(str(path))
 
