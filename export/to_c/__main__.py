@@ -17,7 +17,7 @@ from contract.controller.c_folder import COMPILE_FLAGS, RECORDED, rows_text, wri
 from contract.controller.compiler import STANDARD
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
-from export.program.random_program import random_program, random_window
+from export.program.random_program import random_program, random_windows
 from export.to_c.library import c_library
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
@@ -27,8 +27,7 @@ MPC = MpcConfig(horizon=8)
 def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples.")]) -> None:
     """Write a sample of the C library in both precisions."""
     program = random_program(0, model=MODEL, mpc=MPC)
-    rng = np.random.default_rng(0)
-    windows = [random_window(program, rng) for _ in range(10)]
+    windows = random_windows(program, 10)
     others = {
         RECORDED: rows_text(np.concatenate(windows)).encode(),
         COMPILE_FLAGS: "".join(f"{flag}\n" for flag in STANDARD).encode(),
