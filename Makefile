@@ -5,17 +5,28 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint pristine retrain full openfoam tables docs clean
+.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo
 
+# Two workers with two threads each would spin on two cores.
+check test: export OMP_NUM_THREADS := 1
+
 # The loop of the day: what is fast of `test`.
 check: lint
-	$(BIN)/python -m pytest -n 2 -m "not (openfoam or slow or compiler or mcu or processes)"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (openfoam or slow or compiler or mcu or processes)"
 
-test: lint
-	$(BIN)/python -m pytest -n 2 -m "not openfoam"
+test: lint coverage
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam"
+
+# Every branch of what stands between the controller and the jets, by tests that do not depend on chance.
+coverage: $(VENV)/dev.stamp
+	$(BIN)/python -m pytest -m "not hypothesis" tests/can_bridge/test_command_gate.py tests/can_bridge/e2e \
+		tests/can_bridge/wire/test_codec.py tests/firmware_sim/ecu/test_state_machine.py \
+		--cov=can_bridge.command_gate --cov=can_bridge.e2e --cov=can_bridge.wire.codec \
+		--cov=firmware_sim.ecu.state_machine --cov-branch --cov-report=term-missing:skip-covered \
+		--cov-fail-under=100
 
 # What a vehicle installs, alone: every module of its rooms, and an ECU in control with the shipped release.
 pristine:
@@ -25,6 +36,10 @@ pristine:
 	build/pristine/bin/python -I tests/install/step_an_ecu.py
 	build/pristine/bin/stillwake bundle verify
 	build/pristine/bin/stillwake --help > build/pristine/help.txt
+
+# A sample of the C library in both precisions, for editors and debuggers.
+c: $(VENV)/dev.stamp
+	$(BIN)/python -m export.to_c build/c
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -6,12 +6,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from filelock import FileLock
 
 from contract.config.tree import Config, ModelConfig, MpcConfig
 from tests.c_builds import MODULES, SharedBuilds
+
+if TYPE_CHECKING:
+    from wake.truck.truck_wake import TruckWake
 
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
@@ -54,6 +59,16 @@ def shared_builds(request, tmp_path_factory) -> Iterator[SharedBuilds]:
 @pytest.fixture(scope="session")
 def random_release(tmp_path_factory) -> Path:
     """A bundle that is one in every respect but that nobody trained it: int8, the paper's window, small otherwise."""
+    return _random_release(tmp_path_factory.mktemp("release") / "bundle", window=ModelConfig().window)
+
+
+@pytest.fixture(scope="session")
+def short_release(tmp_path_factory) -> Path:
+    """The same with a window of four rows, whose controller acts from the fourth step on."""
+    return _random_release(tmp_path_factory.mktemp("short") / "bundle", window=4)
+
+
+def _random_release(path: Path, window: int) -> Path:
     from contract.model_folder import Provenance
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
@@ -62,8 +77,7 @@ def random_release(tmp_path_factory) -> Path:
     from export.release.gated import gate
     from export.release.lowering import lower
 
-    path = tmp_path_factory.mktemp("release") / "bundle"
-    model = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
+    model = ModelConfig(window=window, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
     program = random_program(1, model=model, mpc=MpcConfig(horizon=8))
     lowered = lower(rounded_to_nearest(program), calibration=(), with_library=False)
     limits = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
@@ -76,6 +90,22 @@ def random_release(tmp_path_factory) -> Path:
         provenance=Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={}),
     )
     return path
+
+
+@pytest.fixture(scope="session")
+def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> "TruckWake":
+    """Of one test process; built before any other plant, so that only one of the processes compiles the kernels.
+
+    The others wait, and load from numba's cache what it compiled. Folders whose tests run the plant, also in processes
+    of their own, ask for it in their `conftest.py`.
+    """
+    from wake.truck.truck_wake import TruckWake
+
+    with FileLock(tmp_path_factory.getbasetemp().parent / "kernels.lock"):
+        wake = TruckWake()
+        wake.solver.start()
+        wake.advance(0.0)
+    return wake
 
 
 @pytest.fixture(scope="session")

@@ -18,16 +18,12 @@ Where a term has a kink, its gradient is the subgradient that PyTorch takes: tie
 share it evenly, and |Cl| has slope 0 at 0.
 """
 
-from dataclasses import dataclass, fields
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
-from contract.config.tree import CostWeights
+from contract.controller.interface import TERMS
 from export.program.weights import Array
-
-TERMS: Final = tuple(item.name for item in fields(CostWeights))
-"""Names of the terms in the order of every `weights` and `terms` array."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.controller.interface import TERMS
 from export.program.controller_program import ControllerProgram
-from export.reference.cost import TERMS
 from export.to_onnx.graph_builder import Graph
 
 

@@ -1,6 +1,4 @@
-"""One plant for the room's tests: building it takes longer than most of them. And one that costs nothing."""
-
-import fcntl
+"""The shared plant in its developed state, and a plant that costs nothing."""
 
 import numpy as np
 import pytest
@@ -14,16 +12,8 @@ from wake.truck.truck_wake import TruckWake
 
 
 @pytest.fixture(scope="session", autouse=True)
-def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> TruckWake:
-    """Of one test process; built before any other plant, so that only one of the processes compiles the kernels.
-
-    The others wait, and load from numba's cache what it compiled.
-    """
-    with (tmp_path_factory.getbasetemp().parent / "kernels.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        wake = TruckWake()
-        wake.solver.start()
-    return wake
+def _kernels(shared_wake: TruckWake) -> None:
+    """Compiled once."""
 
 
 @pytest.fixture

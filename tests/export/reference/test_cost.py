@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from contract.config.tree import CostWeights
-from export.reference.cost import TERMS, cost_gradient, cost_terms
+from contract.controller.interface import TERMS
+from export.reference.cost import cost_gradient, cost_terms
 
 
 def test_terms_of_a_small_example_by_hand():

@@ -284,13 +284,13 @@ class TestOnACheapPlant:
             recorded(tmp_path / "a.h5", a_round(bundle_digest="1" * 64))
 
 
-def test_side_by_side_under_the_shipped_release_gives_the_same(tmp_path: Path) -> None:
-    release = load(ROOT / "firmware_sim/data/bundle")
+@pytest.mark.processes
+def test_side_by_side_under_a_release_gives_the_same(tmp_path: Path, short_release: Path) -> None:
+    release = load(short_release)
     # A step longer than the window, so that the controller has its say twice; and a seed whose leads are 1 and 0 steps.
     wanted = a_round(steps=release.manifest.window + 1, exploration=0.1, seed=22)
     one, two = (
-        recorded(tmp_path / f"{n}.h5", wanted, partial(BundlePolicy, release), workers=n, block_steps=17)
-        for n in (1, 2)
+        recorded(tmp_path / f"{n}.h5", wanted, partial(BundlePolicy, release), workers=n, block_steps=3) for n in (1, 2)
     )
     assert equal(one, two)
     for plan, episode in zip(wanted.plans(1), one.episodes, strict=True):
