@@ -15,7 +15,8 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from contract.config.tree import Config, TrainConfig
+from contract.config.learning import TrainConfig
+from contract.config.tree import Config
 from contract.errors import ConfigError
 from train import checkpoint
 from train.loss import joint_loss

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor, nn
 
-from contract.config.tree import TrainConfig
+from contract.config.learning import TrainConfig
 from train.model import WakeModel
 from train.sampler import Batch
 

@@ -11,7 +11,7 @@ row, N_z the latent dimension.
 import torch
 from torch import Tensor, nn
 
-from contract.config.tree import ModelConfig
+from contract.config.learning import ModelConfig
 from train.recurrence import last_hidden
 
 

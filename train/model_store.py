@@ -12,7 +12,7 @@ from contract import model_folder, sensors
 from contract.config.tree import Config
 from contract.errors import ModelError
 from contract.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from train.evaluate import ModelMetrics
 from train.model import Encoder, Predictor, WakeModel
 from train.selection.choice import SensorChoice

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract import sensors
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from contract.ledger import LEDGER_FIELDS
 from wake.pictures.drawing import WakePicture

@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from contract.arrays import Array
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from wake.solver.grid import Grid
 from wake.truck.sample import Sample
 

@@ -17,9 +17,10 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
+from contract.arrays import Array
 from contract.controller.interface import TERMS
 from export.program.controller_program import ControllerProgram
-from export.program.weights import LAYER_NORM_EPSILON, Array, Linear, Norm
+from export.program.weights import LAYER_NORM_EPSILON, Linear, Norm
 from export.reference.model import decode
 from export.reference.mpc import rollout
 

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize
 
+from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.reference.mpc import adam, gradient, plan_cost
 
 FALLING: Final = 3e-3 * 10.0 ** np.linspace(0.0, -2.0, 240)

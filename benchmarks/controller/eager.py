@@ -8,8 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array, Linear, Norm
+from export.program.weights import Linear, Norm
 
 
 class EagerController:

@@ -24,8 +24,10 @@ from benchmarks.common.command_line import JsonFile, console, progress, save
 from benchmarks.controller.eager import EagerController
 from benchmarks.controller.situations import choose_episode
 from contract import model_folder
+from contract.arrays import Array
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
-from contract.config.tree import ModelConfig, MpcConfig
 from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
 from contract.controller.host_library import CController
 from contract.controller.onnx_session import OnnxController
@@ -36,7 +38,6 @@ from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.program.random_program import random_program, random_window
-from export.program.weights import Array
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller

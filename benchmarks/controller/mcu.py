@@ -13,7 +13,8 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, console, progress, save
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.results import versions
 from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library

@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 from rich.console import Console
 from rich.progress import track
 
+from contract.arrays import Array
 from contract.recording.dataset import Dataset, Episode
 from export.program.controller_program import ControllerProgram
 from export.program.recorded_windows import recorded_windows
-from export.program.weights import Array
 from export.reference.model import encode
 from export.reference.mpc import adam, shift
 

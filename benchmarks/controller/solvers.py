@@ -13,9 +13,9 @@ from rich.progress import track
 
 from benchmarks.controller.casadi_mpc import variants
 from benchmarks.controller.situations import encode_windows, receding, snapshot_steps
+from contract.arrays import Array
 from contract.recording.dataset import Episode
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.reference.model import encode
 from export.reference.mpc import optimise, plan_cost, shift
 

@@ -25,8 +25,9 @@ from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, cons
 from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
 from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
 from contract import model_folder
+from contract.arrays import Array
+from contract.config.controller import MpcConfig
 from contract.config.loading import load_config
-from contract.config.tree import MpcConfig
 from contract.errors import ExportError
 from contract.recording import dataset
 from contract.recording.dataset import Episode
@@ -34,7 +35,6 @@ from contract.release import bundle as bundles
 from contract.results import versions
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
-from export.program.weights import Array
 from export.reference.mpc import adam, plan_cost, shift
 from wake.shipped import RECORDING
 

@@ -23,7 +23,7 @@ from benchmarks.common.command_line import JsonFile, Parts, console, progress, s
 from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.results import versions
 from wake.truck.averages import over_cycles
 from wake.truck.develop import develop

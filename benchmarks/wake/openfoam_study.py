@@ -25,7 +25,7 @@ from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.loading import load_config
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.release.bundle import load
 from contract.results import versions
 from firmware_sim.bench.closed_loop import run_closed_loop

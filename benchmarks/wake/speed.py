@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.common.command_line import JsonFile, console, progress, save
 from contract.arrays import Array
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.results import versions
 from wake.solver import kernels, poisson
 from wake.truck.develop import develop

@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 import can
 
 from can_bridge.wire.frame import Frame
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 QUEUE_SIZE: Final = 1024

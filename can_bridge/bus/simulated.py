@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 
 
 class SimulatedPort:

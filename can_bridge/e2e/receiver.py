@@ -21,7 +21,7 @@ from typing import Final
 from can_bridge.e2e import profile5
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
-from contract.config.tree import E2eConfig
+from contract.config.vehicle import E2eConfig
 
 
 class Check(Enum):

@@ -8,28 +8,11 @@ that exists is valid (`contract.config.rules`). `contract.config.loading` reads 
 
 from dataclasses import dataclass, field
 
-from contract.config.controller import CostWeights, MpcConfig
-from contract.config.learning import FinishConfig, ModelConfig, SelectionMethod, TrainConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.plant import FlowConfig, ForcingConfig, OpenFoamConfig
-from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig, VehicleConfig
+from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 from contract.operating_point import OperatingPoint
-
-__all__ = [
-    "BusConfig",
-    "Config",
-    "CostWeights",
-    "E2eConfig",
-    "EcuConfig",
-    "FinishConfig",
-    "FlowConfig",
-    "ForcingConfig",
-    "ModelConfig",
-    "MpcConfig",
-    "OpenFoamConfig",
-    "SelectionMethod",
-    "TrainConfig",
-    "VehicleConfig",
-]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,9 +13,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.controller.c_folder import library_sources
 from contract.controller.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
-from contract.controller.interface import FORCES, TERMS, Array, ControllerError, ControlStep, Sizes
+from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep, Sizes
 from contract.errors import LibraryError
 
 _OK: Final = 0

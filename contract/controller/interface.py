@@ -25,14 +25,10 @@ cost       ()        J of `new_plan`
 from dataclasses import dataclass, fields
 from typing import Final, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from contract.config.tree import CostWeights
+from contract.arrays import Array
+from contract.config.controller import CostWeights
 from contract.errors import StillwakeError
 from contract.release.manifest import Manifest
-
-Array = npt.NDArray[np.float64]
 
 INPUTS: Final = ("window", "plan", "free", "weights")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
-from contract.controller.interface import OUTPUTS, Array, ControllerError, ControlStep, Sizes
+from contract.arrays import Array
+from contract.controller.interface import OUTPUTS, ControllerError, ControlStep, Sizes
 from contract.errors import BundleError
 from contract.release.bundle import CONTROLLER, Bundle
 

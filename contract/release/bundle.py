@@ -21,10 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.errors import BundleError, BundleFileError, BundleManifestError, BundleSignatureError, BundleSignerError
 from contract.release import signing
 from contract.release.container import is_plain_name, read_files, write_files
-from contract.release.manifest import MANIFEST as MANIFEST
-from contract.release.manifest import Manifest as Manifest
-from contract.release.manifest import Opened, encode, open_manifest, parse
-from contract.release.manifest import Scaling as Scaling
+from contract.release.manifest import MANIFEST, Manifest, Opened, encode, open_manifest, parse
 from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"

@@ -12,8 +12,8 @@ from typing import Any, Final, Literal, NamedTuple, get_args
 import dacite
 
 from contract import sensors as sensor_facts
+from contract.config.controller import MpcConfig
 from contract.config.loading import as_float, describe_error
-from contract.config.tree import MpcConfig
 from contract.errors import BundleError, BundleManifestError, ConfigError
 from contract.operating_point import OperatingPoint
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.controller.interface import Controller
 from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_window
-from export.program.weights import Array
 from export.reference.mpc import control_step
 
 

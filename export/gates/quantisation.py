@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.controller.interface import ControlStep
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate
 

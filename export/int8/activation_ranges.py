@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.arrays import Array
 from export.int8.layer_inputs import layer_inputs
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,11 +6,11 @@ Correcting biases by the mean of what is left was tried and dropped: it gains no
 
 from collections.abc import Sequence
 
+from contract.arrays import Array
 from export.int8.error_feedback import quantise_on
 from export.int8.layer_inputs import LayerInputs, layer_inputs
 from export.int8.rounded_program import RoundedProgram
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 
 
 def rounded_on(program: ControllerProgram, windows: Sequence[Array]) -> RoundedProgram:

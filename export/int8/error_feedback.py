@@ -14,8 +14,8 @@ from typing import Final
 
 import numpy as np
 
+from contract.arrays import Array
 from export.int8.nearest import LEVELS, Int8Matrix, quantise_matrix
-from export.program.weights import Array
 
 DAMPING: Final = 0.01
 """Share of H's mean diagonal that is added to it: directions that the inputs never take must not be given away."""

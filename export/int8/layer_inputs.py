@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.reference.layers import linear
 from export.reference.model import decoder_layers, dynamics_layers, encoder_layers
 from export.reference.mpc import rollout

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from export.program.weights import Array
+from contract.arrays import Array
 
 LEVELS: Final = 127
 """Largest magnitude of a quantised weight: -128 is left out, so that negating a row is exact."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.release.manifest import Precision
 from export.int8.nearest import Int8Matrix, quantise_matrix, row_scales
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import as_float32
 from export.program.matrices import map_matrices
-from export.program.weights import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

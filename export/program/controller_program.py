@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from contract import sensors as sensor_facts
-from contract.config.tree import MpcConfig
+from contract.config.controller import MpcConfig
 from contract.controller.interface import FORCES, Sizes
 from contract.errors import ConfigError, ExportError
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, State
 
 

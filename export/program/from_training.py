@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from contract import sensors
-from contract.config.tree import MpcConfig
+from contract.config.controller import MpcConfig
 from contract.model_folder import SLIM, ModelFolder
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
 
 

@@ -6,8 +6,9 @@ Names are those of the tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `
 from collections.abc import Callable
 from dataclasses import replace
 
+from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array, Linear
+from export.program.weights import Linear
 
 
 def matrices(program: ControllerProgram) -> dict[str, Array]:

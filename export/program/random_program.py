@@ -6,10 +6,11 @@ The time and memory of a control step depend on the shapes only, so these stand 
 import numpy as np
 
 from contract import sensors as sensor_facts
-from contract.config.tree import ModelConfig, MpcConfig
-from contract.release.bundle import Scaling
+from contract.arrays import Array
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 
 SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from contract import sensors as sensor_facts
+from contract.arrays import Array
 from contract.errors import ExportError
 from contract.recording.dataset import Episode
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 
 
 def recorded_windows(program: ControllerProgram, episode: Episode, count: int) -> list[Array]:

@@ -11,10 +11,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.controller.interface import FORCES
 from contract.errors import ExportError
 
-Array = npt.NDArray[np.float64]
 State = Mapping[str, npt.NDArray[Any]]
 """Tensors by name, as in a PyTorch state dict."""
 

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.controller.interface import TERMS
-from export.program.weights import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

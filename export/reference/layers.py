@@ -6,7 +6,8 @@ and dJ/d(output), and returns dJ/d(input).
 
 import numpy as np
 
-from export.program.weights import LAYER_NORM_EPSILON, Array, Linear, Norm
+from contract.arrays import Array
+from export.program.weights import LAYER_NORM_EPSILON, Linear, Norm
 
 
 def linear(layer: Linear, x: Array) -> Array:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array, Lstm
+from export.program.weights import Lstm
 from export.reference.layers import (
     elu,
     elu_adjoint,

@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.reference.cost import cost_gradient, cost_terms
 from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
 

@@ -10,6 +10,7 @@ from contract.config.tree import Config
 from contract.model_folder import Provenance
 from contract.operating_point import OperatingPoint
 from contract.release import bundle
+from contract.release.manifest import Manifest
 from export.release.gated import Gated
 
 
@@ -63,7 +64,7 @@ def write_release(
     """
     lowered = gated.lowered
     program = lowered.effective
-    manifest = bundle.Manifest(
+    manifest = Manifest(
         name=name,
         created=created.isoformat(),
         precision=lowered.precision,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.controller.c_folder import RECORDED, rows_text, write_folder
-from export.program.weights import Array
 from export.release.gated import Gated
 
 

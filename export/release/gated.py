@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from contract.arrays import Array
 from contract.controller.host_library import CController
 from export.gates.parity import ParityReport, check_lowering, check_parity
 from export.gates.quantisation import (
@@ -13,7 +14,6 @@ from export.gates.quantisation import (
     compare_quantised,
 )
 from export.int8.rounded_program import RoundedProgram
-from export.program.weights import Array
 from export.release.lowering import Lowered
 
 

@@ -12,6 +12,7 @@ from typing import Any, Final
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract import model_folder
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ExportError
 from contract.recording import dataset
@@ -21,7 +22,6 @@ from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
-from export.program.weights import Array
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate

@@ -12,7 +12,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.c_folder import COMPILE_FLAGS, RECORDED, rows_text, write_folder
 from contract.controller.compiler import STANDARD
 from export.int8.activation_ranges import activation_ranges

@@ -6,9 +6,9 @@ both LSTM biases added up. Vectors are padded with zeros to whole registers.
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Array
 from export.reference.mpc import ADAM_BETAS
 
 LANES = 16

@@ -8,11 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.errors import ExportError
 from export.int8.activation_ranges import ActivationRanges
 from export.int8.nearest import Int8Matrix
 from export.int8.rounded_program import RoundedProgram
-from export.program.weights import Array, Norm
+from export.program.weights import Norm
 from export.to_c.float32_arrays import optimiser_arrays, scaling_arrays
 from export.to_c.int8_format import (
     ELU_ARGUMENT_MAX,

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.errors import ExportError
-from export.program.weights import Array
 
 WORD: Final = 4
 """int8 weights in a 32-bit word; a tile is a word by as many rows."""

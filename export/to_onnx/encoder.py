@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from contract.arrays import Index
 from export.program.controller_program import ControllerProgram
 from export.to_onnx.graph_builder import Graph
-from export.to_onnx.weights import Index, NormNames, Store
+from export.to_onnx.weights import NormNames, Store
 
 
 def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: Store) -> str:

@@ -10,13 +10,12 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array, Index
 from export.int8.rounded_program import Program, RoundedProgram
 from export.program.controller_program import ControllerProgram
 from export.program.matrices import matrices
-from export.program.weights import LAYER_NORM_EPSILON, Array, Norm
+from export.program.weights import LAYER_NORM_EPSILON, Norm
 from export.to_onnx.graph_builder import Graph
-
-Index = npt.NDArray[np.intp]
 
 
 class Store(Protocol):

@@ -1,16 +1,14 @@
 """A release's controller as a policy: the ECU's window and warm start, without bus, latency or fail-safe."""
 
 import numpy as np
-import numpy.typing as npt
 
 from contract import sensors
+from contract.arrays import Array
 from contract.controller.interface import Controller
 from contract.controller.onnx_session import OnnxController
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
-
-Array = npt.NDArray[np.float64]
 
 
 class BundlePolicy:

@@ -9,12 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.controller.interface import Controller, ControllerError, ControlStep
 from firmware_sim.ecu.delay_line import DelayLine
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

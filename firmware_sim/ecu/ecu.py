@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from can_bridge.command_gate import GateLimits, Intervention, gate
 from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
@@ -19,6 +18,7 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError
 from contract.release.bundle import Bundle
@@ -26,8 +26,6 @@ from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.state_machine import OperatingMode, PeriodInputs
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

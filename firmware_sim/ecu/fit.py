@@ -1,7 +1,8 @@
 """Whether a release was made for this flow and this vehicle; a refusal names both values."""
 
 from can_bridge.wire.messages import SENSORS
-from contract.config.tree import Config, FlowConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
 from contract.errors import BundleError
 from contract.release.bundle import Bundle
 

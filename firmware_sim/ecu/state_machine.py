@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 from can_bridge.wire.messages import Mode, Reason
-from contract.config.tree import EcuConfig
+from contract.config.vehicle import EcuConfig
 
 
 class OperatingMode(Enum):

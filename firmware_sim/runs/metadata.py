@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract.config import loading
-from contract.config.tree import Config, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.tree import Config
 from contract.release.bundle import Bundle
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")

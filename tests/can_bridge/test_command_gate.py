@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
 from can_bridge.wire import codec
 from can_bridge.wire.messages import JetCommand, Mode
-from contract.config.tree import Config, EcuConfig, FlowConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from contract.operating_point import OperatingPoint
 

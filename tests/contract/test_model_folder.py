@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from contract import model_folder, sensors
-from contract.config.tree import Config, ModelConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.model_folder import DESCRIPTION, WEIGHTS, Description
 from contract.release.manifest import Scaling

@@ -10,9 +10,12 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
-from contract.config.tree import Config, EcuConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControlStep
-from contract.release.bundle import Bundle, Manifest, Scaling
+from contract.release.bundle import Bundle
+from contract.release.manifest import Manifest, Scaling
 from firmware_sim.ecu.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.compiler import host_compiler
 from contract.controller.host_library import CController
 from contract.errors import ExportError, LibraryError

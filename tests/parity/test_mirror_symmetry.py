@@ -13,7 +13,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.arrays import Array
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.compiler import host_compiler
 from contract.controller.host_library import CController
 from contract.controller.interface import ControlStep
@@ -21,7 +23,7 @@ from contract.errors import LibraryError
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program
-from export.program.weights import Array, Linear, Norm
+from export.program.weights import Linear, Norm
 from export.reference.mpc import control_step
 from export.to_c.library import c_library
 

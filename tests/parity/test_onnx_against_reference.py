@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
 from export.gates.parity import check_parity, control_cases

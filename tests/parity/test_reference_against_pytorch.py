@@ -12,7 +12,8 @@ import pytest
 import torch
 
 from benchmarks.controller.eager import EagerController
-from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
 from export.gates.parity import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.config.tree import Config, ModelConfig, TrainConfig
+from contract.config.learning import ModelConfig, TrainConfig
+from contract.config.tree import Config
 from contract.recording.dataset import Dataset, Episode, Role
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from contract.config.tree import Config, FinishConfig
+from contract.config.learning import FinishConfig
+from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from train.checkpoint import Identity
 from train.distil import distil

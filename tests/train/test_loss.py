@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from contract.config.tree import ModelConfig, TrainConfig
+from contract.config.learning import ModelConfig, TrainConfig
 from train.loss import EPSILON, covariance_loss, joint_loss, prediction_loss, variance_loss
 from train.model import WakeModel
 from train.sampler import Batch

@@ -2,7 +2,7 @@
 
 import torch
 
-from contract.config.tree import ModelConfig
+from contract.config.learning import ModelConfig
 from train.model import Encoder, WakeModel
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from wake.recording import episode_job, recorder
 from wake.truck.sample import Sample
 from wake.truck.state import State, developed_state

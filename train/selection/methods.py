@@ -5,7 +5,7 @@ from typing import Final, get_args
 import numpy as np
 
 from contract import sensors
-from contract.config.tree import SelectionMethod, TrainConfig
+from contract.config.learning import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
 from train.model import Encoder
 from train.progress import Progress, silent

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from contract import sensors
 from contract.arrays import Array
-from contract.config.tree import TrainConfig
+from contract.config.learning import TrainConfig
 from contract.errors import DatasetError
 from train.model import Encoder
 from train.progress import Phase, Progress, silent

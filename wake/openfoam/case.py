@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from contract.arrays import Array
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.geometry import WAKE_PROBE
 from wake.openfoam import dictionary, jets, poly_mesh
 from wake.openfoam.jets import JETS

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from contract.arrays import Array
-from contract.config.tree import FlowConfig, OpenFoamConfig
+from contract.config.plant import FlowConfig, OpenFoamConfig
 from wake.openfoam import case, fields, jets
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed

@@ -13,12 +13,10 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from contract.arrays import Array
+from contract.arrays import Array, Index
 from contract.errors import ConfigError
 from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.solver.grid import graded_faces
-
-Index = npt.NDArray[np.int64]
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
 """Patches of the plane mesh; OpenFOAM's two empty planes come on top."""

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from contract.arrays import Array
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.openfoam import case, fields, jets
 from wake.openfoam.coupling import PATIENCE_S, JetPipes

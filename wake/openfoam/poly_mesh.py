@@ -4,12 +4,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from wake.openfoam import dictionary
 from wake.openfoam.mesh import PATCHES, Mesh
-
-Index = npt.NDArray[np.int64]
 
 PLANES: Final = "planes"
 _KINDS: Final = {"truck": "wall"}

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
 from contract.arrays import Array
-from contract.config.tree import FlowConfig, ForcingConfig
+from contract.config.plant import FlowConfig, ForcingConfig
 from contract.errors import ConfigError
 
 ForcingName = Literal["training", "chirp", "extended_chirp", "none"]

@@ -17,11 +17,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from contract.arrays import Array, Mask
+from contract.arrays import Array, Index, Mask
 from wake.solver.flow import Layout
 from wake.solver.grid import Component, Grid, bilinear
 
-Index = npt.NDArray[np.int64]
 SignedDistance = Callable[[npt.ArrayLike, npt.ArrayLike], Array]
 
 _ON_WALL = 1e-9

@@ -12,13 +12,10 @@ Arrays are padded as in `wake.solver.flow`; the pressure behind the outlet is mi
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from contract.arrays import Array
+from contract.arrays import Array, Index
 from wake.solver.boundary import GhostMap
-
-Index = npt.NDArray[np.int64]
 
 
 class Spacing(NamedTuple):

@@ -8,7 +8,7 @@ t_{k+1}; with `advance_to` a co-simulation sets when it arrives.
 import numpy as np
 
 from contract.arrays import Array
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.solver import boundary, stability
 from wake.solver.flow import Flow

@@ -17,7 +17,7 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from train.distil import distil
 from train.evaluate import evaluate
 from train.model import Encoder, WakeModel

@@ -15,7 +15,7 @@ from benchmarks.model.study import disturbed
 from benchmarks.model.study.lab import Lab, episodes, scaling, student, test_rows, training_rows
 from contract import sensors
 from contract.arrays import Array
-from contract.config.tree import SelectionMethod
+from contract.config.learning import SelectionMethod
 from contract.errors import StillwakeError
 from train import model_store
 from train.distil import distil, encode_all

@@ -7,7 +7,8 @@ import numpy as np
 
 from benchmarks.controller.situations import LEAD, encode_windows, receding, snapshot_steps
 from contract import sensors
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.recording.dataset import UNITS, Episode
 from export.program.random_program import random_program
 from export.program.recorded_windows import recorded_windows

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
 from export.program.random_program import random_program, random_window
 from export.reference.mpc import evaluate
 

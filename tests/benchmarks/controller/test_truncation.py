@@ -6,7 +6,8 @@ import pytest
 from benchmarks.controller.converged import converged, valleys
 from benchmarks.controller.situations import choose_episode
 from contract import sensors
-from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
 from contract.recording.dataset import UNITS, Dataset, Episode
 from export.program.random_program import random_program
 from export.reference.mpc import adam, plan_cost

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.python_can import GARBAGE_LIMIT, QUEUE_SIZE, PythonCanBus, from_message, to_message
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 CHANNELS = count()

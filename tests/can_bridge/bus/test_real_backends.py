@@ -9,7 +9,7 @@ import pytest
 
 from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.wire.frame import Frame
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 GROUP, PORT = "239.74.163.2", 43113

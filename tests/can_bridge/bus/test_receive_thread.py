@@ -9,7 +9,7 @@ from can_bridge.bus.mailbox import Mailbox
 from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.receive_thread import ReceiveThread
 from can_bridge.wire.frame import Frame
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 CHANNELS = count()

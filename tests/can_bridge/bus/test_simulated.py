@@ -5,7 +5,7 @@ import pytest
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.wire.frame import Frame
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 
 RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000)
 # 16 bytes on CAN FD at worst: 34 bits at 500 kbit/s, 193 bits at 2 Mbit/s (test_bit_timing.py has the count).

@@ -7,7 +7,7 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import JetCommand, Mode, Pressure
-from contract.config.tree import BusConfig
+from contract.config.vehicle import BusConfig
 
 PERIOD_NS = 20_000_000
 

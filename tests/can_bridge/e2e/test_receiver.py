@@ -12,7 +12,7 @@ from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState, recei
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
-from contract.config.tree import E2eConfig
+from contract.config.vehicle import E2eConfig
 
 CONFIG = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
 

@@ -4,8 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import TrainConfig
 from contract.config.loading import from_tree, load_config, to_tree
-from contract.config.tree import Config, CostWeights, MpcConfig, TrainConfig
+from contract.config.tree import Config
 from contract.errors import ConfigError
 
 

@@ -3,7 +3,10 @@ from dataclasses import fields, is_dataclass
 
 import pytest
 
-from contract.config.tree import BusConfig, Config, CostWeights, E2eConfig, EcuConfig, FlowConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig
 from contract.errors import ConfigError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.config.tree import MpcConfig
+from contract.config.controller import MpcConfig
 from contract.controller.interface import ControllerError, Sizes
 from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError

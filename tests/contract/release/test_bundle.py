@@ -6,12 +6,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contract.config.tree import CostWeights, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
 from contract.errors import BundleError, StillwakeError
 from contract.operating_point import OperatingPoint
 from contract.release import bundle
 from contract.release import manifest as manifests
-from contract.release.bundle import CONTROLLER, MANIFEST, SIGNATURE, Manifest, Scaling
+from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.manifest import MANIFEST, Manifest, Scaling
 
 CONTENTS = {CONTROLLER: b"not really ONNX" * 20, "notes.txt": b"hello"}
 

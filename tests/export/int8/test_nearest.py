@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_quantised
 from export.int8.nearest import quantise_matrix

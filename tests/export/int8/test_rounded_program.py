@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from onnx import numpy_helper
 
-from contract.config.tree import ModelConfig
+from contract.config.learning import ModelConfig
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import rounded_to_nearest
 from export.program.matrices import map_matrices, matrices

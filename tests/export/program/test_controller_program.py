@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from contract.config.tree import MpcConfig
+from contract.config.controller import MpcConfig
 from contract.errors import ExportError
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
 
 H, INPUTS, LATENT, WIDTH = 3, 3, 2, 4

@@ -7,9 +7,11 @@ import pytest
 import torch
 
 from contract import model_folder, sensors
-from contract.config.tree import Config, ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
 from contract.errors import ExportError
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from export.program.from_training import program_of
 from export.reference.model import decode, encode, step
 from train import model_store

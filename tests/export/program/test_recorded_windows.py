@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config.tree import ModelConfig
+from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from contract.recording.dataset import UNITS, Episode
 from export.program.random_program import random_program

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes
 
-from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
 from export.reference.cost import cost_gradient, cost_terms

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.config.tree import CostWeights
+from contract.config.controller import CostWeights
 from contract.controller.interface import TERMS
 from export.reference.cost import cost_gradient, cost_terms
 

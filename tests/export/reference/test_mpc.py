@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from contract.config.tree import CostWeights, ModelConfig, MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
 from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear

@@ -8,7 +8,9 @@ import onnxruntime
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.config.tree import Config, ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.model_folder import Provenance
 from contract.release import bundle, signing

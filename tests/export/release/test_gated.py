@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.gates.quantisation import QuantisationLimits

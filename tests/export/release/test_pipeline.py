@@ -9,13 +9,15 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.config.tree import Config, ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
 from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from contract.recording import dataset
 from contract.recording.dataset import UNITS, Dataset, Episode
 from contract.release import bundle
-from contract.release.bundle import Scaling
+from contract.release.manifest import Scaling
 from export.release import pipeline
 from export.release.gated import Gated
 from export.release.lowering import Lowered, library_of

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.c_folder import library_sources
 from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.controller.c_folder import RECORDED, SETTINGS, WEIGHTS, library_sources, write_folder
 from contract.controller.compiler import host_compiler, zig_compiler
 from contract.errors import ExportError

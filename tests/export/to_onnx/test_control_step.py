@@ -8,7 +8,8 @@ import onnx
 import pytest
 from onnx import TensorProto
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from export.int8.rounded_program import rounded_to_nearest
 from export.program.controller_program import ControllerProgram

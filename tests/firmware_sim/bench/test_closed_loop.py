@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
-from contract.config.tree import BusConfig, Config, EcuConfig
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig
 from contract.errors import BusError, StillwakeError
 from contract.release import bundle
 from export.program.random_program import random_program

@@ -10,7 +10,8 @@ from can_bridge.wire import codec
 from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode
 from contract import sensors
-from contract.config.tree import Config, EcuConfig, VehicleConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig, VehicleConfig
 from contract.errors import ConfigError
 from firmware_sim.bench.vehicle_node import VehicleNode
 

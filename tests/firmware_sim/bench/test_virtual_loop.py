@@ -16,7 +16,8 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
-from contract.config.tree import BusConfig, Config, EcuConfig
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop

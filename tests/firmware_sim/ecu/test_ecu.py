@@ -8,7 +8,8 @@ import pytest
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode, Reason
-from contract.config.tree import EcuConfig, FlowConfig
+from contract.config.plant import FlowConfig
+from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControllerError
 from contract.operating_point import OperatingPoint
 

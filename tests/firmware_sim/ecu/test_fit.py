@@ -2,7 +2,9 @@
 
 import pytest
 
-from contract.config.tree import Config, EcuConfig, FlowConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.errors import BundleError
 from contract.operating_point import OperatingPoint
 from firmware_sim.ecu.ecu import Ecu

@@ -20,7 +20,9 @@ from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract import sensors
-from contract.config.tree import Config, ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
 from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
 from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_session import OnnxController

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Mode, Reason
-from contract.config.tree import EcuConfig
+from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 
 ON = FailSafe(good=9, enable_request=True)

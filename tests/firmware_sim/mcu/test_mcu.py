@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from contract.errors import LibraryError, McuError
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window

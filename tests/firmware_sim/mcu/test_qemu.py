@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config.tree import ModelConfig, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
 from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library

@@ -8,7 +8,8 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.release import bundle, signing
-from contract.release.bundle import CONTROLLER, MANIFEST, SIGNATURE
+from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.manifest import MANIFEST
 from stillwake.commands import bundle as stillwake_bundle
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 
 from contract import errors
 from contract.release import bundle, signing
-from contract.release.bundle import CONTROLLER, MANIFEST, SIGNATURE
+from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.manifest import MANIFEST
 from stillwake.shipped import BUNDLE
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from contract import sensors
+from contract.config.learning import SelectionMethod
 from contract.config.loading import load_config
-from contract.config.tree import Config, SelectionMethod
+from contract.config.tree import Config
 from contract.errors import ConfigError
 from train.model import Encoder, WakeModel
 from train.rows import Rows

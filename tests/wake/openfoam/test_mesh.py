@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import LENGTH
 from wake.openfoam import case, poly_mesh

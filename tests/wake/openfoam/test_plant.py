@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config.tree import FlowConfig, OpenFoamConfig
+from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
 from wake.openfoam import jets
 from wake.openfoam.develop import developed

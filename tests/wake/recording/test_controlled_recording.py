@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.config.tree import Config, FlowConfig, ForcingConfig
+from contract.config.plant import FlowConfig, ForcingConfig
+from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import chirp as scipy_chirp
 from scipy.signal import hilbert
 
-from contract.config.tree import FlowConfig, ForcingConfig
+from contract.config.plant import FlowConfig, ForcingConfig
 from wake.recording.forcing import SIGNALS
 
 FLOW, FORCING = FlowConfig(), ForcingConfig()

@@ -13,12 +13,11 @@ import numpy.typing as npt
 import pytest
 from scipy.interpolate import CubicSpline
 
+from contract.arrays import Array
 from wake.solver import boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import from_faces
 from wake.solver.navier_stokes import FlowSolver
-
-Array = npt.NDArray[np.float64]
 
 # Height, and velocity along the lid on the vertical centreline: Ghia et al., Botella and Peyret.
 VERTICAL = np.array([

@@ -5,14 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from contract.arrays import Array
 from wake.truck.sample import Sample
 from wake.truck.state import load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
-Array = npt.NDArray[np.float64]
 Box = tuple[float, float, float]
 """Left, right and half height."""
 

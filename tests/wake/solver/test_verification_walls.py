@@ -12,12 +12,11 @@ import numpy.typing as npt
 import pytest
 from scipy.special import jn_zeros, jv
 
+from contract.arrays import Array
 from wake.solver import boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid, from_faces
 from wake.solver.navier_stokes import FlowSolver
-
-Array = npt.NDArray[np.float64]
 
 ROOT = float(jn_zeros(1, 1)[0])
 VISCOSITY = 0.02

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.truck.state import Origin, State, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.config.tree import FlowConfig
+from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.truck import steady
 from wake.truck.truck_wake import TruckWake
