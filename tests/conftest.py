@@ -42,6 +42,7 @@ def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
         with pytest.raises(SystemExit) as stop:
             stillwake.__main__.main()
         code = stop.value.code
+        assert code is None or isinstance(code, int)
         return Outcome(0 if code is None else code, *capsys.readouterr())
 
     return run

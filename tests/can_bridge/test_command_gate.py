@@ -1,6 +1,7 @@
 """Every line and both sides of every branch of the gate; then what must hold for all inputs."""
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -20,9 +21,9 @@ PASSED = Intervention(0)
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
-def passing(flow: float, **changes: object) -> GatedCommand:
-    arguments = {"enable": True, "previous_m2_per_s": 0.0, "pressure_ns": 1000, "now_ns": 1050, "limits": LIMITS}
-    return gate(flow, **{**arguments, **changes})
+def passing(flow: float, **changes: Any) -> GatedCommand:
+    arguments: dict[str, Any] = {"enable": True, "previous_m2_per_s": 0.0, "pressure_ns": 1000, "now_ns": 1050}
+    return gate(flow, limits=LIMITS, **{**arguments, **changes})
 
 
 @pytest.mark.parametrize("flow", [0.0, 0.5, -0.5, 1.0, -1.0])
@@ -124,9 +125,10 @@ def test_rounding_on_the_wire_cannot_lead_out_of_the_action_limit(limit):
     limits = GateLimits.from_config(config)
     result = gate(1e9, enable=True, previous_m2_per_s=limits.flow_m2_per_s, pressure_ns=0, now_ns=0, limits=limits)
     command = JetCommand(flow_m2_per_s=result.flow_m2_per_s, mode=Mode.CONTROL, enable=True, pressure_counter=None)
-    on_the_wire = codec.parse_jet_command(codec.emit_jet_command(command)).flow_m2_per_s
+    received = codec.parse_jet_command(codec.emit_jet_command(command))
+    assert received is not None
     wanted = limit * config.operating_point.flow_rate_scale
-    assert wanted - 0.0002 < on_the_wire <= wanted + 1e-9
+    assert wanted - 0.0002 < received.flow_m2_per_s <= wanted + 1e-9
 
 
 def test_limit_that_is_a_step_of_the_wire_is_kept():

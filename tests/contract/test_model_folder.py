@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,7 +82,7 @@ def rewrite(folder, **changes):
     path.write_text(json.dumps({key: value for key, value in body.items() if value is not None}))
 
 
-def short(name: str) -> dict[str, object]:
+def short(name: str) -> dict[str, Any]:
     """The scaling with the last value of one of its fields left out."""
     return {**vars(SCALING), name: getattr(SCALING, name)[:-1]}
 

@@ -8,7 +8,6 @@ from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 
-import click
 import pytest
 import typer
 
@@ -68,7 +67,7 @@ def test_named_files_exist(page):
 @pytest.mark.parametrize("page", NOW, ids=_id)
 def test_named_modules_and_what_they_define_exist(page):
     for name in _NAME.findall(page.read_text(encoding="utf-8")):
-        path, *parts = ROOT, *name.split(".")
+        path, parts = ROOT, name.split(".")
         while parts and (path / parts[0]).is_dir():
             path /= parts.pop(0)
         if parts and (path / f"{parts[0]}.py").is_file():
@@ -87,8 +86,8 @@ def test_named_commands_exist(page):
         if words[0] == "make":
             assert set(words[1:]) <= targets, f"{_id(page)}: {shlex.join(words)}"
             continue
-        command, rest = _found(words)
-        known = {name for parameter in command.params for name in parameter.opts} | {"--help"}
+        options, rest = _found(words)
+        known = options | {"--help"}
         given = {word for word in rest if word.startswith("--")}
         assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
         load_config(None, [word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word])
@@ -100,7 +99,7 @@ def test_the_installs_carry_what_the_project_declares():
     extras = {f"`stillwake[{extra}]`": names for extra, names in project["optional-dependencies"].items()}
     for install, requirements in {"`pip install stillwake`": project["dependencies"], **extras}.items():
         (row,) = (row for row in rows if row.startswith(f"| {install} |"))
-        packages = {re.match(r"[\w-]+", requirement)[0] for requirement in requirements} - {"stillwake"}
+        packages = {re.split(r"[^\w-]", requirement)[0] for requirement in requirements} - {"stillwake"}
         assert not {package for package in packages if package not in row}, f"{install}: the row lacks a package"
 
 
@@ -117,21 +116,21 @@ def test_a_page_names_its_reader_first(page):
         assert first.startswith("For "), f"{_id(page)}: begin with whom the page is for"
 
 
-def _found(words: list[str]) -> tuple[click.Command, list[str]]:
-    """The command that a line names, and the words after its name."""
+def _found(words: list[str]) -> tuple[set[str], list[str]]:
+    """The options of the command that a line names, and the words after its name."""
     if words[0] == "python":
         name, *rest = words[3:] or ["--help"]
         if name in ("--help", "NAME"):
-            return click.Command("benchmarks"), rest
+            return set(), rest
         known = door.MEASUREMENTS | door.PAGES
         assert name in known, f"{shlex.join(words)}: no measurement {name}"
         module = import_module(f"benchmarks.{known[name].module}")
         app = typer.Typer()
         app.command()(module.main)
-        return typer.main.get_command(app), rest
-    command: click.Command = typer.main.get_command(command_line.app)
-    rest = words[1:]
+    else:
+        app, rest = command_line.app, words[1:]
+    command = typer.main.get_command(app)
     while groups := getattr(command, "commands", None):
         assert rest and rest[0] in groups, f"{shlex.join(words)}: one of {', '.join(groups)}"
         command, rest = groups[rest[0]], rest[1:]
-    return command, rest
+    return {name for parameter in command.params for name in parameter.opts}, rest

@@ -15,9 +15,10 @@ import pytest
 
 import stillwake.__main__
 from contract.recording import dataset
+from tests.stillwake.verbs import verbs
 from wake.shipped import RECORDING
 
-VERBS = [command.name or command.callback.__name__ for command in stillwake.__main__.app.registered_commands]
+VERBS = verbs(stillwake.__main__.app)
 
 
 @pytest.fixture
@@ -301,6 +302,7 @@ def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
         if first.is_file():
             stamps.add(first.stat().st_mtime_ns)
         time.sleep(0.01)
+    assert process.stderr is not None
     assert (process.returncode, process.stderr.read()) == (0, "")
     assert stamps == {made}
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]

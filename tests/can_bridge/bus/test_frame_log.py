@@ -25,8 +25,10 @@ def test_python_can_reads_back_what_was_recorded(tmp_path, ending):
     path = tmp_path / "runs" / f"frames{ending}"
     record(path, FRAMES)
     reader = can.LogReader(path)
-    read = [from_message(message) for message in reader]
+    found = [from_message(message) for message in reader]
     reader.stop()
+    read = [frame for frame in found if frame is not None]
+    assert len(read) == len(found)
     assert [(frame.frame_id, frame.data, frame.is_fd) for frame in read] == [
         (frame.frame_id, frame.data, frame.is_fd) for frame in FRAMES
     ]

@@ -1,6 +1,6 @@
 """The adapter over python-can's in-process bus, and over buses that misbehave as the real backends do."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import count
 
 import can
@@ -143,11 +143,11 @@ def test_backend_that_is_not_installed_is_told_with_the_cure(monkeypatch, interf
 class ScriptedBus(can.BusABC):
     """A backend whose receptions are given: a message, None, or an error to raise."""
 
-    def __init__(self, script: list[can.Message | Exception | None]) -> None:
-        self.script = script
+    def __init__(self, script: Iterable[can.Message | Exception | None]) -> None:
+        self.script = list(script)
         self.flushed = 0
         self.channel_info = "scripted"
-        super().__init__(channel=None)
+        super().__init__(channel="scripted")
         self.shutdown()  # nothing to close: python-can would remind us of it
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -170,7 +170,7 @@ def caused_by(error: Exception, cause: Exception) -> Exception:
 
 SOUND = to_message(Frame(frame_id=0x120, data=bytes(16)))
 
-GARBAGE = {
+GARBAGE: dict[str, can.Message | Exception] = {
     "udp_multicast, not msgpack": caused_by(can.CanOperationError("could not unpack received message"), ValueError()),
     "udp_multicast, a number": caused_by(can.CanOperationError("could not unpack"), AttributeError("update")),
     "slcan, no digits": ValueError("invalid literal for int() with base 16: 'zz'"),
@@ -186,7 +186,11 @@ GARBAGE = {
     "FD frame of 9": can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(9), is_fd=True),
     "identifier too large": can.Message(arbitration_id=0x800, is_extended_id=False, data=b""),
     "time is no number": can.Message(arbitration_id=1, is_extended_id=False, data=b"", timestamp=float("nan")),
-    "identifier is text": can.Message(arbitration_id="1", is_extended_id=False, data=b""),
+    "identifier is text": can.Message(
+        arbitration_id="1",  # type: ignore[arg-type]  # as a datagram may hold it
+        is_extended_id=False,
+        data=b"",
+    ),
 }
 
 

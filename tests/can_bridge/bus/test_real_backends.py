@@ -18,6 +18,8 @@ PATIENCE_S = 10.0
 
 def test_udp_multicast_survives_garbage_datagrams():
     pytest.importorskip("msgpack")
+    from can.interfaces.udp_multicast import UdpMulticastBus
+
     config = BusConfig(interface="udp_multicast", channel=GROUP)
     # An identifier of this process alone: other tests may use the group at the same time.
     frame_id = os.getpid() % 0x800
@@ -25,6 +27,7 @@ def test_udp_multicast_survives_garbage_datagrams():
         one, other = PythonCanBus.open(config), PythonCanBus.open(config, accept=(frame_id,))
     except BusError as error:
         pytest.skip(f"no multicast here: {error}")
+    assert isinstance(one._bus, UdpMulticastBus)
     assert one._bus._multicast.hop_limit == 0
     with one, other, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
         raw.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
@@ -37,6 +40,7 @@ def test_udp_multicast_survives_garbage_datagrams():
         one.send(frame)
         second = other.receive(PATIENCE_S)
         for got in (first, second):
+            assert got is not None
             assert (got.frame_id, got.data, got.is_fd) == (frame.frame_id, frame.data, True)
         assert other.rejected >= 5
 
@@ -58,6 +62,7 @@ def test_slcan_survives_garbage_lines():
         assert bus.rejected == 6
         os.write(controller, sent)
         got = bus.receive(PATIENCE_S)
+        assert got is not None
         assert (got.frame_id, got.data, got.is_fd) == (0x120, frame.data, True)
     os.close(controller)
     os.close(port)

@@ -1,6 +1,6 @@
 from collections.abc import Iterator
 from itertools import count
-from threading import Event
+from threading import Event, Thread
 
 import can
 import pytest
@@ -67,6 +67,7 @@ def test_mailbox_behind_it_holds_the_latest(pair):
             one.send(Frame(frame_id=1, data=b"", timestamp_ns=i))
         assert done.wait(PATIENCE_S)
     latest = mailbox.take()
+    assert latest is not None
     assert (latest.timestamp_ns, mailbox.overwritten) == (9, 9)
 
 
@@ -78,7 +79,7 @@ class Failing(can.BusABC):
         self.error: BaseException | None = error
         self.raised = Event()
         self.polled_again = Event()
-        super().__init__(channel=None)
+        super().__init__(channel="failing")
         self.shutdown()  # nothing to close: python-can would remind us of it
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -133,6 +134,7 @@ def test_same_garbage_does_end_python_cans_notifier():
     try:
         assert failing.raised.wait(PATIENCE_S)
         for reader in notifier._readers:
+            assert isinstance(reader, Thread)
             reader.join(PATIENCE_S)
         assert not failing.polled_again.is_set()
     finally:

@@ -29,7 +29,9 @@ def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
 
             heard = pressures_in.tick(ecu.receive_all()).accepted
             assert heard == frame
-            assert codec.parse_pressure(heard.data).pressure_pa[0] == step
+            pressure = codec.parse_pressure(heard.data)
+            assert pressure is not None
+            assert pressure.pressure_pa[0] == step
             answer = JetCommand(
                 flow_m2_per_s=0.5,
                 mode=Mode.CONTROL,
@@ -39,7 +41,10 @@ def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
             ecu.send(commands.frame(codec.emit_jet_command(answer), now_ns=now_ns + 8_000_000))
 
             reception = commands_in.tick(vehicle.receive_all())
+            assert reception.accepted is not None
             command = codec.parse_jet_command(reception.accepted.data)
+            assert command is not None
+            assert command.pressure_counter is not None
             assert reception.accepted.timestamp_ns - sent_at[command.pressure_counter] == 8_000_000
             assert reception.checks == (Check.OK,)
         assert pressures_in.state.stream is commands_in.state.stream is StreamState.VALID

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from can_bridge.e2e import profile5
-from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, StreamState, receive
+from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, Reception, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
@@ -206,7 +206,7 @@ class Stream(RuleBasedStateMachine):
         super().__init__()
         self.made = receiver()
         self.sent = 0
-        self.reception = None
+        self.reception: Reception | None = None
 
     @rule(skipped=st.integers(0, 6))
     def deliver(self, skipped: int) -> None:

@@ -2,9 +2,10 @@
 
 import math
 from importlib.resources import files
+from typing import Any
 
-import cantools
 import pytest
+from cantools.database import Database
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -12,7 +13,8 @@ from can_bridge.wire import codec
 from can_bridge.wire.message_specs import SPECS
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
 
-DBC = cantools.database.load_string(files("contract").joinpath("stillwake.dbc").read_text())
+DBC = Database()
+DBC.add_dbc_string(files("contract").joinpath("stillwake.dbc").read_text())
 
 # Half a step beyond the last step still rounds to it; these stay clear of the ties.
 PASCALS = st.floats(-3276.84, 3276.74)
@@ -46,7 +48,9 @@ STATUSES = st.builds(
 
 
 def decoded(name: str, data: bytes) -> dict:
-    return DBC.decode_message(name, data, decode_choices=False)
+    signals = DBC.decode_message(name, data, decode_choices=False)
+    assert isinstance(signals, dict)
+    return signals
 
 
 @given(PRESSURES)
@@ -92,6 +96,7 @@ def test_pressure_encoded_by_cantools_is_parsed(data):
     signals = {f"Pressure{i}": raw[i] * 0.1 for i in range(4)} | {f"Valid{i}": valid[i] for i in range(4)}
     signals |= {"EnableRequest": enable, "Age": age * 0.01, "E2E_CRC": data.draw(U16), "E2E_Counter": data.draw(U8)}
     parsed = codec.parse_pressure(DBC.encode_message("Pressure", signals, strict=False))
+    assert parsed is not None
     assert parsed.pressure_pa == pytest.approx([value / 10 for value in raw])
     assert (parsed.valid, parsed.enable_request, parsed.age_ns) == (valid, enable, age * 10_000)
 
@@ -105,6 +110,7 @@ def test_jet_command_encoded_by_cantools_is_parsed(flow, mode, enable, echo, crc
         "PressureCounter": echo or 0, "E2E_CRC": crc, "E2E_Counter": 7,
     }  # fmt: skip
     parsed = codec.parse_jet_command(DBC.encode_message("JetCommand", signals, strict=False))
+    assert parsed is not None
     assert parsed.flow_m2_per_s == pytest.approx(flow / 5000)
     assert (parsed.mode, parsed.enable, parsed.pressure_counter) == (mode, enable, echo)
 
@@ -165,18 +171,20 @@ def test_bits_without_a_signal_are_ignored():
     assert got == expected
 
 
-def pressure(**changes: object) -> Pressure:
-    fields = {"pressure_pa": (0.0,) * 4, "valid": (True,) * 4, "enable_request": False, "age_ns": 0}
+def pressure(**changes: Any) -> Pressure:
+    fields: dict[str, Any] = {"pressure_pa": (0.0,) * 4, "valid": (True,) * 4, "enable_request": False, "age_ns": 0}
     return Pressure(**{**fields, **changes})
 
 
-def jet(**changes: object) -> JetCommand:
-    return JetCommand(**{"flow_m2_per_s": 0.0, "mode": Mode.OFF, "enable": False, "pressure_counter": None, **changes})
+def jet(**changes: Any) -> JetCommand:
+    fields: dict[str, Any] = {"flow_m2_per_s": 0.0, "mode": Mode.OFF, "enable": False, "pressure_counter": None}
+    return JetCommand(**{**fields, **changes})
 
 
-def status(**changes: object) -> EcuStatus:
+def status(**changes: Any) -> EcuStatus:
+    fields: dict[str, Any] = {"state": Mode.OFF, "reason": Reason.NONE}
     counts = dict.fromkeys(("overruns", "missed", "crc_errors", "bus_off", "bundle_hash"), 0)
-    return EcuStatus(**{"state": Mode.OFF, "reason": Reason.NONE, **counts, **changes})
+    return EcuStatus(**{**fields, **counts, **changes})
 
 
 @pytest.mark.parametrize(

@@ -41,4 +41,4 @@ def test_a_rule_holds_up_to_its_bound_and_no_further(field, good, bad, wording):
 def test_none_is_a_value_only_where_the_type_allows_it():
     assert Sample(none=None).none is None
     with pytest.raises(TypeError):
-        Sample(positive=None)
+        Sample(positive=None)  # type: ignore[arg-type]  # what the test is about

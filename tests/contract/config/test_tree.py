@@ -1,5 +1,6 @@
 import math
 from dataclasses import fields, is_dataclass
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig
 from contract.errors import ConfigError
 
 
-def leaves(tree: object, above: tuple[str, ...] = ()):
+def leaves(tree: Any, above: tuple[str, ...] = ()):
     for field in fields(tree):
         value = getattr(tree, field.name)
         if is_dataclass(value):

@@ -1,5 +1,8 @@
 """ONNX Runtime as the controller of a bundle: its shapes are the manifest's, and its answers are the graph's."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -32,19 +35,15 @@ def test_the_controller_is_the_bundles(release):
 
 
 def test_a_model_that_contradicts_its_manifest_is_refused(release):
-    class Altered:
+    def altered(**changes: Any) -> bundle.Bundle:
         """The release with other facts about it."""
-
-        def __init__(self, **changes) -> None:
-            self.files = release.files
-            self.manifest = type(release.manifest)(**{**vars(release.manifest), **changes})
+        return replace(release, manifest=replace(release.manifest, **changes))
 
     with pytest.raises(BundleError, match="'window' has shape"):
-        OnnxController.of(Altered(window=7))
+        OnnxController.of(altered(window=7))
     with pytest.raises(BundleError, match="'plan' has shape"):
-        OnnxController.of(Altered(mpc=MpcConfig(horizon=9)))
-    broken = Altered()
-    broken.files = {"controller.onnx": b"no model"}
+        OnnxController.of(altered(mpc=MpcConfig(horizon=9)))
+    broken = replace(release, files={"controller.onnx": b"no model"})
     with pytest.raises(BundleError, match=r"controller\.onnx does not load"):
         OnnxController.of(broken)
 
@@ -52,13 +51,13 @@ def test_a_model_that_contradicts_its_manifest_is_refused(release):
 def test_weights_are_optional_and_their_default_is_the_manifests(release):
     controller, mpc = OnnxController.of(release), release.manifest.mpc
     shapes = Sizes.of(release.manifest).shapes()
-    arguments = [np.full(shapes[name], value) for name, value in (("window", 0.1), ("plan", 0.02), ("free", 1.0))]
-    default = controller.control_step(*arguments)
-    given = controller.control_step(*arguments, np.array(mpc.weights.as_tuple()))
+    window, plan, free = (np.full(shapes[name], value) for name, value in dict(window=0.1, plan=0.02, free=1.0).items())
+    default = controller.control_step(window, plan, free)
+    given = controller.control_step(window, plan, free, np.array(mpc.weights.as_tuple()))
     np.testing.assert_array_equal(given.plan, default.plan)
     # J is the weights times the terms, summed in float32.
     assert default.cost == pytest.approx(float(np.array(mpc.weights.as_tuple()) @ default.terms), rel=1e-5)
-    assert (controller.control_step(*arguments, np.eye(7)[5]).plan != default.plan).any()
+    assert (controller.control_step(window, plan, free, np.eye(7)[5]).plan != default.plan).any()
 
 
 def test_inputs_of_another_shape_are_the_controllers_failure(release):

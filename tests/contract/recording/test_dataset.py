@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -11,16 +12,16 @@ from contract import sensors
 from contract.errors import DatasetError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from contract.recording import dataset
-from contract.recording.dataset import UNITS, Dataset, Episode
+from contract.recording.dataset import UNITS, Dataset, Episode, Role
 
 
-def episode(name: str = "first", steps: int = 12, role: str = "train", **changes: object) -> Episode:
+def episode(name: str = "first", steps: int = 12, role: Role = "train", **changes: Any) -> Episode:
     rng = np.random.default_rng(steps)
     series = {field: rng.normal(scale=0.2, size=steps) for field in UNITS}
-    series["t"] = 0.2 * np.arange(steps)
+    series["t"] = 0.2 * np.arange(steps, dtype=np.float64)
     series["Cp"] = rng.normal(scale=0.5, size=(steps, sensors.COUNT))
     series |= changes.pop("series", {})
-    fields = {"initial_action": 0.01, "provenance": {"seed": 3, "versions": {"numpy": "2"}}, **changes}
+    fields: dict[str, Any] = {"initial_action": 0.01, "provenance": {"seed": 3, "versions": {"numpy": "2"}}, **changes}
     return Episode(name=name, role=role, series=series, **fields)
 
 
@@ -136,7 +137,7 @@ def test_value_that_is_not_finite_is_refused_with_field_and_step(field, bad):
         (lambda: episode(series={"Cd": np.zeros(11)}), r"'Cd' has shape \(11,\), must be \(12,\)"),
         (lambda: episode(series={"t": np.float64(0)}), "'t' has shape"),
         (lambda: episode(steps=0), "'t' holds no control step"),
-        (lambda: episode(role="validation"), "'role' is 'validation'"),
+        (lambda: episode(role="validation"), "'role' is 'validation'"),  # type: ignore[arg-type]  # a role of no dataset
         (lambda: episode(initial_action=np.nan), "'initial_action'"),
         (lambda: episode(name="a/b"), "'name'"),
         (lambda: episode(name=""), "'name'"),

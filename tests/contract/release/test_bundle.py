@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -17,8 +18,8 @@ from contract.release.manifest import MANIFEST, Manifest, Scaling
 CONTENTS = {CONTROLLER: b"not really ONNX" * 20, "notes.txt": b"hello"}
 
 
-def manifest(**changes: object) -> Manifest:
-    fields = {
+def manifest(**changes: Any) -> Manifest:
+    fields: dict[str, Any] = {
         "name": "test",
         "precision": "int8",
         "sensors": ("upper_39", "lower_39", "base_0", "base_9"),

@@ -7,8 +7,9 @@ import pytest
 
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND
-from can_bridge.wire.messages import JetCommand, Mode
+from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, VehicleConfig
@@ -46,15 +47,21 @@ def trusted(node) -> Commands:
     return commands
 
 
+def parsed(frame: Frame) -> Pressure:
+    message = codec.parse_pressure(frame.data)
+    assert message is not None
+    return message
+
+
 def test_pressures_are_the_named_sensors_in_pascal(node):
     cp = np.linspace(-2.0, 1.0, sensors.COUNT)
     frame = node.sample(cp, enable_request=True, now_ns=40)
-    message = codec.parse_pressure(frame.data)
+    message = parsed(frame)
     expected = [cp[sensors.NAMES.index(name)] * Q for name in NAMES]
     assert message.pressure_pa == pytest.approx(expected, abs=0.0501)  # half a step of 0.1 Pa
     assert (message.valid, message.enable_request, message.age_ns) == ((True,) * 4, True, 0)
     assert frame.timestamp_ns == 40
-    assert not codec.parse_pressure(node.sample(cp, enable_request=False, now_ns=41).data).enable_request
+    assert not parsed(node.sample(cp, enable_request=False, now_ns=41)).enable_request
     assert node.frames_sent == 2
 
 
@@ -62,7 +69,7 @@ def test_pressures_are_the_named_sensors_in_pascal(node):
 def test_a_pressure_out_of_range_saturates_and_is_marked(node, pressure_pa):
     cp = np.zeros(sensors.COUNT)
     cp[sensors.NAMES.index("upper_00")] = pressure_pa / Q
-    message = codec.parse_pressure(node.sample(cp, enable_request=True, now_ns=0).data)
+    message = parsed(node.sample(cp, enable_request=True, now_ns=0))
     assert message.valid == (True, False, True, True)
     assert message.pressure_pa == pytest.approx([0.0, np.sign(pressure_pa) * 3276.7, 0.0, 0.0])
 
@@ -70,7 +77,7 @@ def test_a_pressure_out_of_range_saturates_and_is_marked(node, pressure_pa):
 def test_a_pressure_at_the_end_of_the_range_is_valid(node):
     cp = np.zeros(sensors.COUNT)
     cp[sensors.NAMES.index("base_3")] = -3276.7 / Q
-    assert codec.parse_pressure(node.sample(cp, enable_request=True, now_ns=0).data).valid == (True,) * 4
+    assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (True,) * 4
 
 
 def test_the_jets_follow_the_newest_command(node, trusted):

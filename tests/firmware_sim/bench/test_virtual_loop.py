@@ -97,7 +97,7 @@ class Harness:
     def run(self, periods: int) -> list:
         return [self.loop.period(enable_request=True) for _ in range(periods)]
 
-    def targets(self) -> list[float]:
+    def targets(self) -> list[float | None]:
         """What the plant was to reach at the end of each period."""
         return [action for _, substep, action in self.plant.asked if substep == self.config.flow.substeps]
 

@@ -1,6 +1,7 @@
 import copy
 import pickle
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def test_equal_means_equal_in_every_part():
     memory = after(memory_of(2), [1.0], 0.1)
     assert memory == pickle.loads(pickle.dumps(memory))
     assert memory != "memory"
-    changes = {
+    changes: dict[str, Any] = {
         "window": memory.window + 1.0,
         "rows": 2,
         "gap": 1,

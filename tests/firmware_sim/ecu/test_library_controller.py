@@ -11,6 +11,7 @@ import shutil
 from dataclasses import dataclass, fields
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,7 +77,7 @@ class Swing:
         t = CONFIG.flow.control_period * self.done / self.substeps
         phase = np.linspace(0.0, 3.0, sensors.COUNT)
         Cp = -0.4 + 0.2 * np.sin(2 * np.pi * 0.2 * t + phase) + 2.0 * self.action * np.cos(phase)
-        forces = dict.fromkeys((item.name for item in fields(Sample)), 0.0)
+        forces: dict[str, Any] = dict.fromkeys((item.name for item in fields(Sample)), 0.0)
         return Sample(**{**forces, "t": t, "Cp": Cp, "action": self.action})
 
     def advance_to(self, substep: int, action: float | None = None) -> None:

@@ -15,7 +15,7 @@ def log_of(run_metadata) -> Callable[..., RunLog]:
 
     def make(enabled_at: int = 2, settle: float = 0.4, **columns) -> RunLog:
         series = {name: np.zeros(6) for name in COLUMNS}
-        series["t"] = 100.0 + 0.2 * np.arange(6)
+        series["t"] = 100.0 + 0.2 * np.arange(6, dtype=np.float64)
         series |= {name: np.array(values, dtype=float) for name, values in columns.items()}
         bus = BusTotals(sent=12, lost=1, rejected=2)
         return RunLog(series=series, enabled_at=enabled_at, bus=bus, metadata=replace(run_metadata, settle=settle))

@@ -76,7 +76,9 @@ def test_a_row_becomes_one_value_in_every_column(run_metadata):
     entries = {name: float(k) for k, name in enumerate(LEDGER_FIELDS)}
     rows = [
         Row(
-            sample=Sample(**entries, t=t, Cp=np.arange(sensors.COUNT) + t, Uy_probe=-t, action=0.01 * t),
+            sample=Sample(
+                **entries, t=t, Cp=np.arange(sensors.COUNT, dtype=np.float64) + t, Uy_probe=-t, action=0.01 * t
+            ),
             command=0.02,
             predicted_Cd=1.0,
             predicted_Cl=2.0,

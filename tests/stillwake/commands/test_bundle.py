@@ -11,6 +11,8 @@ from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from stillwake.commands import bundle as stillwake_bundle
+from stillwake.terminal import console
+from tests.stillwake.verbs import verbs
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 TRUSTED = signing.public_key(KEY)
@@ -49,7 +51,7 @@ def test_a_run_says_what_a_signature_is_worth_and_keeps_it(cli, signed, tmp_path
 
 
 def test_inspect_shows_what_the_manifest_ties_together(cli, signed, monkeypatch):
-    monkeypatch.setattr(stillwake_bundle.console, "_width", 200)
+    monkeypatch.setattr(console, "_width", 200)
     out = cli("bundle", "inspect", signed).out
     manifest = json.loads((signed / MANIFEST).read_text())
     hashes = [manifest[f"{name}_sha256"] for name in ("dataset", "weights", "program", "dbc", "manifest")]
@@ -150,7 +152,7 @@ def test_signatures_follow_the_published_test_vector():
     assert signing.signer(text.encode(), b"\0") is None
 
 
-@pytest.mark.parametrize("verb", [command.callback.__name__ for command in stillwake_bundle.bundle.registered_commands])
+@pytest.mark.parametrize("verb", verbs(stillwake_bundle.bundle))
 def test_every_bundle_command_explains_itself(cli, verb):
     outcome = cli("bundle", verb, "--help")
     assert (outcome.code, outcome.err) == (0, "")

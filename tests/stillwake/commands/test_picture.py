@@ -2,10 +2,12 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.GifImagePlugin import GifImageFile
 from typer.testing import CliRunner, Result
 
 import stillwake.__main__
@@ -15,6 +17,7 @@ from contract.errors import StillwakeError
 from contract.recording import dataset
 from firmware_sim.runs import run_log
 from stillwake.commands import picture as stillwake_pictures
+from tests.stillwake.verbs import verbs
 from wake.shipped import RECORDING
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
@@ -26,8 +29,8 @@ def cli(*arguments: object) -> Result:
     return CliRunner().invoke(stillwake.__main__.app, [str(argument) for argument in arguments])
 
 
-def actions(**settings: object) -> np.ndarray:
-    usual = {"duration": None, "forcing": "none", "amplitude": None, "frequency": 0.2, "seed": 1}
+def actions(**settings: Any) -> np.ndarray:
+    usual: dict[str, Any] = {"duration": None, "forcing": "none", "amplitude": None, "frequency": 0.2, "seed": 1}
     return stillwake_pictures._actions(Config(), **{**usual, "run": None, "dataset": None, "episode": None, **settings})
 
 
@@ -41,7 +44,9 @@ def test_a_mean_flow_prints_its_bubble(tmp_path):
     outcome = cli("picture", "mean", tmp_path / "m.png", "--duration", 0.6, "--settle", 0.2)
     assert outcome.exit_code == 0
     # Backward flow reaches about a width behind the base; over three samples it is not a mean to quote.
-    assert 0.3 < float(re.search(r"bubble length (\S+) W", outcome.output)[1]) < 2.0
+    length = re.search(r"bubble length (\S+) W", outcome.output)
+    assert length is not None
+    assert 0.3 < float(length[1]) < 2.0
     assert (tmp_path / "m.png").is_file()
 
 
@@ -49,7 +54,9 @@ def test_an_animation_of_a_forced_wake(tmp_path):
     forcing = ["--forcing", "sine", "--amplitude", 0.05, "--frequency", 0.3]
     outcome = cli("animate", tmp_path / "a.gif", "--duration", 0.6, "--every", 2, "--width", 500, *forcing)
     assert outcome.exit_code == 0
-    assert Image.open(tmp_path / "a.gif").n_frames == 2
+    animation = Image.open(tmp_path / "a.gif")
+    assert isinstance(animation, GifImageFile)
+    assert animation.n_frames == 2
 
 
 def test_a_replayed_episode_is_the_recorded_one():
@@ -130,8 +137,8 @@ def test_what_cannot_be_drawn_is_one_error_and_no_file(tmp_path, monkeypatch, ar
 
 
 def test_every_picture_explains_itself():
-    for command in stillwake_pictures.picture.registered_commands:
-        outcome = cli("picture", command.callback.__name__, "--help")
+    for verb in verbs(stillwake_pictures.picture):
+        outcome = cli("picture", verb, "--help")
         assert outcome.exit_code == 0 and "--state" in outcome.output
 
 
