@@ -76,6 +76,7 @@ def test_random_nets_of_odd_sizes(seed):
     check_lowering(program, in_c(program), "C library", random_windows(program, 8, seed=seed))
 
 
+@pytest.mark.slow
 def test_paper_size_as_built_for_speed():
     program = random_program(11)
     report = check_lowering(

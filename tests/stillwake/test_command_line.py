@@ -285,6 +285,7 @@ def stop_after(process: subprocess.Popen, seen: Callable[[], bool]) -> subproces
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
+@pytest.mark.processes
 def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
     output, parts = tmp_path / "a.h5", tmp_path / "a.h5.parts"
     command = ["record", output, "--training", 20, "--chirp", 0, "--uncontrolled", 0]
@@ -309,6 +310,7 @@ def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
     assert len(dataset.read(output).episodes[0]) == 20
 
 
+@pytest.mark.processes
 def test_a_run_stopped_by_ctrl_c_leaves_nothing(tmp_path, random_release):
     process = start("run", tmp_path / "run", "--bundle", random_release, "--lead-in", 0.4, "--controlled", 1000)
     # Drawn when control is requested.

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 
 from contract.config.tree import Config
@@ -15,6 +16,7 @@ from train.rows import prepare
 from train.scaling import fit_scaling
 
 
+@pytest.mark.slow
 def test_the_student_rolls_out_as_the_teacher(small_recording: Dataset, small_config: Config) -> None:
     episodes = small_recording.with_role("train")
     scaling = fit_scaling(episodes)

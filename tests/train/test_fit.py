@@ -39,6 +39,7 @@ def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
         assert torch.equal(a, b), name
 
 
+@pytest.mark.slow
 def test_it_predicts_unseen_forcing(make_episode, small_config: Config) -> None:
     training = [make_episode("waveform", "train", 600, 1), make_episode("none", "train", 100, 2, forced=False)]
     scaling = fit_scaling(training)

@@ -8,11 +8,15 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from train.pipeline import train_all
+
+pytestmark = pytest.mark.processes
 
 SCRIPT = """
 import json, sys

@@ -24,6 +24,7 @@ def action(value: float) -> np.ndarray:
     return np.array([value], dtype=np.float32)
 
 
+@pytest.mark.slow
 def test_gymnasiums_own_checker_is_content() -> None:
     made = gymnasium.make("stillwake/TruckWake-v0", sensor_names=WATCHED, max_phase_steps=1)
     with warnings.catch_warnings(record=True) as caught:
@@ -181,6 +182,7 @@ def test_frames_have_one_size_and_follow_the_flow(env: TruckWakeEnv) -> None:
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
+@pytest.mark.slow
 def test_a_vector_of_environments_is_each_of_them(env: TruckWakeEnv, mode: str) -> None:
     several = gymnasium.make_vec(
         "stillwake/TruckWake-v0", num_envs=2, vectorization_mode=mode, sensor_names=WATCHED, episode_steps=1

@@ -165,6 +165,7 @@ def test_a_value_too_large_for_float32_is_refused():
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
+@pytest.mark.slow
 def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precision):
     write_folder(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
     program = PROGRAM if precision == "float32" else rounded_on(PROGRAM, WINDOWS)

@@ -245,6 +245,7 @@ class TestOnACheapPlant:
             recorded(tmp_path / "a.h5", progress=stop)
         assert not equal(recorded(tmp_path / "a.h5"), whole)
 
+    @pytest.mark.slow
     def test_it_may_be_killed_before_any_change_on_disk(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         recorder.record(tmp_path / "begun.h5", [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
         begun = (tmp_path / "begun.h5").read_bytes()

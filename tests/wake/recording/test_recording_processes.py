@@ -16,6 +16,8 @@ from contract.recording.dataset import Dataset, read
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 
+pytestmark = pytest.mark.processes
+
 ROOT = Path(__file__).resolve().parents[3]
 PLANS = (EpisodePlan(forcing="training", steps=9, seed=5, lead=1), EpisodePlan(forcing="none", steps=4, seed=0))
 BLOCK_STEPS = 2

@@ -60,6 +60,7 @@ def uncontrolled(shared_wake: TruckWake) -> Uncontrolled:
     return Uncontrolled(Cl=np.array(lift), transverse=np.array(transverse))
 
 
+@pytest.mark.slow
 def test_shedding_is_established_near_the_known_frequency(uncontrolled: Uncontrolled) -> None:
     cl = uncontrolled.Cl
     up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
@@ -72,6 +73,7 @@ def test_shedding_is_established_near_the_known_frequency(uncontrolled: Uncontro
     assert 0.95 < cl[up[0] : up[-1]].std() < 1.15
 
 
+@pytest.mark.slow
 def test_vortices_leave_through_the_outlet(uncontrolled: Uncontrolled) -> None:
     """An outlet whose velocity is copied from upstream allows no transverse flow there, and shakes the pressure."""
     upstream, last = uncontrolled.transverse[:25].max(axis=0)
