@@ -129,6 +129,7 @@ def test_ties_and_kinks_take_pytorchs_subgradients():
     values, actions = torch.tensor(forces, requires_grad=True), torch.tensor(plan, requires_grad=True)
     terms = EagerController(program, torch.float64).terms(values, actions, torch.tensor(0.01, dtype=torch.float64))
     torch.autograd.backward(torch.tensor(weights) @ terms)
+    assert values.grad is not None and actions.grad is not None
     found = cost_gradient(forces, plan, 0.01, weights)
     np.testing.assert_allclose(found.forces, values.grad.numpy(), rtol=0, atol=1e-14)
     np.testing.assert_allclose(found.plan, actions.grad.numpy(), rtol=0, atol=1e-14)

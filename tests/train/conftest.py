@@ -51,7 +51,7 @@ def make_episode() -> MakeEpisode:
 
     def make(name: str, role: Role, steps: int, seed: int, *, forced: bool = True) -> Episode:
         generator = np.random.default_rng(seed)
-        t = PERIOD * np.arange(steps)
+        t = PERIOD * np.arange(steps, dtype=np.float64)
         phase = 2 * np.pi * np.cumsum(0.2 + 0.1 * np.sin(2 * np.pi * t / 37.0 + generator.uniform(0, 6))) * PERIOD
         action = 0.06 * np.sin(phase) * (1 + 0.25 * np.sin(t / 9.0)) if forced else np.zeros(steps)
         start = np.exp(1j * generator.uniform(0, 2 * np.pi))

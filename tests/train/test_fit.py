@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -15,13 +16,14 @@ from train.distil import distil
 from train.evaluate import evaluate
 from train.fit import Checkpoints, device_named, fit_joint, seeded
 from train.model import WakeModel
+from train.progress import Phase
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling
 
 IDENTITY = Identity(settings="{}", dataset_sha256="0" * 64)
 
 
-def trained(config: Config, **changes: object) -> Config:
+def trained(config: Config, **changes: Any) -> Config:
     return replace(config, train=replace(config.train, **changes))
 
 
@@ -105,7 +107,7 @@ def test_a_checkpoint_of_another_run_is_refused(rows: Rows, small_config: Config
         fit_joint(rows, small_config, checkpoints=replace(kept, identity=replace(IDENTITY, settings="[]")))
     with pytest.raises(DatasetError, match=r"fit\.pt: made from another recording"):
         fit_joint(rows, small_config, checkpoints=replace(kept, identity=replace(IDENTITY, dataset_sha256="1")))
-    kept.path("fit").write_bytes(kept.path("fit").read_bytes()[:1000])
+    kept.path(Phase.FIT).write_bytes(kept.path(Phase.FIT).read_bytes()[:1000])
     with pytest.raises(StillwakeError, match=r"fit\.pt: damaged"):
         fit_joint(rows, small_config, checkpoints=kept)
 

@@ -59,7 +59,8 @@ def test_joint_loss_against_a_sample_by_sample_unroll(segment: int) -> None:
         error = (model.decoder(z) - forces).abs()
         return torch.where(error < 1, 0.5 * error**2, error - 0.5).mean()
 
-    squares, forces, decoded, latents = [], [], [], [[] for _ in range(steps)]
+    squares, forces, decoded = [], [], []
+    latents: list[list[torch.Tensor]] = [[] for _ in range(steps)]
     for s in range(segments):
         decoded += [smooth_l1(encode(batch.inputs[s], end), batch.forces[s, end]) for end in range(ends)]
         for j in range(segment):

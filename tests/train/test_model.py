@@ -3,7 +3,7 @@
 import torch
 
 from contract.config.learning import ModelConfig
-from train.model import Encoder, WakeModel
+from train.model import Encoder, ResidualBlock, WakeModel
 
 
 def test_names_and_shapes_of_the_weights_are_the_paper_s() -> None:
@@ -55,12 +55,14 @@ def test_dynamics_and_blocks_are_residual_and_the_rollout_recurs() -> None:
     first, second, third = model.dynamics.rollout(latent, actions)
     torch.testing.assert_close(first, model.dynamics(latent, actions[:, 0]))
     torch.testing.assert_close(third, model.dynamics(second, actions[:, 2]))
+    block = model.decoder.blocks[0]
+    assert isinstance(block, ResidualBlock)
     with torch.no_grad():
-        for parameter in [*model.dynamics.output.parameters(), *model.decoder.blocks[0].norm.parameters()]:
+        for parameter in [*model.dynamics.output.parameters(), *block.norm.parameters()]:
             parameter.zero_()
     assert torch.equal(model.dynamics(latent, actions[:, 0]), latent)
     wide = torch.randn(2, 128)
-    assert torch.equal(model.decoder.blocks[0](wide), wide)
+    assert torch.equal(block(wide), wide)
 
 
 def test_dropout_acts_in_training_only() -> None:

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from train import model_store
 from train.distil import encode_all
 from train.evaluate import evaluate
 from train.pipeline import train_all
+from train.progress import Phase
 from train.rows import prepare
 from train.selection.choice import SensorChoice
 
@@ -50,6 +52,7 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
     assert model.config == small_config
     assert len(model.sensors) == 4
     assert list(model.sensors) == list(model.ranking.order[:4])
+    assert model.ranking.stable is not None
     assert set(model.ranking.stable) == {"2", "4", "6", "8"}
     assert not model.teacher.training
     rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
@@ -71,12 +74,12 @@ def test_the_description_is_plain_json_with_the_fields_the_export_reads(stored: 
     }
 
 
-@pytest.mark.parametrize("phase", ["rank", "distil"])
+@pytest.mark.parametrize("reached", ["rank", "distil"])
 def test_an_interrupted_run_goes_on_to_the_same_model(
-    stored: Path, recording: Path, small_config: Config, tmp_path: Path, phase: str
+    stored: Path, recording: Path, small_config: Config, tmp_path: Path, reached: str
 ) -> None:
-    def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-        if now == phase:
+    def interrupt(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if phase == reached:
             raise KeyboardInterrupt
 
     output = tmp_path / "resumed"
@@ -86,7 +89,7 @@ def test_an_interrupted_run_goes_on_to_the_same_model(
     phases = []
     train_all(recording, small_config, output, resume=True, progress=lambda *args: phases.append(args[0]))
     assert "fit" not in phases
-    assert ("rank" in phases) == (phase == "rank")
+    assert ("rank" in phases) == (reached == "rank")
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
 
 
@@ -100,8 +103,8 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
     assert "rank" not in phases
     assert model_store.load(tmp_path / "whole").ranking == SensorChoice(method="greedy", order=whole.sensors)
 
-    def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-        if now == "distil":
+    def interrupt(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if phase == "distil":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -114,8 +117,8 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
 
 
 def test_a_resume_under_other_settings_is_refused(recording: Path, small_config: Config, tmp_path: Path) -> None:
-    def interrupt(now: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-        if now == "rank":
+    def interrupt(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if phase == "rank":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -134,16 +137,16 @@ def test_chosen_sensors_replace_the_ranking_s(recording: Path, small_config: Con
 def test_what_cannot_be_trained_is_refused_before_training(
     recording: Path, small_recording: Dataset, small_config: Config, tmp_path: Path
 ) -> None:
-    def never(*_: object) -> None:
+    def never(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
         raise AssertionError("training started")
 
-    def refused(error: type[StillwakeError], message: str, path: Path, config: Config, **more: object) -> None:
+    def refused(error: type[StillwakeError], message: str, path: Path, config: Config, **more: Any) -> None:
         with pytest.raises(error, match=message) as caught:
             train_all(path, config, tmp_path / "model", progress=never, **more)
         assert "\n" not in str(caught.value)
         assert not (tmp_path / "model").exists()
 
-    def settings(**changes: object) -> Config:
+    def settings(**changes: Any) -> Config:
         return replace(small_config, train=replace(small_config.train, **changes))
 
     refused(ConfigError, "sensor named twice", recording, small_config, chosen=["base_1", "base_1"])

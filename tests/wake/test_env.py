@@ -1,5 +1,6 @@
 import dataclasses
 import warnings
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -71,6 +72,7 @@ def test_what_lies_beyond_the_bound_is_clipped_and_counted(env: TruckWakeEnv) ->
 
 def test_the_bound_itself_is_not_clipped(env: TruckWakeEnv) -> None:
     env.reset(seed=1)
+    assert isinstance(env.action_space, gymnasium.spaces.Box)
     assert not env.step(env.action_space.high)[4]["clipped"]
 
 
@@ -158,7 +160,7 @@ def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
         ({"render_mode": "human"}, "render_mode = 'human'"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(settings: dict[str, object], message: str) -> None:
+def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         TruckWakeEnv(**settings)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from contract import sensors
+from contract.arrays import Array
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from contract.recording.dataset import UNITS, Episode
@@ -16,9 +17,10 @@ PROGRAM = random_program(0, model=ModelConfig(window=3, lstm_width=2, dynamics_w
 
 
 def episode(steps: int) -> Episode:
-    series = {name: np.zeros(steps) for name in UNITS}
-    series["Cp"] = 100.0 * np.arange(steps)[:, None] + np.arange(sensors.COUNT)
-    series["action"] = 0.001 * np.arange(steps)
+    series: dict[str, Array] = {name: np.zeros(steps) for name in UNITS}
+    step = np.arange(steps, dtype=np.float64)
+    series["Cp"] = 100.0 * step[:, None] + np.arange(sensors.COUNT)
+    series["action"] = 0.001 * step
     return Episode(name="chirp", role="test", series=series, initial_action=-0.05, provenance={})
 
 

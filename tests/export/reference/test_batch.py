@@ -5,6 +5,8 @@ A matrix product of many rows adds up in another order than that of one. In doub
 by more, where a gradient is small: by 1e-8 of the learning rate.
 """
 
+from typing import Any
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,7 +23,7 @@ from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, 
 HORIZON, LATENT = 6, 3
 SMALL = ModelConfig(window=5, latent=LATENT, lstm_width=5, dynamics_width=10, decoder_width=8)
 EVERY_TERM = CostWeights(lift=0.05, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
-CLOSE = {"rtol": 1e-12, "atol": 1e-13}
+CLOSE: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
 leading = array_shapes(min_dims=0, max_dims=3, max_side=3)
 
 

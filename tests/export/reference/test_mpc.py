@@ -1,6 +1,7 @@
 """Properties of the control step that hold whatever the networks are."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ actions = st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON)
 masks = st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array)
 
 
-def small(seed: int = 0, **mpc: object) -> ControllerProgram:
+def small(seed: int = 0, **mpc: Any) -> ControllerProgram:
     return random_program(seed, model=SMALL, mpc=MpcConfig(horizon=HORIZON, **mpc))
 
 

@@ -89,7 +89,9 @@ def test_a_bundle_and_a_c_library_of_one_program_name_the_same_program(tmp_path,
         rounded_on(program, windows) if precision == "int8" else program, calibration=windows, with_library=True
     )
     release(tmp_path / "release", gate(lowered, windows[:3], LOOSE))
+    assert lowered.library is not None
     stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', lowered.library["sw_settings.h"].decode())
+    assert stated is not None
     assert bundle.load(tmp_path / "release").manifest.program_sha256 == stated.group(1)
 
 

@@ -29,6 +29,7 @@ except LibraryError as error:
 
 def test_in_float32_both_are_held_to_parity():
     gated = gate(lower(PROGRAM, calibration=WINDOWS, with_library=True), WINDOWS[:3])
+    assert gated.library is not None and gated.library.parity is not None
     assert (gated.graph.parity.cases, gated.library.parity.cases) == (3, 3)
     assert gated.graph.quantisation is gated.library.quantisation is None
 
@@ -36,6 +37,8 @@ def test_in_float32_both_are_held_to_parity():
 def test_in_int8_both_are_compared_with_the_program_before_rounding():
     rounded = rounded_on(PROGRAM, WINDOWS)
     gated = gate(lower(rounded, calibration=WINDOWS, with_library=True), WINDOWS[:3], LOOSE)
+    assert gated.graph.quantisation is not None
+    assert gated.library is not None and gated.library.quantisation is not None
     assert (gated.graph.quantisation.cases, gated.library.quantisation.cases) == (3, 3)
     assert gated.graph.quantisation.rms_action_error > 0
     assert gated.graph.parity.cases == 3

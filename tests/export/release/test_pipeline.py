@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from contract import sensors
+from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
@@ -20,7 +21,7 @@ from contract.release import bundle
 from contract.release.manifest import Scaling
 from export.release import pipeline
 from export.release.gated import Gated
-from export.release.lowering import Lowered, library_of
+from export.release.lowering import Lowered, library_of, lower
 from export.to_onnx.control_step import build_controller
 from train import model_store
 from train.model import Encoder, WakeModel
@@ -67,8 +68,8 @@ def episode(name: str, role: dataset.Role) -> Episode:
     """A swing at the shedding's frequency, long enough for calibration."""
     steps = MODEL.window + pipeline.CALIBRATION_WINDOWS
     phase = 2 * np.pi * 0.04 * np.arange(steps)
-    series = {name: np.zeros(steps) for name in UNITS}
-    series["t"] = 0.2 * np.arange(steps)
+    series: dict[str, Array] = {name: np.zeros(steps) for name in UNITS}
+    series["t"] = 0.2 * np.arange(steps, dtype=np.float64)
     series["Cp"] = -0.4 + 0.2 * np.sin(phase[:, None] + np.linspace(0.0, 3.0, sensors.COUNT))
     series["action"] = 0.05 * np.cos(phase)
     return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
@@ -102,6 +103,7 @@ def test_bundle_and_library_are_of_one_program(export, tmp_path, precision):
     gated = export(precision=precision)
     manifest = bundle.load(tmp_path / "bundle").manifest
     stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
+    assert stated is not None
     assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
     assert manifest.dataset_sha256 == "d" * 64
     figures = dict(pipeline.gate_figures(gated))
@@ -124,7 +126,6 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_pat
             return replace(lowered, graph=build_controller(other).SerializeToString())
         return replace(lowered, library=library_of(other, ()))
 
-    lower = pipeline.lower
     monkeypatch.setattr(pipeline, "lower", lower_wrongly)
     with pytest.raises(ExportError, match="and reference differ by"):
         export(precision="float32")

@@ -152,6 +152,7 @@ def test_the_hash_changes_with_a_weight_and_with_a_setting():
 def test_every_number_is_the_float32_it_stands_for():
     """The text of a weight read back by Python is the rounded weight to the bit."""
     body = re.search(r"sw_latent_bias\[3\] = \{(.*?)\};", c_library(PROGRAM)[WEIGHTS].decode(), flags=re.DOTALL)
+    assert body is not None
     found = np.array([number.rstrip("f") for number in body[1].split(", ")], dtype=np.float32)
     np.testing.assert_array_equal(found, PROGRAM.encoder.output.bias.astype(np.float32))
 
@@ -171,7 +172,9 @@ def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precisio
     program = PROGRAM if precision == "float32" else rounded_on(PROGRAM, WINDOWS)
     gated = gate(lower(program, calibration=WINDOWS, with_library=True), WINDOWS[:4], LENIENT)
     write_c_release(tmp_path / "c", gated, WINDOWS[:4])
+    assert gated.library is not None
     found = gated.library.parity if precision == "float32" else gated.library.quantisation
+    assert found is not None
     assert found.cases == 4
     assert np.loadtxt(tmp_path / "c" / RECORDED).shape == (PROGRAM.window + 3, 5)
     assert {item.name for item in (tmp_path / "c").iterdir()} == {

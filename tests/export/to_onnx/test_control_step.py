@@ -1,7 +1,8 @@
 """The form of the graph: interface, operators, size. What it computes is tested in tests/parity."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import onnx
@@ -32,7 +33,7 @@ def nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
                 yield from nodes(attribute.g)
 
 
-def shapes(values: object) -> dict[str, tuple[int, ...]]:
+def shapes(values: Iterable[onnx.ValueInfoProto]) -> dict[str, tuple[int, ...]]:
     return {value.name: tuple(d.dim_value for d in value.type.tensor_type.shape.dim) for value in values}
 
 
@@ -56,7 +57,7 @@ def test_only_standard_operators_of_an_opset_that_onnxruntime_1_20_knows(paper_m
 
 
 def test_nothing_is_unrolled():
-    def count(**mpc: int) -> int:
+    def count(**mpc: Any) -> int:
         program = random_program(0, model=SMALL, mpc=MpcConfig(**mpc))
         return sum(1 for _ in nodes(build_controller(program).graph))
 

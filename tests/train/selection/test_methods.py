@@ -62,4 +62,4 @@ def test_no_draws_are_refused(encoder: Encoder, rows: Rows, small_config: Config
 
 def test_all_sensors_can_be_chosen(encoder: Encoder, rows: Rows, small_config: Config) -> None:
     for method in ("qr", "hand"):
-        assert set(select(method, encoder, rows, 90, settings=small_config.train)) == set(sensors.NAMES)  # type: ignore[arg-type]
+        assert set(select(method, encoder, rows, 90, settings=small_config.train)) == set(sensors.NAMES)

@@ -53,6 +53,7 @@ def test_only_sensors_the_encoder_listens_to_score(rows: Rows, small_config: Con
     strong, weak = sensors.indices(["base_2", "upper_30"]), sensors.indices(["lower_11"])
     with torch.no_grad():
         weights = encoder.lstm.weight_ih_l0
+        assert isinstance(weights, Tensor)
         heard = weights[:, strong].clone()
         weights[:, : sensors.COUNT] = 0.0
         weights[:, strong] = heard

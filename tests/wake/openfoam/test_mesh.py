@@ -95,7 +95,9 @@ def test_the_mesh_is_symmetric(mesh):
 
 def _read_list(path: Path) -> list[str]:
     body = path.read_text(encoding="ascii").split("}\n", 1)[1]
-    count, items = re.fullmatch(r"\s*(\d+)\n\(\n(.*)\n\)\n", body, re.DOTALL).groups()
+    found = re.fullmatch(r"\s*(\d+)\n\(\n(.*)\n\)\n", body, re.DOTALL)
+    assert found is not None
+    count, items = found.groups()
     lines = items.split("\n")
     assert len(lines) == int(count)
     return lines

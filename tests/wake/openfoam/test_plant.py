@@ -175,6 +175,7 @@ def test_ctrl_c_ends_icofoam(start, tmp_path):
         [sys.executable, "-c", LOOP, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
     )  # fmt: skip
+    assert parent.stdout is not None
     pid = int(parent.stdout.readline())
     time.sleep(0.5)
     parent.send_signal(signal.SIGINT)

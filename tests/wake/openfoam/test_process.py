@@ -138,6 +138,7 @@ def test_no_orphan_is_left_behind(tmp_path, how):
         [sys.executable, "-c", PARENT, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
     )  # fmt: skip
+    assert parent.stdout is not None
     pid = int(parent.stdout.readline())
     assert not _gone(pid)
     parent.send_signal(how)

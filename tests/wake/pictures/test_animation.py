@@ -1,10 +1,12 @@
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.animation import FFMpegWriter
 from PIL import Image
+from PIL.GifImagePlugin import GifImageFile
 
 from contract.errors import ConfigError, PlantError
 from wake.pictures.animation import animate
@@ -31,6 +33,7 @@ def test_a_gif_has_its_frames_and_their_time(
         path, picture, wake, actions, skip=skip, every=every, fps=fps, progress=lambda *done: calls.append(done)
     )
     with Image.open(path) as gif:
+        assert isinstance(gif, GifImageFile)
         assert (made, gif.n_frames, gif.info["loop"]) == (frames, frames, 0)
         durations = []
         for k in range(gif.n_frames):
@@ -62,7 +65,7 @@ def test_a_run_that_fails_leaves_nothing(wake: TruckWake, picture: WakePicture, 
     ],
 )
 def test_what_cannot_be_made_is_refused_before_the_run(
-    wake: TruckWake, picture: WakePicture, tmp_path: Path, name: str, settings: dict[str, int], message: str
+    wake: TruckWake, picture: WakePicture, tmp_path: Path, name: str, settings: dict[str, Any], message: str
 ) -> None:
     with mpl.rc_context({"animation.ffmpeg_path": "no-such-program"}), pytest.raises(ConfigError, match=message):
         animate(tmp_path / name, picture, wake, np.zeros(3), **settings)

@@ -150,9 +150,9 @@ class TestOnACheapPlant:
         assert np.array([Cp for Cp, _ in witness.seen]) == pytest.approx(episode.series["Cp"], abs=2**-14)
 
     def test_what_acts_is_command_and_exploration_cut_to_the_limit(self, tmp_path: Path, oscillator: type) -> None:
-        for policy in (Integrator(), Eager()):
+        for policy in (Integrator, Eager):
             wanted = a_round(episodes=1, steps=40)
-            actions = recorded(tmp_path / f"{policy.gain}.h5", wanted, lambda p=policy: p).episodes[0].series["action"]
+            actions = recorded(tmp_path / f"{policy.gain}.h5", wanted, policy).episodes[0].series["action"]
             plan, plant, sums, expected = wanted.plans(1)[0], oscillator(), np.zeros(2), []
             for _ in range(plan.lead):
                 plant.advance(0.0)

@@ -75,7 +75,9 @@ def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path: Path, w
 
 
 def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path: Path, whole: Dataset) -> None:
-    output, notices, victims = tmp_path / "a.h5", [], []
+    output = tmp_path / "a.h5"
+    notices: list[str] = []
+    victims: list[psutil.Process] = []
 
     def kill_one(name: str, done: int, total: int) -> None:
         if done and not victims:

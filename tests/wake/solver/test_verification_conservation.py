@@ -91,7 +91,7 @@ def _mean_forces(wake: TruckWake, action: Callable[[float], float], boxes: list[
             inflow.append([_inflow_of_momentum(wake, box) for box in boxes])
     gained = [(_momentum(wake, box) - old) / (wake.t - start) for box, old in zip(boxes, before, strict=True)]
     balance = np.trapezoid(np.array(inflow), axis=0) / (len(inflow) - 1) - np.array(gained)
-    return np.trapezoid(np.array(surface), axis=0) / (len(surface) - 1), list(balance)
+    return np.asarray(np.trapezoid(np.array(surface), axis=0) / (len(surface) - 1)), list(balance)
 
 
 def test_the_force_on_the_truck_is_what_the_flow_around_it_loses(wake: TruckWake) -> None:
