@@ -38,6 +38,15 @@ class Readings:
     pressures: Array
     wake: Array
 
+    def require_finite(self, t: float) -> None:
+        """Refuse what a diverged flow leaves; t is when this was measured.
+
+        Raises:
+            PlantError: if a number is not finite.
+        """
+        if not all(np.isfinite(values).all() for values in (self.forces, self.pressures, self.wake)):
+            raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
+
 
 class Instruments:
     """Turns readings of one mesh into samples."""
@@ -53,11 +62,10 @@ class Instruments:
         """
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
+        readings.require_finite(t)
         cp = self._weights @ readings.pressures
         truck, slots = 2.0 * readings.forces[0, 0], 2.0 * readings.forces[1:].sum(axis=0)
         upper, lower = cp[sensors.COUNT :]
-        if not np.isfinite([*cp, *truck, *slots.ravel(), readings.wake[1]]).all():
-            raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
         return Sample(
             t=t,
             Cp=cp[: sensors.COUNT],

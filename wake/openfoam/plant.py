@@ -151,6 +151,9 @@ class OpenFoamWake:
         """Advance within the current period until `substep` (1 .. substeps).
 
         With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
+
+        Raises:
+            PlantError: as `advance`, or for a substep that is not ahead in this period.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
@@ -166,6 +169,8 @@ class OpenFoamWake:
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
+        # Not only in `sample`: a run need not call that after its last step.
+        self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:
         """Measure now."""
