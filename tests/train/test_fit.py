@@ -20,6 +20,8 @@ from train.progress import Phase
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling
 
+pytestmark = pytest.mark.slow  # networks are trained
+
 IDENTITY = Identity(settings="{}", dataset_sha256="0" * 64)
 
 

@@ -24,6 +24,8 @@ from train.progress import Phase
 from train.rows import prepare
 from train.selection.choice import SensorChoice
 
+pytestmark = pytest.mark.slow  # whole trainings
+
 
 @pytest.fixture(scope="module")
 def recording(small_recording: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:

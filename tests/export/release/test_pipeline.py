@@ -27,6 +27,8 @@ from train import model_store
 from train.model import Encoder, WakeModel
 from train.selection.choice import GIVEN, SensorChoice
 
+pytestmark = pytest.mark.slow  # every lowering is built and gated
+
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 CONFIG = Config(model=MODEL, mpc=MpcConfig(horizon=6))
 CHOSEN = ("upper_39", "lower_39", "base_0", "base_9")

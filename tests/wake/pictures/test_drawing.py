@@ -24,6 +24,8 @@ from wake.pictures.drawing import (
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # figures are drawn and written
+
 Pixels = npt.NDArray[np.uint8]
 
 

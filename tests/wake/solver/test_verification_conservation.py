@@ -12,6 +12,8 @@ from wake.truck.sample import Sample
 from wake.truck.state import load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # shedding cycles of flow
+
 Box = tuple[float, float, float]
 """Left, right and half height."""
 

@@ -8,6 +8,8 @@ from contract.errors import PlantError
 from wake.truck import steady
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # the flow settles
+
 
 @pytest.fixture(scope="module")
 def coarse() -> TruckWake:
