@@ -1,4 +1,4 @@
-"""The last check before a jet command goes on the bus. It trusts nothing the controller says.
+"""The last check before a jet command goes on the bus. It trusts nothing that comes from the controller.
 
 In this order: no permission, no finite number or no fresh pressure shuts the jets at once; otherwise the command is
 brought into range and then to within one step of the command before it. Zero is the safe state, so shutting is

@@ -1,1 +1,1 @@
-"""Trained model -> controller program -> {NumPy reference, ONNX float, ONNX int8}; parity gates; bundle writer."""
+"""Trained model -> controller program -> {NumPy reference, ONNX, C99}, float32 or int8; gates; the release writer."""

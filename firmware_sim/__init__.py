@@ -1,1 +1,1 @@
-"""The ECU in virtual time, the vehicle around it, the closed loop and its report."""
+"""The ECU, the vehicle around it, the closed loop, what a run leaves behind, and an emulated microcontroller."""

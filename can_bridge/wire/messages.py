@@ -61,7 +61,7 @@ class JetCommand:
     Attributes:
         flow_m2_per_s: out of the upper slot and into the lower, per unit span.
         mode: how the command came about.
-        enable: False shuts the jets whatever the flow says.
+        enable: False shuts the jets whatever the flow is.
         pressure_counter: E2E counter of the newest pressure frame behind it; None before the first.
     """
 

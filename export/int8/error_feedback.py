@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array
-from export.int8.nearest import LEVELS, Int8Matrix, quantise_matrix
+from export.int8.nearest import QMAX, Int8Matrix, quantise_matrix
 
 DAMPING: Final = 0.01
 """Share of H's mean diagonal that is added to it: directions that the inputs never take must not be given away."""
@@ -35,7 +35,7 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
     steps = np.zeros_like(weight)
     largest = np.abs(weight).argmax(axis=1)
     for j in range(weight.shape[1]):
-        rounded = np.clip(np.rint(rest[:, j] / scales), -LEVELS, LEVELS)
+        rounded = np.clip(np.rint(rest[:, j] / scales), -QMAX, QMAX)
         steps[:, j] = np.where(largest == j, nearest.values[:, j], rounded)
         error = (rest[:, j] - steps[:, j] * scales) / upper[j, j]
         rest[:, j + 1 :] -= np.outer(error, upper[j, j + 1 :])

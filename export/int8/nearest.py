@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 
-LEVELS: Final = 127
+QMAX: Final = 127
 """Largest magnitude of a quantised weight: -128 is left out, so that negating a row is exact."""
 
 
@@ -32,11 +32,11 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
     """The nearest Int8Matrix of a matrix (outputs, inputs)."""
     scales = row_scales(weight)
     steps = np.rint(weight / scales[:, None].astype(np.float64))
-    return Int8Matrix(values=np.clip(steps, -LEVELS, LEVELS).astype(np.int8), scales=scales)
+    return Int8Matrix(values=np.clip(steps, -QMAX, QMAX).astype(np.int8), scales=scales)
 
 
 def row_scales(weight: Array) -> npt.NDArray[np.float32]:
     """The scale of every row: its largest magnitude over 127; a row of zeros takes 1."""
     largest = np.abs(weight).max(axis=1)
     # The floor keeps the scale a normal float32: below it, a row's products vanish in float32 anyway.
-    return np.where(largest > 0, np.maximum(largest / LEVELS, np.finfo(np.float32).tiny), 1.0).astype(np.float32)
+    return np.where(largest > 0, np.maximum(largest / QMAX, np.finfo(np.float32).tiny), 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""One hash for a controller program, so that every lowering can say which program it is."""
+"""One hash for a controller program, by which every lowering names its program."""
 
 import hashlib
 import json

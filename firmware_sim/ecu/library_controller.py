@@ -16,7 +16,7 @@ def open_library(
 ) -> CController:
     """Compile a folder that `stillwake export --c` wrote, to run in place of the bundle's `controller.onnx`.
 
-    The header's hash says which program the folder was generated from. It guards against mix-ups: nobody signs the
+    The header's hash names the program that the folder was generated from. It guards against mix-ups: nobody signs the
     sources, and they are compiled and run as they stand.
 
     Args:
@@ -40,7 +40,7 @@ def open_library(
 
 
 def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
-    """The library's precision, once its header has said that it is the bundle's; raises LibraryError if it has not."""
+    """The library's precision, once its header shows it to be the bundle's; raises LibraryError if it does not."""
     manifest = bundle.manifest
     try:
         header = Settings.of(sources)

@@ -71,7 +71,7 @@ class Machine:
         def count(_core: Any, address: int, size: int, _data: Any) -> None:
             blocks[address, size] += 1
 
-        # Code translated before knows nothing of the hook.
+        # Code translated before runs without the hook.
         self._core.ctl_flush_tb()
         hook = self._core.hook_add(unicorn_const.UC_HOOK_BLOCK, count)
         try:
