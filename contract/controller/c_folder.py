@@ -125,6 +125,12 @@ def rows_from_text(text: str) -> Rows:
     return np.loadtxt(text.splitlines(), dtype=np.float32, ndmin=2)
 
 
+def check_replaceable(folder: Path) -> None:
+    """Raises LibraryError if writing a library, which replaces a whole folder, would replace something else."""
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / SETTINGS).is_file():
+        raise LibraryError(f"{folder}: that directory holds something else; name another")
+
+
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
     """Write a library's folder, whole or not at all.
 
@@ -132,9 +138,7 @@ def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
         LibraryError: the folder holds something else.
         StillwakeError: it cannot be written.
     """
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / SETTINGS).is_file():
-        # Writing replaces the whole folder.
-        raise LibraryError(f"{folder}: that directory holds something else; name another")
+    check_replaceable(folder)
     with replacing(folder) as temporary:
         temporary.mkdir()
         for name, content in contents.items():

@@ -95,10 +95,14 @@ def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed
         StillwakeError: if the place cannot be written.
     """
     packed = pack(manifest, contents, key)
-    if path.suffix != ".zip" and path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
-        # Writing replaces the whole directory.
-        raise BundleError(f"bundle {path}: that directory holds something else; name another")
+    check_replaceable(path)
     write_files(path, packed)
+
+
+def check_replaceable(path: Path) -> None:
+    """Raises BundleError if writing a bundle, which replaces a whole directory, would replace something else."""
+    if path.suffix != ".zip" and path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
+        raise BundleError(f"bundle {path}: that directory holds something else; name another")
 
 
 def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:

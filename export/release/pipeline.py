@@ -14,9 +14,11 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract import model_folder
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller import c_folder as c_folder_format
 from contract.errors import ExportError
 from contract.recording import dataset
 from contract.recording.dataset import Episode
+from contract.release import bundle
 from contract.release.manifest import PRECISIONS
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
@@ -85,6 +87,10 @@ def export_all(
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
+    # Before the work: neither place is written if the other one cannot be.
+    bundle.check_replaceable(output)
+    if c_folder is not None:
+        c_folder_format.check_replaceable(c_folder)
     trained = model_folder.read(model)
     program = program_of(trained, config.mpc)
     episodes = dataset.read(recording)

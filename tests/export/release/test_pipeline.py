@@ -14,7 +14,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.compiler import host_compiler
-from contract.errors import ExportError, LibraryError
+from contract.errors import ExportError, LibraryError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import UNITS, Dataset, Episode
 from contract.release import bundle
@@ -132,6 +132,15 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_pat
     with pytest.raises(ExportError, match="and reference differ by"):
         export(precision="float32")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("occupied", ["bundle", "c"])
+def test_neither_is_written_where_one_place_holds_something_else(export, tmp_path, occupied):
+    (tmp_path / occupied).mkdir()
+    (tmp_path / occupied / "thesis.txt").write_text("years of work")
+    with pytest.raises(StillwakeError, match="holds something else; name another"):
+        export()
+    assert sorted(item.name for item in tmp_path.rglob("*")) == sorted([occupied, "thesis.txt"])
 
 
 def test_a_precision_that_does_not_exist_is_refused(export, tmp_path):
