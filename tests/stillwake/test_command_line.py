@@ -199,6 +199,7 @@ def test_the_first_schema_takes_no_rounds(refused, recording, random_release):
     assert "episodes can only be added to 'stillwake-dataset/2'" in line
 
 
+@pytest.mark.slow
 def test_rounds_under_a_controller_are_added(cli, tmp_path, random_release):
     output = tmp_path / "a.h5"
     for number in (1, 2):
@@ -235,6 +236,7 @@ def test_a_folder_without_a_run(refused, tmp_path):
     assert "series.npz" in refused("report", tmp_path)
 
 
+@pytest.mark.slow
 def test_a_run_and_its_report(cli, tmp_path, random_release):
     folder = tmp_path / "run"
     outcome = cli("run", folder, "--bundle", random_release, "--lead-in", 0.4, "--controlled", 0.4, "--settle", 0)

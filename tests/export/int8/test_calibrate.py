@@ -11,6 +11,8 @@ from export.program.random_program import random_program
 from export.reference.layers import elu, layer_norm, linear
 from export.reference.model import decode, encode, encoder_layers, step
 
+pytestmark = pytest.mark.slow  # a network is calibrated
+
 
 @pytest.fixture(scope="module")
 def case():

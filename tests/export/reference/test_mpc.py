@@ -89,6 +89,7 @@ def test_the_plan_is_not_worse_than_the_warm_start_by_more_than_adams_reach(seed
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_many_iterations_reach_the_optimum_of_an_independent_optimiser(seed):
     """On smooth terms, against SciPy's L-BFGS-B with numerical gradients of the cost alone."""
     goal = CostWeights(drag_fluctuation=0.0, lift=0.0, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)

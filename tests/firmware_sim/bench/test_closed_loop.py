@@ -19,6 +19,8 @@ from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.summary import summary
 
+pytestmark = pytest.mark.slow  # whole runs of the loop
+
 CONFIG = Config(bus=BusConfig(channel="closed-loop"))
 LEAD_IN, CONTROLLED = 35, 5  # periods
 FIGURES = (

@@ -22,6 +22,8 @@ from wake.shipped import RECORDING
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # figures are drawn and written
+
 PATH = RECORDING
 
 

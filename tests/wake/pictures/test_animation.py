@@ -13,6 +13,8 @@ from wake.pictures.animation import animate
 from wake.pictures.drawing import WakePicture
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # frames are drawn
+
 
 @pytest.fixture
 def picture(wake: TruckWake) -> WakePicture:

@@ -8,6 +8,8 @@ from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # seconds of flow
+
 
 def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
     """A flow with these functions of x and y on its faces and in its cells."""
