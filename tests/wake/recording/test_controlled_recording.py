@@ -1,6 +1,5 @@
 """Recording under a controller: the exploration, what the controller is told, rounds, and continuing without a seam."""
 
-import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
 from firmware_sim.ecu.bundle_policy import BundlePolicy
+from tests.wake.recording.killing import Killed, kill_before_operation
 from wake.recording import recorder
 from wake.recording.blocks import EpisodeBlocks
 from wake.recording.controlled_plan import ControlledRound
@@ -28,10 +28,6 @@ from wake.recording.forcing import exploration
 ROOT = Path(__file__).resolve().parents[3]
 FLOW = FlowConfig()
 LIMIT = FLOW.action_limit
-
-
-class Killed(BaseException):
-    """Stands for a signal: not an Exception, so nothing may swallow it."""
 
 
 class Integrator:
@@ -257,7 +253,7 @@ class TestOnACheapPlant:
             output = tmp_path / f"{number}.h5"
             output.write_bytes(begun)
             with monkeypatch.context() as patch:
-                _kill_before_operation(patch, number)
+                kill_before_operation(patch, number)
                 try:
                     recorded(output, wanted)
                     killed = False
@@ -305,21 +301,3 @@ def test_side_by_side_under_a_release_gives_the_same(tmp_path: Path, short_relea
 def _kill_after_a_block(name: str, done: int, total: int) -> None:
     if done:
         raise Killed
-
-
-def _kill_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
-    """Be killed before the operation of that number that changes the disk."""
-    count = 0
-
-    def watched(original: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **options: Any) -> Any:
-            nonlocal count
-            count += 1
-            if count == number:
-                raise Killed
-            return original(*arguments, **options)
-
-        return call
-
-    for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
-        monkeypatch.setattr(owner, name, watched(getattr(owner, name)))

@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording.dataset import Dataset, read
+from tests.wake.recording.killing import Killed, kill_before_operation
 from wake.recording import recorder
 from wake.recording.episode_plan import EpisodePlan, paper_plans
 from wake.recording.recorder import record
@@ -24,10 +24,6 @@ PLANS = [
     EpisodePlan(forcing="training", steps=7, seed=5, lead=2),
     EpisodePlan(forcing="none", steps=2, seed=0),
 ]
-
-
-class Killed(BaseException):
-    """Stands for a signal: not an Exception, so nothing may swallow it."""
 
 
 @pytest.fixture(autouse=True)
@@ -93,25 +89,6 @@ def test_a_stopped_recording_continues_without_a_seam(tmp_path: Path, done: int)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["stopped.h5", "whole.h5"]
 
 
-def _stop_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> Callable[[], int]:
-    """Be killed before the operation of that number that changes the disk; how many there have been."""
-    count = 0
-
-    def watched(original: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **options: Any) -> Any:
-            nonlocal count
-            count += 1
-            if count == number:
-                raise Killed
-            return original(*arguments, **options)
-
-        return call
-
-    for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
-        monkeypatch.setattr(owner, name, watched(getattr(owner, name)))
-    return lambda: count
-
-
 def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: type) -> None:
     plans = [EpisodePlan(forcing="training", steps=5, seed=5, lead=2)]
     whole = recorded(tmp_path / "whole.h5", plans)
@@ -120,7 +97,7 @@ def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: 
         output = tmp_path / f"{number}.h5"
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(recorder, "TruckWake", oscillator)
-            operations = _stop_before_operation(patch, number)
+            operations = kill_before_operation(patch, number)
             killed = False
             try:
                 recorded(output, plans)
