@@ -11,6 +11,7 @@ import numpy as np
 from contract.arrays import Array, Index
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from contract.sensor_layout import SensorLayout
 
 PER_SIDE: Final = 40
 ON_BASE: Final = 10
@@ -61,3 +62,7 @@ def indices(names: Sequence[str]) -> Index:
     if len(set(names)) != len(names):
         raise ConfigError(f"sensor named twice in {list(names)}")
     return np.array([NAMES.index(name) for name in names], dtype=np.intp)
+
+
+TRUCK: Final = SensorLayout.of(NAMES, positions(), base=range(2 * PER_SIDE, COUNT))
+"""The truck's layout."""

@@ -7,7 +7,6 @@ compiler, and a missing extra is one clear line.
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
 
 import typer
 from rich.console import Console
@@ -20,12 +19,10 @@ from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
 from stillwake.commands.run import report, run
 from stillwake.commands.train import train
+from stillwake.stopping import INTERRUPTED, ends_like_ctrl_c, outcome
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 errors = Console(stderr=True)
-
-INTERRUPTED: Final = 130
-"""Exit status after Ctrl-C, as shells have it."""
 
 
 @app.callback()
@@ -55,12 +52,15 @@ def _one_line_errors() -> Iterator[None]:
         sys.exit(1)
     except SystemExit as stop:
         if stop.code == INTERRUPTED:  # typer ends by exiting, and makes this of Ctrl-C
-            errors.print("stopped", style="red")
+            status, line = outcome()
+            errors.print(line, style="red", markup=False, highlight=False, soft_wrap=True)
+            sys.exit(status)
         raise
 
 
 def main() -> None:
     """Entry point of the `stillwake` command."""
+    ends_like_ctrl_c()
     with _one_line_errors():
         app()
 

@@ -1,9 +1,10 @@
 """Configuration from TOML files and `key.path=value` overrides."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -13,28 +14,62 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 
 RELEASE = "release"
-"""Name of the packaged settings the shipped bundle was made with; the bare defaults are the paper's."""
+"""Name of the packaged settings the shipped bundle was made with."""
+PAPER = "paper"
+"""Name of the bare defaults."""
+BASE_KEY = "base"
+"""In a TOML file: which of the two it goes on top of."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """Settings, and which of them a user asked for.
+
+    Attributes:
+        config: all settings.
+        in_file, in_overrides: dotted names of those in the TOML file and among the overrides.
+    """
+
+    config: Config
+    in_file: frozenset[str] = frozenset()
+    in_overrides: frozenset[str] = frozenset()
+
+    @property
+    def given(self) -> frozenset[str]:
+        """Dotted names of every setting that the user gave, such as "mpc.weights.lift"."""
+        return self.in_file | self.in_overrides
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-    """The packaged release settings, or the TOML file at `path`, with overrides applied.
+    """The settings of `load`, without where they come from."""
+    return load(path, overrides).config
+
+
+def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Config | None = None) -> Loaded:
+    """The release's settings, with those of a TOML file and then the overrides on top.
 
     Args:
-        path: a TOML file; None for the release settings.
+        path: a TOML file; its first line may be `base = "paper"`, to go on top of the paper's settings instead.
         overrides: `section.key=value` strings, the value in TOML syntax; a bare word is a string, because shells
             take the quotation marks away.
+        base: what the file and the overrides go on top of, in place of the release's settings.
 
     Raises:
         ConfigError: unreadable file, unknown key, wrong type or value out of range.
     """
-    source = files("contract.config").joinpath(f"{RELEASE}.toml") if path is None else path
-    try:
-        tree = tomllib.loads(source.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"configuration {path}: {error}") from error
+    tree = _parsed(files("contract.config").joinpath(f"{RELEASE}.toml")) if base is None else to_tree(base)
+    asked = {} if path is None else _parsed(path)
+    chosen = asked.pop(BASE_KEY, RELEASE)
+    if chosen not in (RELEASE, PAPER):
+        raise ConfigError(f"configuration {path}: {BASE_KEY} = {chosen!r}: must be {PAPER!r} or {RELEASE!r}")
+    if chosen == PAPER:
+        tree = {}
+    changes: dict[str, Any] = {}
     for text in overrides:
-        _apply(tree, text)
-    return from_tree(tree)
+        _apply(changes, text)
+    for change in (asked, changes):
+        _merge(tree, change)
+    return Loaded(config=from_tree(tree), in_file=frozenset(_leaves(asked)), in_overrides=frozenset(_leaves(changes)))
 
 
 def from_tree(tree: Mapping[str, Any]) -> Config:
@@ -71,6 +106,32 @@ def _refuse_booleans(tree: Mapping[str, Any], above: str = "") -> None:
             raise ConfigError(f"configuration: {above}{key} = {str(value).lower()}: must not be a boolean")
         if isinstance(value, Mapping):
             _refuse_booleans(value, f"{above}{key}.")
+
+
+def _parsed(source: Traversable) -> dict[str, Any]:
+    try:
+        return tomllib.loads(source.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"configuration {source}: {error}") from error
+
+
+def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
+    """Put the change's values into the tree, section by section."""
+    for key, value in change.items():
+        if isinstance(value, Mapping):
+            if not isinstance(tree.setdefault(key, {}), dict):
+                raise ConfigError(f"configuration: {key!r} is a value, not a section: it has no {', '.join(value)}")
+            _merge(tree[key], value)
+        else:
+            tree[key] = value
+
+
+def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}"
 
 
 def _apply(tree: dict[str, Any], text: str) -> None:

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -6,7 +7,7 @@ from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import TrainConfig
-from contract.config.loading import from_tree, load_config, to_tree
+from contract.config.loading import from_tree, load, load_config, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 
@@ -15,9 +16,28 @@ def test_release_settings_are_packaged_and_differ_from_the_papers():
     assert load_config() != Config()
 
 
-def test_empty_file_gives_the_papers_settings(tmp_path):
-    (tmp_path / "empty.toml").write_text("")
-    assert load_config(tmp_path / "empty.toml") == Config()
+def test_file_goes_on_top_of_the_releases_settings(tmp_path):
+    (tmp_path / "mine.toml").write_text("[mpc]\niterations = 3\n")
+    release, mine = load_config(), load(tmp_path / "mine.toml", ["mpc.weights.lift=0.2"])
+    assert mine.config.mpc == replace(release.mpc, iterations=3, weights=replace(release.mpc.weights, lift=0.2))
+    assert mine.config.train == release.train != Config().train
+    assert mine.in_file == frozenset({"mpc.iterations"})
+    assert mine.in_overrides == frozenset({"mpc.weights.lift"})
+
+
+def test_file_may_go_on_top_of_the_papers(tmp_path):
+    (tmp_path / "paper.toml").write_text('base = "paper"\n')
+    assert load_config(tmp_path / "paper.toml") == Config()
+
+
+def test_unknown_base_is_refused(tmp_path):
+    (tmp_path / "bad.toml").write_text('base = "thesis"\n')
+    with pytest.raises(ConfigError, match="thesis"):
+        load_config(tmp_path / "bad.toml")
+
+
+def test_changes_may_go_on_top_of_other_settings():
+    assert load(base=Config(), overrides=["mpc.horizon=9"]).config == replace(Config(), mpc=MpcConfig(horizon=9))
 
 
 @given(horizon=st.integers(2, 1000), lift=st.floats(0, 1e3), epochs=st.integers(1, 1000))

@@ -1,0 +1,111 @@
+"""Where the wall-pressure sensors of a data set or a plant lie: names, positions, base and mirror image.
+
+The truck's own 90 are `contract.sensors.TRUCK`. A data set of another body has a layout of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array, Index
+from contract.errors import ConfigError
+
+_SAME: Final = 1e-4
+"""Two positions closer than this, in W, are one: the paper's own table mirrors to 1e-5."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorLayout:
+    """The sensors in the order of a Cp array's columns.
+
+    Attributes:
+        names: (n,), all different.
+        positions: (n, 2), in the body's reference length W; x along the flow, y across it.
+        base: columns of the sensors on the base, whose mean is the base pressure; may be empty.
+        mirror: (n,), Cp[mirror] is the reading in the flow reflected in y = 0; None where the sensors have no mirror
+            images or the body is not symmetric.
+
+    Raises ConfigError for a layout that contradicts itself.
+    """
+
+    names: tuple[str, ...]
+    positions: Array
+    base: Index
+    mirror: Index | None
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        if count == 0:
+            raise ConfigError("sensors: none is named, at least one is needed")
+        for name in self.names:
+            if not name or not name.isprintable() or name != name.strip() or "," in name:
+                raise ConfigError(f"sensor {name!r}: a name must be printable, without commas or spaces at its ends")
+            if self.names.count(name) > 1:
+                raise ConfigError(f"sensor {name!r}: named twice")
+        if self.positions.shape != (count, 2) or not np.isfinite(self.positions).all():
+            raise ConfigError(f"sensor positions of shape {self.positions.shape}: must be ({count}, 2) finite numbers")
+        if self.base.size and not (self.base.min() >= 0 and self.base.max() < count):
+            raise ConfigError(f"base sensors {self.base.tolist()}: must be columns from 0 to {count - 1}")
+        if self.mirror is not None and not np.array_equal(self.mirror[self.mirror], np.arange(count)):
+            raise ConfigError("mirror images of the sensors: the mirror image of a mirror image must be the sensor")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @classmethod
+    def of(
+        cls, names: Sequence[str], positions: Array, *, base: Sequence[int] = (), symmetric: bool = True
+    ) -> "SensorLayout":
+        """A layout whose mirror images follow from the positions, as far as every sensor has one.
+
+        Args:
+            symmetric: whether body and jets are their own mirror images in y = 0.
+        """
+        positions = np.asarray(positions, dtype=np.float64)
+        return cls(
+            names=tuple(names),
+            positions=positions,
+            base=np.asarray(base, dtype=np.intp),
+            mirror=_mirror(positions) if symmetric else None,
+        )
+
+    def indices(self, names: Sequence[str]) -> Index:
+        """Columns of named sensors.
+
+        Raises:
+            ConfigError: for a name that does not exist or is given twice.
+        """
+        for name in names:
+            if name not in self.names:
+                raise ConfigError(f"unknown sensor {name!r}: there are {_listed(self.names)}")
+        if len(set(names)) != len(names):
+            raise ConfigError(f"sensor named twice in {list(names)}")
+        return np.array([self.names.index(name) for name in names], dtype=np.intp)
+
+    def same_as(self, other: "SensorLayout") -> bool:
+        """Whether names, order, places, base and mirror images are the same."""
+        return (
+            self.names == other.names
+            and bool((np.abs(self.positions - other.positions) < _SAME).all())
+            and np.array_equal(self.base, other.base)
+            and (self.mirror is None) == (other.mirror is None)
+            and (self.mirror is None or other.mirror is None or np.array_equal(self.mirror, other.mirror))
+        )
+
+
+def _mirror(positions: Array) -> Index | None:
+    """The column at (x, -y) for every column; None if one has no partner."""
+    if positions.ndim != 2 or not len(positions):
+        return None
+    reflected = positions * (1.0, -1.0)
+    distance = np.abs(positions[None, :, :] - reflected[:, None, :]).max(axis=2)
+    partner = distance.argmin(axis=1)
+    if (distance[np.arange(len(positions)), partner] > _SAME).any() or len(set(partner.tolist())) != len(positions):
+        return None
+    return np.asarray(partner, dtype=np.intp)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:3])} .. {names[-1]} ({len(names)} in all)"

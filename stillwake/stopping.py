@@ -1,0 +1,43 @@
+"""How a command ends on Ctrl-C or SIGTERM: alike, with what is needed to go on in one line."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C, as shells have it."""
+TERMINATED: Final = 143
+"""Exit status after SIGTERM, as shells have it."""
+
+_asked: list[str] = []
+_advice: list[str] = []
+
+
+def ends_like_ctrl_c() -> None:
+    """Let SIGTERM raise what Ctrl-C raises, so that everything half-written is cleared away."""
+
+    def stop(number: int, _frame: Any) -> None:
+        _asked.append(signal.Signals(number).name)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, stop)
+
+
+@contextmanager
+def go_on_with(line: str) -> Iterator[None]:
+    """Work that can be continued: when it is stopped, `line` says how."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        _advice.append(line)
+        raise
+
+
+def outcome() -> tuple[int, str]:
+    """Exit status and line of a command that was stopped."""
+    status = TERMINATED if "SIGTERM" in _asked else INTERRUPTED
+    line = "; ".join(["stopped", *_advice])
+    _asked.clear()
+    _advice.clear()
+    return status, line
