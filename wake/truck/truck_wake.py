@@ -164,7 +164,8 @@ class TruckWake:
         if origin.reynolds != config.reynolds:
             raise PlantError(
                 f"flow state is of reynolds = {origin.reynolds:g}, this plant has {config.reynolds:g}: "
-                "`stillwake develop` makes a start for it"
+                f"`stillwake develop start.npz --set flow.reynolds={config.reynolds:g}` makes a start for it, which "
+                "--start (record, run) or --state (picture, animate) takes"
             )
         # At t = 0 every clock agrees.
         clock = (origin.control_period, origin.substeps)
