@@ -1,23 +1,28 @@
 """Numbers as options take them: those that no later step could use are refused by the option's name."""
 
 from math import isfinite
+from typing import Final
 
 from contract.errors import ConfigError
 
-
-def check_positive(option: str, value: float) -> None:
-    """Raise ConfigError for nan, infinity, zero or a negative number."""
-    if not (isfinite(value) and value > 0.0):
-        raise ConfigError(f"{option} {value:g}: must be a positive number")
+LONGEST: Final = 1e5
+"""t_c: days of computing on any machine, and still an array that fits into its memory."""
 
 
-def check_seed(option: str, value: int) -> None:
-    """Raise ConfigError for a negative number, which no random generator takes."""
-    if value < 0:
-        raise ConfigError(f"{option} {value}: must be 0 or more")
+def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
+    """Control periods in a duration.
 
+    Args:
+        option: its name on the command line.
+        duration, period: in t_c.
+        least: control periods that are needed.
 
-def check_finite(option: str, value: float) -> None:
-    """Raise ConfigError for nan or infinity."""
-    if not isfinite(value):
-        raise ConfigError(f"{option} {value:g}: must be a finite number")
+    Raises:
+        ConfigError: the duration is not finite, shorter than needed, or longer than `LONGEST`.
+    """
+    if not (isfinite(duration) and duration <= LONGEST):
+        raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {LONGEST:g}")
+    steps = round(duration / period)
+    if steps < least:
+        raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control periods")
+    return steps
