@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Final
 
+import dask.config
 from distributed import Client, Future, KilledWorker, LocalCluster
 
 from contract.errors import StillwakeError
@@ -89,7 +90,8 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
         # Of its own: what dask writes into the shared temporary folder, it leaves there.
         with (
             tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch,
-            _local_cluster(workers, scratch) as cluster,
+            dask.config.set({"temporary-directory": scratch}),
+            _local_cluster(workers) as cluster,
             Client(cluster) as client,
         ):
             yield client
@@ -106,7 +108,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
         yield client
 
 
-def _local_cluster(workers: int, scratch: str) -> LocalCluster:
+def _local_cluster(workers: int) -> LocalCluster:
     # Ctrl-C reaches every process of a terminal, SIGTERM often those of a whole service, and only this one shall decide
     # what they mean. The cluster's thread and the workers it starts, now or later, inherit the blocked signals; here
     # they are only put off until they stand. Python's resource tracker would unblock them again if it were started
@@ -119,7 +121,6 @@ def _local_cluster(workers: int, scratch: str) -> LocalCluster:
             threads_per_worker=1,
             memory_limit=0,
             dashboard_address=":0",
-            local_directory=scratch,
             silence_logs=logging.CRITICAL,
         )
     finally:
