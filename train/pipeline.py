@@ -1,11 +1,9 @@
 """From a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
 
 import hashlib
-import json
 import platform
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,9 +11,9 @@ import torch
 
 from contract import model_folder, sensors
 from contract.config.tree import Config
-from contract.errors import DatasetError, StillwakeError
+from contract.errors import DatasetError
 from contract.recording import dataset
-from train import checkpoint, model_store
+from train import checkpoint, model_store, unfinished
 from train.distil import distil
 from train.distil_predictor import distil_predictor
 from train.evaluate import HORIZONS, evaluate_model, rollout_starts
@@ -30,6 +28,7 @@ from train.selection.choice import GIVEN, SensorChoice
 from train.selection.methods import select
 from train.selection.ranking import Ranking
 from train.selection.shap_ranking import ShapRanker, rank
+from train.unfinished import Identity
 
 
 def train_all(
@@ -39,17 +38,18 @@ def train_all(
     *,
     progress: Progress = silent,
     device: str = "cpu",
-    resume: bool = False,
+    resume: bool = True,
     chosen: Sequence[str] | None = None,
 ) -> TrainedModel:
     """Train on the recording's "train" episodes, judge on its "test" episodes, store at `output`.
 
-    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored.
+    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored. A model
+    that is at `output` is replaced when the new one is whole.
 
     Args:
         progress: called from every phase; see `train.progress.Progress`.
         device: "cpu" or "cuda".
-        resume: continue an interrupted run of the same settings and recording; without one, start.
+        resume: continue an interrupted run of the same settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
 
     Returns:
@@ -58,6 +58,7 @@ def train_all(
     Raises:
         DatasetError: unreadable or unsuitable recording (too short, constant signal), or another one's checkpoint.
         ConfigError: unknown device, CUDA absent, unknown or repeated sensor, or another configuration's checkpoint.
+        TrainingError: if the loss does not stay finite.
         StillwakeError: if `output` cannot be written.
     """
     where = device_named(device)
@@ -70,7 +71,7 @@ def train_all(
     train_rows = prepare(recording.with_role("train"), scaling, mirrored=True)
     test_rows = prepare(recording.with_role("test"), scaling, mirrored=False)
     _check(config, train_rows, test_rows)
-    checkpoints = Checkpoints(folder=_folder(output), identity=_identity(config, digest, device, chosen), resume=resume)
+    checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen), resume)
 
     rows = train_rows.to(where)
     teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
@@ -112,24 +113,12 @@ def _check(config: Config, train_rows: Rows, test_rows: Rows) -> None:
         raise DatasetError(f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking")
 
 
-def _folder(output: Path) -> Path:
-    folder = output.with_name(f"{output.name}.checkpoints")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StillwakeError(f"cannot write {folder}: {error.strerror or error}") from error
-    return folder
-
-
-def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | None) -> checkpoint.Identity:
-    settings = {
-        "model": asdict(config.model),
-        "train": asdict(config.train),
-        "horizon": config.mpc.horizon,
-        "device": device,
-        "chosen": None if chosen is None else list(chosen),
-    }
-    return checkpoint.Identity(settings=json.dumps(settings, sort_keys=True), dataset_sha256=digest)
+def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
+    folder = unfinished.folder_of(output)
+    if not resume:
+        unfinished.clear(folder)
+    unfinished.check(folder, identity)
+    return Checkpoints(folder=folder, identity=identity, resume=True)
 
 
 def _choice(

@@ -27,8 +27,8 @@ def develop(
 ) -> None:
     """Start the flow from rest and let the wake establish itself: how the shipped start was made.
 
-    `record --start` and `picture --state` begin from such a file, for example at another Reynolds number:
-    `--set flow.reynolds=1000` here and there.
+    `record --start` and `picture --state` begin with such a file. Another
+    Reynolds number needs one: --set flow.reynolds=1000 here and there.
     """
     flow = settings("develop", config_file, overrides, uses=USES).config.flow
     steps_of("--duration", duration, flow.control_period)

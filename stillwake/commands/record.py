@@ -75,8 +75,9 @@ def record(
 ) -> None:
     """Record the forced wake: 90 wall pressures, forces and the drag ledger at every control step.
 
-    With --under, record it under a controller with exploration, and add the episodes. It can be stopped at any time;
-    the same command continues where it was, and leaves a finished recording as it is.
+    With --under, record it under a controller with exploration, and add the
+    episodes. It can be stopped at any time. The same command continues where
+    it was, and leaves a finished recording as it is.
     """
     uses = ("flow", "forcing") if under is None else ("flow", "forcing.exploration_time")
     config = settings("record", config_file, overrides, uses=uses).config

@@ -68,7 +68,7 @@ def test_another_version_of_the_software_made_the_same_recording(output: Path) -
     ],
 )
 def test_another_recording_is_refused_by_what_differs(
-    output: Path, plans: tuple[EpisodePlan, ...], changes: dict[str, float], named: str
+    output: Path, plans: tuple[EpisodePlan, ...], changes: dict[str, Any], named: str
 ) -> None:
     before, config = output.read_bytes(), replace(Config(), flow=replace(Config().flow, **changes))
     with pytest.raises(OutputError, match=rf"{named}.*; give --overwrite to replace it, or another name"):
