@@ -3,7 +3,7 @@
 Every lowering has passed its gates before the first file is written.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -33,6 +33,10 @@ GATE_WINDOWS: Final = 50
 """Consecutive recorded windows that the export gates replay."""
 CALIBRATION_WINDOWS: Final = 400
 """Recorded windows from which int8 rounding is calibrated, of every kind of forcing together."""
+
+
+PHASES: Final = ("read", "round weights", "lower and gate", "write")
+"""Of an export, in order."""
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
@@ -69,6 +73,7 @@ def export_all(
     c_folder: Path | None,
     created: date,
     key: Ed25519PrivateKey | None = None,
+    phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
     """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
 
@@ -78,6 +83,7 @@ def export_all(
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         created: today.
         key: to sign the bundle with; unsigned if None.
+        phase: called with each of `PHASES` when it begins.
 
     Raises:
         ModelError: the model directory is not sound.
@@ -91,15 +97,19 @@ def export_all(
     bundle.check_replaceable(output)
     if c_folder is not None:
         c_folder_format.check_replaceable(c_folder)
+    phase("read")
     trained = model_folder.read(model)
     program = program_of(trained, config.mpc)
     episodes = dataset.read(recording)
     windows = recorded_windows(program, episodes.with_role("test")[0], GATE_WINDOWS)
     calibration = calibration_windows(program, episodes.with_role("train"))
 
+    phase("round weights")
     rounded = rounded_on(program, calibration) if precision == "int8" else program
+    phase("lower and gate")
     gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
 
+    phase("write")
     if c_folder is not None:
         write_c_release(c_folder, gated, windows)
     write_release(
