@@ -21,7 +21,7 @@ from wake.recording.plan import Plan
 from wake.shipped import DEVELOPED
 from wake.solver.grid import truck_grid
 from wake.truck.sample import Sample
-from wake.truck.state import State, developed_state, load_state
+from wake.truck.state import State, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 
 Progress = Callable[[str, int, int], None]
@@ -127,6 +127,13 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
             **versions("stillwake", "numpy", "numba", "scipy", *packages),
         },
     }
+
+
+def check_start(config: Config, start: Path | None) -> None:
+    """Raise PlantError if a plant of this configuration cannot begin in that state; known before a plant is built."""
+    origin = _state_in(start).origin
+    if origin is not None:
+        check_reynolds(origin, config.flow.reynolds)
 
 
 def _sha256(path: Path) -> str:

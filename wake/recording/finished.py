@@ -45,19 +45,19 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
             return f"it has no episode {plan.name}, but {', '.join(item.name for item in there)}"
         if len(episode) != plan.steps:
             return f"episode {plan.name} has {len(episode)} steps, not {plan.steps}"
-        wanted = json.loads(json.dumps(job.provenance))
-        # An earlier version may not have kept all of it.
-        common = episode.provenance.keys() & wanted.keys() - {_NOT_COMPARED}
-        for name in sorted(common):
-            found = _first(name, episode.provenance[name], wanted[name])
-            if found:
-                return f"episode {plan.name} has {found}"
+        made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
+        made.pop(_NOT_COMPARED, None)
+        found = _first("", made, wanted)
+        if found:
+            return f"episode {plan.name} has {found}"
     others = [name for name, episode in by_name.items() if "round" not in episode.provenance]
     return f"it also has episode {others[0]}" if others else None
 
 
 def _first(name: str, there: Any, here: Any) -> str | None:
+    """The first entry with two values; one that another version did not keep is passed over."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
-        found = (_first(f"{name}.{key}", there.get(key), here.get(key)) for key in sorted(there.keys() | here.keys()))
+        common = sorted(there.keys() & here.keys())
+        found = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
         return next((text for text in found if text), None)
     return None if there == here else f"{name} = {there}, not {here}"

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, write
-from wake.recording.episode_job import EpisodeJob, Progress, setting_of
+from wake.recording.episode_job import EpisodeJob, Progress, check_start, setting_of
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.feedback import NoFeedback, PolicyFactory
 from wake.recording.finished import is_finished
@@ -86,8 +86,9 @@ def jobs_for(
     policy: PolicyFactory = NoFeedback,
     start: Path | None = None,
 ) -> tuple[EpisodeJob, ...]:
-    """The work of one call; nothing is written yet. Raises PlantError if the start cannot be read."""
+    """The work of one call; nothing is written yet. Raises PlantError if it cannot begin in the start."""
     start = None if start is None else start.absolute()
+    check_start(config, start)
     parts, owner, setting = PartsFolder.beside(output), uuid.uuid4().hex, setting_of(config, plans[0].packages, start)
     return tuple(
         EpisodeJob(

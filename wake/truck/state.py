@@ -39,6 +39,16 @@ class State:
     origin: Origin | None = None
 
 
+def check_reynolds(origin: Origin, reynolds: float) -> None:
+    """Raise PlantError if a state was made at another Reynolds number than the plant's."""
+    if origin.reynolds != reynolds:
+        raise PlantError(
+            f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
+            f"`stillwake develop start.npz --set flow.reynolds={reynolds:g}` makes a start for it, which "
+            "--start (record, run) or --state (picture, animate) takes"
+        )
+
+
 def save_state(path: Path, state: State) -> None:
     """Write a state, whole or not at all.
 

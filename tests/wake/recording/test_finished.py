@@ -1,6 +1,7 @@
 """A recording is never replaced by chance; and it may begin in any flow state."""
 
 import hashlib
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ from contract.errors import OutputError, PlantError, StillwakeError
 from contract.recording.dataset import read
 from tests.wake.recording.test_controlled_recording import Integrator, a_round
 from wake.recording import controlled_recording, recorder
-from wake.recording.episode_plan import EpisodePlan
+from wake.recording.episode_plan import EpisodePlan, paper_plans
+from wake.shipped import RECORDING
 from wake.truck.state import Origin, State, save_state
 
 TRAINING = EpisodePlan(forcing="training", steps=7, seed=5, lead=2)
@@ -77,6 +79,14 @@ def test_another_recording_is_refused_by_what_differs(
     assert [path.name for path in output.parent.iterdir()] == ["a.h5"]
 
 
+def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    copy = Path(shutil.copy(RECORDING, tmp_path / "a.h5"))
+    assert not record(copy, paper_plans())
+    with pytest.raises(OutputError, match="episode training_2 has lead_steps = 2, not 0"):
+        record(copy, paper_plans(seed=2))
+
+
 def test_what_is_no_data_set_is_not_replaced_either(tmp_path: Path) -> None:
     (tmp_path / "a.h5").write_text("a thesis")
     with pytest.raises(OutputError, match="there is a file that is not read"):
@@ -118,14 +128,17 @@ def test_a_recording_begins_in_the_state_it_is_given(tmp_path: Path, oscillator:
     flat = np.array([0.3, -0.2])
     start = tmp_path / "start.npz"
     save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(1, 2), reynolds=1000.0)))
-    output = tmp_path / "a.h5"
-    assert record(output, (NONE,), start=start)
+    output, config = tmp_path / "a.h5", replace(Config(), flow=replace(Config().flow, reynolds=1000.0))
+    with pytest.raises(PlantError, match=r"reynolds = 1000, this plant has 500: `stillwake develop start\.npz"):
+        record(output, (NONE,), start=start)
+    assert not output.with_name("a.h5.parts").exists()
+    assert record(output, (NONE,), config, start=start)
     episode = read(output).episodes[0]
     plant = oscillator()
     # Stored in 16 bits.
     assert episode.series["Cd"][0] == pytest.approx(plant.reset(State(flat=flat, substep=0, action=0.0)).Cd, abs=2**-15)
     assert episode.provenance["start"] == "start.npz"
     assert episode.provenance["start_sha256"] == hashlib.sha256(start.read_bytes()).hexdigest()
-    assert not record(output, (NONE,), start=start)
+    assert not record(output, (NONE,), config, start=start)
     with pytest.raises(OutputError, match=r"has start = start\.npz, not wake/data/developed\.npz"):
-        record(output, (NONE,))
+        record(output, (NONE,), config)
