@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -124,6 +124,7 @@ def finished_jobs(
     Arguments and errors are those of `record`.
     """
     parts, config = jobs[0].parts, jobs[0].config
+    missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
     try:
         for job in jobs:
@@ -140,5 +141,9 @@ def finished_jobs(
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)
     finally:
         parts.disown(jobs[0].owner)
+        for folder in missing:
+            # Stays unless it is empty.
+            with suppress(OSError):
+                folder.rmdir()
     yield jobs
     parts.clear()

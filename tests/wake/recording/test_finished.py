@@ -117,8 +117,9 @@ def test_a_start_that_failed_leaves_nothing(tmp_path: Path, monkeypatch: pytest.
         raise PlantError("flow diverged")
 
     monkeypatch.setattr(recorder, "TruckWake", diverging)
-    with pytest.raises(PlantError):
-        record(tmp_path / "a.h5")
+    for output in (tmp_path / "a.h5", tmp_path / "new" / "deep" / "a.h5"):
+        with pytest.raises(PlantError, match="flow diverged"):
+            record(output)
     with pytest.raises(StillwakeError, match=r"start\.npz: not a flow state"):
         record(tmp_path / "a.h5", start=tmp_path / "start.npz")
     assert list(tmp_path.iterdir()) == []
