@@ -76,9 +76,10 @@ def export(
     console.print(table)
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True)
+    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
     if done.library is not None:
-        console.print(f"wrote {c_folder}: C99, {precision}, {done.library.workspace_bytes / 1024:.0f} KiB of workspace")
+        workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
+        console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
 
 
 def _settings(model: Path, file: Path | None, overrides: list[str]) -> Config:

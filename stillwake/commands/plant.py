@@ -43,7 +43,7 @@ def develop(
         task = bar.add_task("developing", total=duration, note="")
         state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, state)
-    console.print(f"wrote {output}")
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
 def steady(
@@ -82,4 +82,6 @@ def steady(
             "versions": versions("numpy", "numba", "scipy"),
         }
         write_result(json_file, figures=figures, facts=facts, on=date.today())
-    console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
+    console.print(
+        "  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}", markup=False
+    )

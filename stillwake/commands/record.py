@@ -82,7 +82,7 @@ def record(
     uses = ("flow", "forcing") if under is None else ("flow", "forcing.exploration_time")
     config = settings("record", config_file, overrides, uses=uses).config
     check_writable(output)
-    if output.suffix not in SUFFIXES:
+    if output.suffix.lower() not in SUFFIXES:
         raise OutputError(f"{output}: a data set is an HDF5 file; its name must end in {' or '.join(SUFFIXES)}")
     lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
     of_round = {"controlled": controlled, "episodes": episodes, "exploration": exploration, "role": role}
@@ -134,7 +134,9 @@ def _record_forced(
         written = record_dataset(output, plans, config, **recording, **shown)
     total = sum(plan.steps for plan in plans)
     done = "wrote" if written else "already whole, nothing to record:"
-    console.print(f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+    console.print(
+        f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB", soft_wrap=True, markup=False
+    )
 
 
 def _record_round(
@@ -157,6 +159,7 @@ def _record_round(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
         f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",
         soft_wrap=True,
+        markup=False,
     )
 
 

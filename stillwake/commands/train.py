@@ -104,7 +104,7 @@ def train(
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
     found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
     console.print(f"sensors: {', '.join(trained.sensors)}   {found}")
-    console.print(f"wrote {output}")
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
 def _check_recording(path: Path, chosen: Sequence[str] | None) -> None:
