@@ -9,7 +9,8 @@
     sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
-A model of the first schema has no layout: it is the truck's. Tensors are arrays here: `train` makes networks of them, `export` a controller program.
+A model of the first schema has no layout: it is the truck's. Tensors are arrays here: `train` makes networks of them,
+`export` a controller program.
 """
 
 import hashlib
