@@ -1,8 +1,8 @@
 """Everything about a data set that training or export would stumble over, found before either begins."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -57,6 +57,12 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
     ]
     order = ("training", "export", None)
     return tuple(sorted(found, key=lambda item: order.index(item.stops)))
+
+
+def agreeing(dataset: Dataset, config: Config) -> Config:
+    """The settings with the facts that the data set knows."""
+    known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
+    return replace(config, flow=replace(config.flow, **known))
 
 
 def refuse_unfit(found: Sequence[Finding], name: str) -> None:
@@ -227,7 +233,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
     training = [item for item in dataset.episodes if item.role == "train"]
     limit = dataset.plant.action_limit or config.flow.action_limit
     window = config.model.window
-    if training and max(_longest_run(np.abs(item.series["action"]) <= QUIET * limit) for item in training) < window:
+    if training and max(longest_run(np.abs(item.series["action"]) <= QUIET * limit)[1] for item in training) < window:
         yield Finding(
             stops=None,
             text=f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
@@ -235,7 +241,11 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
         )
 
 
-def _longest_run(quiet: Mask) -> int:
-    """Length of the longest stretch of True."""
+def longest_run(quiet: Mask) -> tuple[int, int]:
+    """Start and length of the longest stretch of True; (0, 0) if there is none."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    lengths = edges[1::2] - edges[::2]
+    if not lengths.size:
+        return 0, 0
+    longest = int(lengths.argmax())
+    return int(edges[2 * longest]), int(lengths[longest])

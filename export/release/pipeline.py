@@ -55,8 +55,8 @@ def calibration_windows(
 ) -> list[Array]:
     """Windows (L, S+1) of the last episode of every kind of forcing: what a controller meets differs between them.
 
-    About `CALIBRATION_WINDOWS` of them, or all there are. Episodes without `LEAST_CALIBRATION` windows are left out; one
-    whose provenance names no kind of forcing is of its own kind.
+    About `CALIBRATION_WINDOWS` of them, or all there are. Episodes without `LEAST_CALIBRATION` windows are left out.
+    An episode whose provenance names no kind of forcing is of its own kind.
 
     Raises:
         ExportError: all episodes are too short; the message names the longest.
@@ -70,8 +70,9 @@ def calibration_windows(
     if not last:
         longest = max(episodes, key=len)
         raise ExportError(
-            f"training episodes are too short to calibrate int8: the longest, {longest.name}, has {len(longest)} steps, "
-            f"{LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; --precision float32 needs none"
+            f"training episodes are too short to calibrate int8: the longest, {longest.name}, has {len(longest)} "
+            f"steps, {LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; "
+            f"--precision float32 needs none"
         )
     found: list[Array] = []
     for item in last:
