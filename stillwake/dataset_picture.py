@@ -30,7 +30,7 @@ def draw(dataset: Dataset, path: Path) -> None:
         for name, at in zip(layout.names, layout.positions, strict=True):
             places.annotate(name, (at[0], at[1]), xytext=(3, 3), textcoords="offset points", fontsize=7)
     places.set(xlabel="x / W", ylabel="y / W", aspect="equal", title=f"{len(layout)} sensors")
-    places.legend()
+    places.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
     shown = slice(0, _STEPS)
     t = first.series["t"][shown]
     for axis, name in zip(axes[1:], ("action", "Cd", "Cl"), strict=True):
