@@ -53,9 +53,7 @@ def series(steps: int, seed: int, *, forced: bool = True) -> dict[str, Array]:
 
 def write_sensors(path: Path) -> Path:
     """sensors.csv."""
-    rows = [
-        f"{name},{x},{y},{int(name in BASE)}" for name, (x, y) in zip(NAMES, POSITIONS, strict=True)
-    ]
+    rows = [f"{name},{x},{y},{int(name in BASE)}" for name, (x, y) in zip(NAMES, POSITIONS, strict=True)]
     path.write_text("\n".join(["name,x,y,base", *rows]) + "\n", encoding="utf-8")
     return path
 

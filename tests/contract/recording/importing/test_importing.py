@@ -65,9 +65,7 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     st.lists(
-        st.tuples(
-            st.floats(-LIMIT, LIMIT), st.floats(-100, 100), st.floats(-1, 1), *(st.floats(-4, 4) for _ in NAMES)
-        ),
+        st.tuples(st.floats(-LIMIT, LIMIT), st.floats(-100, 100), st.floats(-1, 1), *(st.floats(-4, 4) for _ in NAMES)),
         min_size=1,
         max_size=12,
     )
@@ -163,7 +161,10 @@ T = PERIOD * np.arange(20)
         (changed(Cd=np.zeros(19)), r"'Cd' has shape \(19,\), must be \(20,\)"),
         (changed(Cp=np.zeros((7, 20))), r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
         (changed(Cp=np.zeros(20)), r"array 'Cp' has shape \(20,\), must be \(steps, sensors\)"),
-        (changed(Cp=np.where(T[:, None] > 5, np.inf, np.ones(7))), "'Cp' holds .* not finite, first at step 17, column 0"),
+        (
+            changed(Cp=np.where(T[:, None] > 5, np.inf, np.ones(7))),
+            "'Cp' holds .* not finite, first at step 17, column 0",
+        ),
         (changed(Cp=500.0 * np.ones((20, 7))), "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
         (changed(Cl=np.linspace(0, 200, 20)), "'Cl' reaches 200"),
         (changed(action=np.linspace(0, 0.4, 20)), r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
