@@ -48,16 +48,16 @@ lint: $(VENV)/dev.stamp
 
 # From the shipped recording to a bundle of the shipped kind, then the loop with it.
 retrain: $(VENV)/dev.stamp
-	$(BIN)/stillwake train runs/model
-	$(BIN)/stillwake export runs/model runs/bundle
+	$(BIN)/stillwake train runs/model --overwrite
+	$(BIN)/stillwake export runs/model runs/bundle --overwrite
 	$(BIN)/stillwake run runs/retrained --bundle runs/bundle
 
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --json results/demo.json
 	$(BIN)/stillwake run runs/limits --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
-	$(BIN)/stillwake train runs/model
-	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
+	$(BIN)/stillwake train runs/model --overwrite
+	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15 --overwrite
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \

@@ -9,8 +9,16 @@ class ConfigError(StillwakeError):
     """A configuration value outside its range, or a key that does not exist."""
 
 
+class OutputError(StillwakeError):
+    """Something is in the place of a result, and the user did not ask to replace it."""
+
+
 class DatasetError(StillwakeError):
     """A dataset that does not follow the schema."""
+
+
+class TrainingError(StillwakeError):
+    """A training that does not converge with its settings."""
 
 
 class ModelError(StillwakeError):

@@ -1,11 +1,9 @@
 """From a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
 
 import hashlib
-import json
 import platform
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,11 +11,10 @@ import torch
 
 from contract import model_folder
 from contract.config.tree import Config
-from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.recording.findings import findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
-from train import checkpoint, model_store
+from train import checkpoint, model_store, unfinished
 from train.distil import distil
 from train.distil_predictor import distil_predictor
 from train.evaluate import evaluate_model
@@ -33,6 +30,7 @@ from train.selection.hand_choice import select_by_hand
 from train.selection.methods import select
 from train.selection.ranking import Ranking
 from train.selection.shap_ranking import ShapRanker, rank
+from train.unfinished import Identity
 
 
 def train_all(
@@ -42,7 +40,7 @@ def train_all(
     *,
     progress: Progress = silent,
     device: str = "cpu",
-    resume: bool = False,
+    resume: bool = True,
     chosen: Sequence[str] | None = None,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
@@ -50,12 +48,13 @@ def train_all(
 
     Episodes and their mirror images are learned from, where the recording's sensors have such; else the episodes alone.
 
-    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored.
+    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored. A model
+    that is at `output` is replaced when the new one is whole.
 
     Args:
         progress: called from every phase; see `train.progress.Progress`.
         device: "cpu" or "cuda".
-        resume: continue an interrupted run of the same settings and recording; without one, start.
+        resume: continue an interrupted run of the same settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
         notice: called with a line for every training episode that is left out because it is too short.
 
@@ -66,6 +65,7 @@ def train_all(
         DatasetError: unreadable or unsuitable recording (`contract.recording.findings`: too short, constant signal,
             another control period, action limit or Reynolds number than `config.flow`), or another one's checkpoint.
         ConfigError: unknown device, CUDA absent, unknown or repeated sensor, or another configuration's checkpoint.
+        TrainingError: if the loss does not stay finite.
         StillwakeError: if `output` cannot be written.
     """
     where = device_named(device)
@@ -82,7 +82,7 @@ def train_all(
     scaling = fit_scaling(episodes, layout)
     train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
     test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
-    checkpoints = Checkpoints(folder=_folder(output), identity=_identity(config, digest, device, chosen), resume=resume)
+    checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen), resume)
 
     rows = train_rows.to(where)
     teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
@@ -124,24 +124,12 @@ def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str]
         select_by_hand(config.train.sensors, layout)
 
 
-def _folder(output: Path) -> Path:
-    folder = output.with_name(f"{output.name}.checkpoints")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StillwakeError(f"cannot write {folder}: {error.strerror or error}") from error
-    return folder
-
-
-def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | None) -> checkpoint.Identity:
-    settings = {
-        "model": asdict(config.model),
-        "train": asdict(config.train),
-        "horizon": config.mpc.horizon,
-        "device": device,
-        "chosen": None if chosen is None else list(chosen),
-    }
-    return checkpoint.Identity(settings=json.dumps(settings, sort_keys=True), dataset_sha256=digest)
+def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
+    folder = unfinished.folder_of(output)
+    if not resume:
+        unfinished.clear(folder)
+    unfinished.check(folder, identity)
+    return Checkpoints(folder=folder, identity=identity, resume=True)
 
 
 def _choice(

@@ -36,6 +36,9 @@ from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
 
+PHASES: Final = ("read", "round weights", "lower and gate", "write")
+"""Of an export, in order."""
+
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
     """Every figure of every gate by its name."""
@@ -106,6 +109,7 @@ def export_all(
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     notice: Callable[[str], None] = lambda line: None,
+    phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
     """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
 
@@ -118,6 +122,7 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         notice: called with a line if the recording is not the model's.
+        phase: called with each of `PHASES` when it begins.
 
     Raises:
         ModelError: the model directory is not sound.
@@ -133,6 +138,7 @@ def export_all(
     bundle.check_replaceable(output)
     if c_folder is not None:
         c_folder_format.check_replaceable(c_folder)
+    phase("read")
     trained = model_folder.read(model)
     _check_settings(trained.description, config)
     program = program_of(trained, config.mpc)
@@ -142,9 +148,12 @@ def export_all(
     if precision == "int8":
         calibration = calibration_windows(program, episodes.with_role("train"), episodes.layout)
 
+    phase("round weights")
     rounded = rounded_on(program, calibration) if precision == "int8" else program
+    phase("lower and gate")
     gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
 
+    phase("write")
     if c_folder is not None:
         write_c_release(c_folder, gated, windows)
     write_release(

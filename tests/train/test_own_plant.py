@@ -1,5 +1,6 @@
 """A plant of seven sensors without mirror images: rows, scaling and selection know nothing of the truck."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
 from train.model import WakeModel
 from train.pipeline import train_all
+from train.progress import Phase
 from train.rows import Rows, prepare
 from train.scaling import fit_scaling
 from train.selection.hand_choice import select_by_hand
@@ -109,7 +111,7 @@ def test_by_hand_goes_outward_from_the_rear_corners_of_any_symmetric_body() -> N
     assert order == ["roof", "floor", "top", "bottom", "centre", "nose"]
 
 
-def never(*progress: Any) -> None:
+def never(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
     raise AssertionError("training started")
 
 

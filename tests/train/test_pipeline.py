@@ -16,7 +16,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, ModelError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
-from train import model_store
+from train import model_store, unfinished
 from train.distil import encode_all
 from train.evaluate import evaluate
 from train.pipeline import train_all
@@ -89,7 +89,7 @@ def test_an_interrupted_run_goes_on_to_the_same_model(
         train_all(recording, small_config, output, progress=interrupt)
     assert not output.exists()
     phases = []
-    train_all(recording, small_config, output, resume=True, progress=lambda *args: phases.append(args[0]))
+    train_all(recording, small_config, output, progress=lambda *args: phases.append(args[0]))
     assert "fit" not in phases
     assert ("rank" in phases) == (reached == "rank")
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
@@ -113,7 +113,7 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
         train_all(recording, config, tmp_path / "resumed", progress=interrupt)
     phases.clear()
     resumed = tmp_path / "resumed"
-    train_all(recording, config, resumed, resume=True, progress=lambda *args: phases.append(args[0]))
+    train_all(recording, config, resumed, progress=lambda *args: phases.append(args[0]))
     assert not {"fit", "select"} & set(phases)
     assert (resumed / "model.safetensors").read_bytes() == (tmp_path / "whole" / "model.safetensors").read_bytes()
 
@@ -126,8 +126,16 @@ def test_a_resume_under_other_settings_is_refused(recording: Path, small_config:
     with pytest.raises(KeyboardInterrupt):
         train_all(recording, small_config, tmp_path / "model", progress=interrupt)
     other = replace(small_config, train=replace(small_config.train, seed=5))
-    with pytest.raises(ConfigError, match="made with other settings"):
-        train_all(recording, other, tmp_path / "model", resume=True)
+    message = r"model\.checkpoints holds an unfinished training with train\.seed = 0, not 5: .* --restart"
+    with pytest.raises(ConfigError, match=message):
+        train_all(recording, other, tmp_path / "model")
+    reached = unfinished.reached(tmp_path / "model.checkpoints")
+    assert reached is not None
+    assert (reached.phase, reached.step) == (Phase.FIT, reached.total)
+    phases: list[Phase] = []
+    train_all(recording, other, tmp_path / "model", resume=False, progress=lambda *args: phases.append(args[0]))
+    assert "fit" in phases
+    assert [item.name for item in tmp_path.iterdir()] == ["model"]
 
 
 def test_chosen_sensors_replace_the_ranking_s(recording: Path, small_config: Config, tmp_path: Path) -> None:

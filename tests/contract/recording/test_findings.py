@@ -1,7 +1,6 @@
 """What training or export would stumble over is found beforehand, each thing by itself and all at once."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from contract.recording.findings import agreeing, findings, left_out, longest_ru
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from wake.shipped import RECORDING
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
@@ -208,5 +208,5 @@ def test_the_longest_stretch():
 
 
 def test_the_shipped_recording_is_sound():
-    path = Path(__file__).resolve().parents[3] / "wake" / "data" / "recording.h5"
-    assert findings(dataset.read(path), Config()) == ()
+
+    assert findings(dataset.read(RECORDING), Config()) == ()
