@@ -73,7 +73,8 @@ def refuse_unfit(found: Sequence[Finding], name: str) -> None:
     """
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
-        more = f" (and {len(stopping) - 1} more: see `stillwake dataset check {name}` with the same settings)" if len(stopping) > 1 else ""
+        others = f" (and {len(stopping) - 1} more: see `stillwake dataset check {name}` with the same settings)"
+        more = others if len(stopping) > 1 else ""
         raise DatasetError(f"{name}: {stopping[0]}{more}")
 
 
