@@ -25,7 +25,7 @@ def model(tmp_path: Path) -> Path:
     """What `export` reads of a model before it loads torch."""
     folder = tmp_path / "model"
     folder.mkdir()
-    names = ("scaling", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
+    names = ("scaling", "layout", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
     body = {"schema": SCHEMA, "config": to_tree(MODEL), **dict.fromkeys(names)}
     (folder / DESCRIPTION).write_text(json.dumps(body))
     return folder
