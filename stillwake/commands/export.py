@@ -12,7 +12,7 @@ from contract.config.loading import load_config
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
-from wake.shipped import RECORDING
+from wake.shipped import recording
 
 
 def export(
@@ -39,7 +39,7 @@ def export(
         output,
         precision=precision,
         name=name,
-        recording=RECORDING if dataset is None else dataset,
+        recording=recording() if dataset is None else dataset,
         config=load_config(config_file, overrides),
         c_folder=c_folder,
         created=date.today(),

@@ -13,7 +13,7 @@ from rich.table import Table
 from contract.config.loading import load_config, to_tree
 from contract.results import write_result
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from wake.shipped import RECORDING
+from wake.shipped import recording
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, which the other commands need not wait for.
@@ -68,7 +68,7 @@ def train(
             bar.update(tasks[phase], completed=step, note=note)
 
         trained = train_all(
-            RECORDING if dataset is None else dataset,
+            recording() if dataset is None else dataset,
             config,
             output,
             progress=show,

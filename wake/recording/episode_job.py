@@ -17,7 +17,7 @@ from wake.recording.blocks import EpisodeBlocks, Series
 from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
 from wake.recording.parts_folder import PartsFolder, differing
 from wake.recording.plan import Plan
-from wake.shipped import DEVELOPED
+from wake.shipped import developed
 from wake.solver.grid import truck_grid
 from wake.truck.sample import Sample
 from wake.truck.state import developed_state
@@ -108,8 +108,8 @@ def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]
         "flow": asdict(config.flow),
         "forcing": asdict(config.forcing),
         "grid": list(truck_grid().shape),
-        "start": f"wake/data/{DEVELOPED.name}",
-        "start_sha256": hashlib.sha256(DEVELOPED.read_bytes()).hexdigest(),
+        "start": "wake/data/developed.npz",
+        "start_sha256": hashlib.sha256(developed().read_bytes()).hexdigest(),
         "versions": {
             "python": platform.python_version(),
             **versions("stillwake", "numpy", "numba", "scipy", *packages),

@@ -1,5 +1,7 @@
 """What a controller's graph may hold, against graphs that the `onnx` package makes."""
 
+from typing import Any
+
 import numpy as np
 import onnx
 import pytest
