@@ -1,8 +1,9 @@
 """Fields of a protobuf message (the wire format of https://protobuf.dev/programming-guides/encoding), read strictly.
 
-An own reader, because a vehicle's install has none: `onnx` and `protobuf` come with the training extra only, and
-ONNX Runtime shows nothing of a graph but its inputs and outputs. It reads what a schema names and refuses everything
-else; a singular field that is there twice is refused too, because readers merge the two, each in its way.
+An own reader, because nothing on a vehicle reads a graph: `onnx` comes with the training extra only, and ONNX Runtime
+shows nothing of a graph but its inputs and outputs. The `protobuf` package, which it brings along, would need ONNX's
+schema and reads leniently: it keeps what it does not know and merges what is there twice. This reader takes what a
+schema names and refuses everything else, so that no second reader finds something other in the same bytes.
 """
 
 from collections.abc import Iterator, Mapping
