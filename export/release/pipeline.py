@@ -163,9 +163,16 @@ def export_all(
         created=created,
         vehicle=Vehicle.of(config),
         provenance=trained.provenance,
+        positions=_positions(trained.description),
         key=key,
     )
     return gated
+
+
+def _positions(model: Description) -> tuple[tuple[float, float], ...]:
+    """(x, y) of the controller's sensors, in their order."""
+    chosen = model.layout.positions[model.layout.indices(model.sensors)]
+    return tuple((float(x), float(y)) for x, y in chosen)
 
 
 def _check_settings(model: Description, config: Config) -> None:

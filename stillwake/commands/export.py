@@ -19,7 +19,7 @@ from contract.results import write_result
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from wake.shipped import RECORDING
+from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings of a release that its model does not fix."""
@@ -63,7 +63,7 @@ def export(
             output,
             precision=precision,
             name=name,
-            recording=RECORDING if dataset is None else dataset,
+            recording=recording() if dataset is None else dataset,
             config=config,
             c_folder=c_folder,
             created=date.today(),

@@ -25,7 +25,7 @@ from stillwake.stopping import go_on_with
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 from train import unfinished
 from train.progress import Phase
-from wake.shipped import RECORDING
+from wake.shipped import recording as shipped_recording
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, which the other commands need not wait for.
@@ -59,7 +59,7 @@ def train(
     """
     del resume  # It was needed to continue a training; now every call does.
     config = settings("train", config_file, overrides, uses=USES).config
-    recording = RECORDING if dataset is None else dataset
+    recording = shipped_recording() if dataset is None else dataset
     chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
     check_writable(output, folder=True)
     check_free(output)
