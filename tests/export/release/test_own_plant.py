@@ -154,7 +154,8 @@ def other_recording(folder: Path, layout: SensorLayout) -> Path:
 
 
 def test_another_recording_is_taken_if_it_is_named_and_said(export: Export, tmp_path: Path) -> None:
-    other, lines = other_recording(tmp_path, LAYOUT), []
+    other = other_recording(tmp_path, LAYOUT)
+    lines: list[str] = []
     with pytest.raises(ExportError, match=r"other\.h5 .* is not the recording that the model .* with --dataset"):
         export(recording=other, named=False)
     assert not (tmp_path / "bundle").exists()
