@@ -41,6 +41,10 @@ class BundleFileError(BundleError):
     """A file that is missing, altered, or not in the manifest, or a DBC that is not this version's."""
 
 
+class BundleControllerError(BundleError):
+    """A `controller.onnx` that is not run: no graph of a control step, other inputs or outputs, or too slow."""
+
+
 class BundleSignatureError(BundleError):
     """A signature that is malformed, or not of this manifest."""
 

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 import typer
 from rich.table import Table
 
+from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
@@ -18,7 +19,7 @@ from contract.results import write_result
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from wake.shipped import RECORDING
+from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings of a release that its model does not fix."""
@@ -62,11 +63,13 @@ def export(
             output,
             precision=precision,
             name=name,
-            recording=RECORDING if dataset is None else dataset,
+            recording=recording() if dataset is None else dataset,
             config=config,
             c_folder=c_folder,
             created=date.today(),
             key=signing_key,
+            named=dataset is not None,
+            notice=console.print,
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
@@ -77,6 +80,13 @@ def export(
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
+    sensors = len(done.lowered.effective.sensors)
+    if sensors != SENSORS:
+        console.print(
+            f"{sensors} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
+            f"the C library and the ONNX graph work with any number",
+            soft_wrap=True,
+        )
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
         console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)

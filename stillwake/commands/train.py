@@ -14,18 +14,16 @@ from rich.table import Table
 
 from contract.atomic import check_writable
 from contract.config.loading import to_tree
+from contract.config.tree import Config
 from contract.model_folder import check_free
-from contract.recording.dataset import read
 from contract.results import write_result
-from contract.sensor_layout import SensorLayout
-from contract.sensors import TRUCK
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.settings import settings
 from stillwake.stopping import go_on_with
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 from train import unfinished
 from train.progress import Phase
-from wake.shipped import RECORDING
+from wake.shipped import recording as shipped_recording
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, which the other commands need not wait for.
@@ -59,14 +57,14 @@ def train(
     """
     del resume  # It was needed to continue a training; now every call does.
     config = settings("train", config_file, overrides, uses=USES).config
-    recording = RECORDING if dataset is None else dataset
+    recording = shipped_recording() if dataset is None else dataset
     chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
     check_writable(output, folder=True)
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
     check_writable(unfinished.folder_of(output), folder=True)
     check_json(json_file)
-    _check_recording(recording, chosen)
+    _check_recording(recording, config, chosen)
     checkpoints = unfinished.folder_of(output)
     if not restart:
         identity = unfinished.Identity.of(config, sha256(recording.read_bytes()).hexdigest(), device, chosen)
@@ -86,7 +84,16 @@ def train(
             note = "  ".join(f"{name} {value:.4f}" for name, value in terms.items())
             bar.update(tasks[phase], completed=step, note=note)
 
-        trained = train_all(recording, config, output, progress=show, device=device, resume=not restart, chosen=chosen)
+        trained = train_all(
+            recording,
+            config,
+            output,
+            progress=show,
+            device=device,
+            resume=not restart,
+            chosen=chosen,
+            notice=console.print,
+        )
     console.print(_metrics_table(trained.metrics))
     stable = trained.ranking.stable or {}
     if json_file is not None:
@@ -107,14 +114,16 @@ def train(
     console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
-def _check_recording(path: Path, chosen: Sequence[str] | None) -> None:
+def _check_recording(path: Path, config: Config, chosen: Sequence[str] | None) -> None:
     """Refuse what needs no torch to be seen, before that is loaded."""
+    # A vehicle's installation has no HDF5, and starts without.
+    from contract.recording.dataset import read
+    from contract.recording.findings import findings, refuse_unfit
+
     recording = read(path)
-    for role in ("train", "test"):
-        recording.with_role(role)
     if chosen is not None:
-        layout: SensorLayout = getattr(recording, "layout", TRUCK)
-        layout.indices(chosen)
+        recording.layout.indices(chosen)
+    refuse_unfit(findings(recording, config, choosing=chosen is None), str(path))
 
 
 @contextmanager

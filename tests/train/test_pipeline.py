@@ -67,11 +67,11 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
 
 def test_the_description_is_plain_json_with_the_fields_the_export_reads(stored: Path) -> None:
     body = json.loads((stored / "model.json").read_text())
-    assert body["schema"] == "stillwake-model/1"
+    assert body["schema"] == "stillwake-model/2"
     assert len(body["scaling"]["pressure_mean"]) == len(body["scaling"]["pressure_std"]) == 90
     assert len(body["scaling"]["force_mean"]) == len(body["scaling"]["force_std"]) == 2
     assert set(body) == {
-        *("schema", "config", "scaling", "sensors", "dataset_sha256", "weights_sha256"),
+        *("schema", "config", "scaling", "layout", "sensors", "dataset_sha256", "weights_sha256"),
         *("metrics", "ranking", "versions"),
     }
 
@@ -163,7 +163,7 @@ def test_what_cannot_be_trained_is_refused_before_training(
     refused(ConfigError, "unknown sensor 'roof_1'", recording, small_config, chosen=["roof_1"])
     refused(ConfigError, "train.sensors = 91: must be from 1 to 90", recording, settings(sensors=91))
     refused(DatasetError, "too few for 5000 samples", recording, settings(shap_explained=5000))
-    refused(DatasetError, "too short", recording, settings(unroll=70))
+    refused(DatasetError, "too short", recording, settings(unroll=400))
     if not torch.cuda.is_available():
         refused(ConfigError, "no CUDA", recording, small_config, device="cuda")
 
@@ -232,7 +232,7 @@ def test_an_altered_or_incomplete_model_is_refused(stored: Path) -> None:
 
     (stored / "model.safetensors").write_bytes(weights[:-1] + bytes([weights[-1] ^ 1]))
     refused("was altered")
-    (stored / "model.json").write_text(text.replace("stillwake-model/1", "stillwake-model/9"))
+    (stored / "model.json").write_text(text.replace("stillwake-model/2", "stillwake-model/9"))
     refused("schema 'stillwake-model/9'")
     (stored / "model.json").write_text(text.replace('"latent": 8', '"latent": 6'))
     refused(r"has shape .*, the configuration needs")

@@ -18,7 +18,7 @@ from wake.recording.blocks import EpisodeBlocks, Series
 from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
 from wake.recording.parts_folder import PartsFolder, differing
 from wake.recording.plan import Plan
-from wake.shipped import DEVELOPED
+from wake.shipped import developed
 from wake.solver.grid import truck_grid
 from wake.truck.sample import Sample
 from wake.truck.state import State, check_reynolds, developed_state, load_state
@@ -120,8 +120,8 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
         "forcing": asdict(config.forcing),
         "grid": list(truck_grid().shape),
         # The path is of one machine: name and hash tell which state it was.
-        "start": f"wake/data/{DEVELOPED.name}" if start is None else start.name,
-        "start_sha256": _sha256(DEVELOPED if start is None else start),
+        "start": "wake/data/developed.npz" if start is None else start.name,
+        "start_sha256": _sha256(developed() if start is None else start),
         "versions": {
             "python": platform.python_version(),
             **versions("stillwake", "numpy", "numba", "scipy", *packages),

@@ -11,7 +11,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
-from wake.shipped import DEVELOPED
+from wake.shipped import developed
 
 STATE_SCHEMA: Final = "stillwake-flow/2"
 
@@ -108,4 +108,4 @@ def load_state(path: Path) -> State:
 
 def developed_state() -> State:
     """The shipped start: shedding established, no action."""
-    return load_state(DEVELOPED)
+    return load_state(developed())

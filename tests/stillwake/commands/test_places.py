@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +26,7 @@ def model(tmp_path: Path) -> Path:
     """What `export` reads of a model before it loads torch."""
     folder = tmp_path / "model"
     folder.mkdir()
-    names = ("scaling", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
+    names = ("scaling", "layout", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
     body = {"schema": SCHEMA, "config": to_tree(MODEL), **dict.fromkeys(names)}
     (folder / DESCRIPTION).write_text(json.dumps(body))
     return folder
@@ -221,3 +222,9 @@ def test_a_state_of_another_kind_is_named_without_advice_to_unpickle_it(
     state.write_bytes(content)
     line = refused("picture", "vorticity", tmp_path / "a.png", "--state", state)
     assert line == f"error: {state}: not a flow state (another kind of file, or damaged)\n"
+
+
+@pytest.mark.parametrize("extra", ["h5py", "torch", "numba", "scipy", "matplotlib", "distributed"])
+def test_the_command_line_starts_without_what_a_vehicle_does_not_install(extra: str) -> None:
+    script = f"import sys; sys.modules[{extra!r}] = None; import stillwake.__main__"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
