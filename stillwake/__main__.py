@@ -13,6 +13,7 @@ from rich.console import Console
 
 from contract.errors import StillwakeError
 from stillwake.commands.bundle import bundle
+from stillwake.commands.dataset import dataset
 from stillwake.commands.export import export, mcu
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
@@ -32,7 +33,7 @@ def _root() -> None:
 
 for command in (record, train, export, mcu, run, report, develop, steady, animate):
     app.command()(command)
-for name, group in {"bundle": bundle, "picture": picture}.items():
+for name, group in {"bundle": bundle, "dataset": dataset, "picture": picture}.items():
     app.add_typer(group, name=name)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from rich.markup import escape
 
 from contract.release import bundle as bundles
 from contract.release import signing
@@ -34,11 +35,11 @@ def open_release(path: Path | None, trust: str | None) -> Bundle:
 
 
 def describe(release: Bundle) -> list[str]:
-    """Lines for people when a bundle is opened: its name and sensors, and what its signature is worth."""
+    """Lines for rich when a bundle is opened: its name and sensors, and what its signature is worth."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [
-        f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}",
+        escape(f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}"),
         signature(release) if vouched_for else f"[yellow]warning: {signature(release)}[/]",
     ]
 
