@@ -15,6 +15,7 @@ def sound(tmp_path_factory) -> Sound:
     return Sound.make(tmp_path_factory.mktemp("sound"))
 
 
+@pytest.mark.slow  # It reads some thousand bundles.
 def test_every_damaged_input_is_refused_by_name_or_harmless(sound, tmp_path):
     tally = Tally()
     for number in range(CASES):
