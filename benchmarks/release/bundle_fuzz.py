@@ -14,7 +14,11 @@ import resource
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
 from random import Random
 from time import perf_counter
@@ -42,6 +46,8 @@ from stillwake.shipped import BUNDLE
 
 KINDS: Final = {"zip": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
 """Shares of the cases."""
+PIECE: Final = 1000
+"""Cases that a process runs at a time."""
 MODEL: Final = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)
 MPC: Final = MpcConfig(horizon=4, iterations=2)
 
@@ -79,6 +85,18 @@ class Tally:
     refused: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     accepted: Counter[str] = field(default_factory=Counter)
     slowest: dict[str, float] = field(default_factory=dict)
+    max_rss_mb: float = 0.0
+    max_rss_before_mb: float = 0.0
+
+    def add(self, other: "Tally") -> None:
+        """Count another one's cases, too."""
+        for kind, errors in other.refused.items():
+            self.refused[kind] += errors
+        self.accepted += other.accepted
+        for kind, seconds in other.slowest.items():
+            self.slowest[kind] = max(self.slowest.get(kind, 0.0), seconds)
+        self.max_rss_mb = max(self.max_rss_mb, other.max_rss_mb)
+        self.max_rss_before_mb = max(self.max_rss_before_mb, other.max_rss_before_mb)
 
     def figures(self) -> dict[str, Any]:
         """By kind: cases, how many were accepted and refused, the latter by error, and the slowest one's seconds."""
@@ -96,7 +114,8 @@ class Tally:
             "kinds": kinds,
             "cases": sum(item["cases"] for item in kinds.values()),
             "slowest_s": max(self.slowest.values()),
-            "max_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "max_rss_mb": self.max_rss_mb,
+            "max_rss_before_mb": self.max_rss_before_mb,
         }
 
 
@@ -104,22 +123,47 @@ def main(
     json_file: JsonFile = None,
     cases: Annotated[int, typer.Option(help="Damaged inputs, of all kinds together.", min=1)] = 100_000,
     seed: Annotated[int, typer.Option(help="Of all of them.")] = 0,
+    workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 1,
 ) -> None:
     """Make them, have them read, and print what became of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        sound = Sound.make(Path(folder))
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        tally = Tally()
-        for number in track(range(cases), "cases", console=progress):
-            run_case(Path(folder), sound, seed, number, tally)
-    figures = {**tally.figures(), "max_rss_before_mb": before}
+    tally = Tally()
+    pieces = [range(start, min(start + PIECE, cases)) for start in range(0, cases, PIECE)]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        parts = pool.map(run_cases, repeat(seed), pieces)
+        for part in track(parts, "cases", total=len(pieces), console=progress):
+            tally.add(part)
+    figures = tally.figures()
     table = Table("damaged", "cases", "accepted", "refused", "slowest, ms")
     for kind, row in figures["kinds"].items():
         refused = sum(row["refused"].values())
         table.add_row(kind, str(row["cases"]), str(row["accepted"]), str(refused), f"{1e3 * row['slowest_s']:.0f}")
     console.print(table)
+    before = figures["max_rss_before_mb"]
     console.print(f"largest memory {figures['max_rss_mb']:.0f} MB, {before:.0f} MB of it before the first case")
     save(json_file, figures=figures, facts={"seed": seed, "versions": versions("stillwake", "numpy", "onnxruntime")})
+
+
+@cache
+def _sound() -> tuple[Sound, float]:
+    """Of this process, and its memory before the first case in MB."""
+    with tempfile.TemporaryDirectory() as folder:
+        sound = Sound.make(Path(folder))
+    return sound, _memory_mb()
+
+
+def _memory_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def run_cases(seed: int, numbers: range) -> Tally:
+    """Run some cases; raises as `run_case` does."""
+    sound, before = _sound()
+    tally = Tally(max_rss_before_mb=before)
+    with tempfile.TemporaryDirectory() as folder:
+        for number in numbers:
+            run_case(Path(folder), sound, seed, number, tally)
+    tally.max_rss_mb = _memory_mb()
+    return tally
 
 
 def run_case(folder: Path, sound: Sound, seed: int, number: int, tally: Tally) -> None:
