@@ -47,6 +47,7 @@ MEASUREMENTS: Final = {
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
+    "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }
 PAGES: Final = {

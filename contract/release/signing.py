@@ -29,6 +29,20 @@ PRIVATE_KEY: Final = "release.key"
 PUBLIC_KEY: Final = "release.pub"
 
 _TEXT: Final = re.compile(rb"stillwake-signature/1\nkey ([0-9a-f]{64})\nsignature ([0-9a-f]{128})\n")
+_SMALL_ORDER: Final = frozenset(
+    bytes.fromhex(key)
+    for key in (
+        "00" * 32,
+        "01" + "00" * 31,
+        "26e8958fc2b227b045c3f489f2ef98f0d5dfac05d3c63339b13802886d53fc05",
+        "c7176a703d4dd84fba3c0b760d10670f2a2053fa2c39ccc64ec7fd7792ac037a",
+        "ec" + "ff" * 30 + "7f",
+        "ed" + "ff" * 30 + "7f",
+        "ee" + "ff" * 30 + "7f",
+    )
+)
+"""Points that eight times are nothing, by their y, the last two not reduced. A "signature" by one of them is good for
+any text, so none of them is anyone's key (RFC 8032, section 8.8; the list is libsodium's)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 
@@ -63,6 +77,8 @@ def signer(signature: bytes, data: bytes) -> PublicKey | None:
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
     raw, value = (bytes.fromhex(part.decode()) for part in match.groups())
+    if _is_of_small_order(raw):
+        return None
     try:
         Ed25519PublicKey.from_public_bytes(raw).verify(value, data)
     except (InvalidSignature, ValueError):
@@ -132,7 +148,14 @@ def _parse_public(name: str, content: bytes) -> PublicKey:
         raise KeyFileError(f"key {name}: not a public key in PEM") from error
     if not isinstance(key, Ed25519PublicKey):
         raise KeyFileError(f"key {name}: must be an Ed25519 key")
+    if _is_of_small_order(key.public_bytes_raw()):
+        raise KeyFileError(f"key {name}: is of small order: anyone can sign anything for it")
     return PublicKey(key.public_bytes_raw())
+
+
+def _is_of_small_order(raw: bytes) -> bool:
+    """Whether a key is one of those, whatever the sign of its x."""
+    return bytes([*raw[:31], raw[31] & 0x7F]) in _SMALL_ORDER
 
 
 def _read(path: Path) -> bytes:

@@ -96,8 +96,8 @@ def test_named_commands_exist(page):
 def test_the_installs_carry_what_the_project_declares():
     rows = (ROOT / "docs" / "reference" / "installs.md").read_text(encoding="utf-8").splitlines()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = {f"`stillwake[{extra}]`": names for extra, names in project["optional-dependencies"].items()}
-    for install, requirements in {"`pip install stillwake`": project["dependencies"], **extras}.items():
+    extras = {f"`.[{extra}]`": names for extra, names in project["optional-dependencies"].items()}
+    for install, requirements in {"`.`": project["dependencies"], **extras}.items():
         (row,) = (row for row in rows if row.startswith(f"| {install} |"))
         packages = {re.split(r"[^\w-]", requirement)[0] for requirement in requirements} - {"stillwake"}
         assert not {package for package in packages if package not in row}, f"{install}: the row lacks a package"

@@ -92,7 +92,7 @@ def test_any_name_is_read_as_it_was_written(text):
 @pytest.mark.parametrize("value", ["-1", "1.5", "x", "0x10", "9" * 10, "9" * 5000, '"3"x', "\x1b[2J"])
 def test_a_size_that_is_none_is_named(value):
     settings = Settings(f"#define SW_WINDOW {value}\n".encode())
-    with pytest.raises(LibraryError, match="SW_WINDOW is .*: must be a whole number") as refused:
+    with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
         settings.number("SW_WINDOW")
     assert str(refused.value).isprintable()
 

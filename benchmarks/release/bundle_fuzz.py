@@ -1,0 +1,254 @@
+"""Damaged bundles, manifests, graphs and C headers by the thousand: each is refused by its name, or does no harm.
+
+    python -m benchmarks bundle-fuzz --cases 100000 --json results/bundle_fuzz.json
+
+Every case is made from a small sound release and a seed. It may end in two ways: in an error of the project's own, in
+one printable line; or accepted. What is accepted without a manifest of its own (zip, folder) must have the content that
+the sound bundle has. A manifest or a graph whose hashes were made right again is another one, which nobody signed: it
+must keep its rules, and a graph must answer in ONNX Runtime within its limits or be refused by name. Anything else ends
+the run with the case's number.
+"""
+
+import hashlib
+import resource
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import repeat
+from multiprocessing import get_context
+from pathlib import Path
+from random import Random
+from time import perf_counter
+from typing import Annotated, Any, Final
+
+import typer
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.release import damage
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.controller.c_folder import SETTINGS, Settings
+from contract.controller.onnx_session import OnnxController
+from contract.errors import StillwakeError
+from contract.release import bundle
+from contract.release.bundle import CONTROLLER, Bundle
+from contract.release.manifest import MANIFEST, Manifest
+from contract.results import versions
+from export.program.random_program import random_program
+from export.to_c.library import c_library
+from export.to_onnx.control_step import build_controller
+from stillwake.shipped import BUNDLE
+
+KINDS: Final = {"zip": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
+"""Shares of the cases."""
+PIECE: Final = 1000
+"""Cases that a process runs at a time."""
+MODEL: Final = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)
+MPC: Final = MpcConfig(horizon=4, iterations=2)
+
+
+class FuzzError(StillwakeError):
+    """A case that was neither refused by name nor harmless; the message has its number."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Sound:
+    """What all cases are made from: a bundle's files, and the header of a C library of the same program."""
+
+    files: Mapping[str, bytes]
+    header: bytes
+    manifest: Manifest
+
+    @classmethod
+    def make(cls, folder: Path) -> "Sound":
+        """A small release that nobody trained, with the shipped release's facts around it."""
+        program = random_program(0, model=MODEL, mpc=MPC)
+        shipped = bundle.load(BUNDLE).manifest
+        facts = {name: getattr(shipped, name) for name in vars(shipped)}
+        facts |= {"window": program.window, "sensors": program.sensors, "mpc": program.mpc, "scaling": program.scaling}
+        graph = build_controller(program).SerializeToString()
+        bundle.write(folder / "sound", Manifest(**{**facts, "precision": "float32"}), {CONTROLLER: graph})
+        loaded = bundle.load(folder / "sound")
+        files = {item.name: item.read_bytes() for item in (folder / "sound").iterdir()}
+        return cls(files=files, header=c_library(program)[SETTINGS], manifest=loaded.manifest)
+
+
+@dataclass(kw_only=True, eq=False)
+class Tally:
+    """What became of the cases so far; times in s of wall clock."""
+
+    refused: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    accepted: Counter[str] = field(default_factory=Counter)
+    slowest: dict[str, float] = field(default_factory=dict)
+    max_rss_mb: float = 0.0
+    max_rss_before_mb: float = 0.0
+
+    def add(self, other: "Tally") -> None:
+        """Count another one's cases, too."""
+        for kind, errors in other.refused.items():
+            self.refused[kind] += errors
+        self.accepted += other.accepted
+        for kind, seconds in other.slowest.items():
+            self.slowest[kind] = max(self.slowest.get(kind, 0.0), seconds)
+        self.max_rss_mb = max(self.max_rss_mb, other.max_rss_mb)
+        self.max_rss_before_mb = max(self.max_rss_before_mb, other.max_rss_before_mb)
+
+    def figures(self) -> dict[str, Any]:
+        """By kind: cases, how many were accepted and refused, the latter by error, and the slowest one's seconds."""
+        kinds = {
+            kind: {
+                "cases": self.accepted[kind] + self.refused[kind].total(),
+                "accepted": self.accepted[kind],
+                "refused": dict(self.refused[kind].most_common()),
+                "slowest_s": self.slowest[kind],
+            }
+            for kind in KINDS
+            if kind in self.slowest
+        }
+        return {
+            "kinds": kinds,
+            "cases": sum(item["cases"] for item in kinds.values()),
+            "slowest_s": max(self.slowest.values()),
+            "max_rss_mb": self.max_rss_mb,
+            "max_rss_before_mb": self.max_rss_before_mb,
+        }
+
+
+def main(
+    json_file: JsonFile = None,
+    cases: Annotated[int, typer.Option(help="Damaged inputs, of all kinds together.", min=1)] = 100_000,
+    seed: Annotated[int, typer.Option(help="Of all of them.")] = 0,
+    workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 1,
+) -> None:
+    """Make them, have them read, and print what became of them."""
+    tally = Tally()
+    pieces = [range(start, min(start + PIECE, cases)) for start in range(0, cases, PIECE)]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        parts = pool.map(run_cases, repeat(seed), pieces)
+        for part in track(parts, "cases", total=len(pieces), console=progress):
+            tally.add(part)
+    figures = tally.figures()
+    table = Table("damaged", "cases", "accepted", "refused", "slowest, ms")
+    for kind, row in figures["kinds"].items():
+        refused = sum(row["refused"].values())
+        table.add_row(kind, str(row["cases"]), str(row["accepted"]), str(refused), f"{1e3 * row['slowest_s']:.0f}")
+    console.print(table)
+    before = figures["max_rss_before_mb"]
+    console.print(f"largest memory {figures['max_rss_mb']:.0f} MB, {before:.0f} MB of it before the first case")
+    save(json_file, figures=figures, facts={"seed": seed, "versions": versions("stillwake", "numpy", "onnxruntime")})
+
+
+@cache
+def _sound() -> tuple[Sound, float]:
+    """Of this process, and its memory before the first case in MB."""
+    with tempfile.TemporaryDirectory() as folder:
+        sound = Sound.make(Path(folder))
+    return sound, _memory_mb()
+
+
+def _memory_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def run_cases(seed: int, numbers: range) -> Tally:
+    """Run some cases; raises as `run_case` does."""
+    sound, before = _sound()
+    tally = Tally(max_rss_before_mb=before)
+    with tempfile.TemporaryDirectory() as folder:
+        for number in numbers:
+            run_case(Path(folder), sound, seed, number, tally)
+    tally.max_rss_mb = _memory_mb()
+    return tally
+
+
+def run_case(folder: Path, sound: Sound, seed: int, number: int, tally: Tally) -> None:
+    """Make one case, have it read, and count it.
+
+    Raises:
+        FuzzError: it was accepted and should not have been, or the error is not one printable line.
+    """
+    # Not `hash`, which differs between processes.
+    rng = Random(int.from_bytes(hashlib.sha256(f"{seed} {number}".encode()).digest()[:8], "big"))
+    kind = rng.choices(list(KINDS), weights=list(KINDS.values()))[0]
+    read = _READERS[kind](folder, sound, rng)
+    began = perf_counter()
+    try:
+        read()
+    except StillwakeError as error:
+        if isinstance(error, FuzzError) or not str(error).isprintable():
+            raise FuzzError(f"case {number} of seed {seed}, {kind}: {error!r}") from error
+        tally.refused[kind][type(error).__name__] += 1
+    except Exception as error:
+        raise FuzzError(f"case {number} of seed {seed}, {kind}: {error!r}") from error
+    else:
+        tally.accepted[kind] += 1
+    tally.slowest[kind] = max(tally.slowest.get(kind, 0.0), perf_counter() - began)
+
+
+_Reader = Callable[[], object]
+
+
+def _zip(folder: Path, sound: Sound, rng: Random) -> _Reader:
+    path = folder / "damaged.zip"
+    path.write_bytes(damage.zip_of(rng, sound.files))
+    return lambda: _identical(bundle.load(path), sound)
+
+
+def _folder(folder: Path, sound: Sound, rng: Random) -> _Reader:
+    files = dict(sound.files)
+    name = rng.choice(sorted(files))
+    files[name] = damage.bytes_of(rng, files[name])
+    path = _written(folder, files)
+    return lambda: _identical(bundle.load(path), sound)
+
+
+def _manifest_bytes(folder: Path, sound: Sound, rng: Random) -> _Reader:
+    path = _written(folder, {**sound.files, MANIFEST: damage.bytes_of(rng, sound.files[MANIFEST])})
+    return lambda: _identical(bundle.load(path), sound)
+
+
+def _manifest_values(folder: Path, sound: Sound, rng: Random) -> _Reader:
+    path = _written(folder, {**sound.files, MANIFEST: damage.manifest_of(rng, sound.files[MANIFEST])})
+    return lambda: bundle.load(path)
+
+
+def _graph(folder: Path, sound: Sound, rng: Random) -> _Reader:
+    content = damage.bytes_of(rng, sound.files[CONTROLLER])
+    path = _written(folder, damage.with_controller(sound.files, CONTROLLER, content))
+    return lambda: OnnxController.of(bundle.load(path))
+
+
+def _header(folder: Path, sound: Sound, rng: Random) -> _Reader:
+    content = damage.bytes_of(rng, sound.header)
+    return lambda: _read_header(content)
+
+
+_READERS: Final[Mapping[str, Callable[[Path, Sound, Random], _Reader]]] = dict(
+    zip(KINDS, (_zip, _folder, _manifest_bytes, _manifest_values, _graph, _header), strict=True)
+)
+
+
+def _read_header(content: bytes) -> None:
+    settings = Settings(content)
+    settings.multiply_accumulates()
+    for name in ("SW_PROGRAM_SHA256", "SW_DBC_SHA256", "SW_SENSOR_NAMES", "SW_PRECISION"):
+        settings.text(name)
+
+
+def _written(folder: Path, files: Mapping[str, bytes]) -> Path:
+    path = folder / "damaged"
+    path.mkdir(exist_ok=True)
+    for name, content in files.items():
+        (path / name).write_bytes(content)
+    return path
+
+
+def _identical(found: Bundle, sound: Sound) -> None:
+    contents = {name: content for name, content in sound.files.items() if name != MANIFEST}
+    if (found.manifest, dict(found.files)) != (sound.manifest, contents):
+        raise FuzzError("accepted, though its content is another one")

@@ -1,0 +1,134 @@
+"""Damaged bundles and C headers, made from sound ones: what `bundle_fuzz` feeds to those who read them.
+
+Everything follows from a random generator and what is given, so that a case that is refused wrongly can be made again.
+"""
+
+import hashlib
+import io
+import json
+import struct
+import zipfile
+from collections.abc import Callable, Mapping
+from random import Random
+from typing import Any, Final
+
+MANIFEST: Final = "manifest.json"
+_NUMBERS: Final = (0, 1, 2, 45, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF)
+_SIGNATURES: Final = (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07", b"PK\x07\x08")
+_TEXTS: Final = ("", "x", "\x1b[2J", "\ud800", "[/x]", "a\nb", "../x", "\u202e", "1e999", "2026-W01-1", "y" * 5000)
+
+
+def bytes_of(rng: Random, sound: bytes) -> bytes:
+    """Bits flipped, bytes replaced, numbers overwritten, pieces cut out, doubled and put in, and the end cut off."""
+    content = bytearray(sound)
+    for _ in range(rng.choice((1, 1, 2, 4, 16))):
+        place = rng.randrange(len(content) + 1)
+        how = rng.randrange(7)
+        if how == 0 and place < len(content):
+            content[place] ^= 1 << rng.randrange(8)
+        elif how == 1 and place < len(content):
+            content[place] = rng.randrange(256)
+        elif how == 2:
+            form = rng.choice(("<H", "<I", "<Q"))
+            number = rng.choice(_NUMBERS) & (0xFFFF if form == "<H" else 0xFFFFFFFFFFFFFFFF)
+            field = struct.pack(form, number)
+            content[place : place + len(field)] = field
+        elif how == 3:
+            del content[place : place + rng.choice((1, 2, 8, 64, 512))]
+        elif how == 4:
+            content[place:place] = content[place : place + rng.choice((1, 4, 46, 200))]
+        elif how == 5:
+            content[place:place] = rng.randbytes(rng.choice((1, 3, 22)))
+        elif rng.random() < 0.3:
+            del content[place:]
+        if not content:
+            break
+    return bytes(content)
+
+
+def zip_of(rng: Random, files: Mapping[str, bytes]) -> bytes:
+    """A zip of the files, damaged, half of the time near one of its headers."""
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
+        for name, content in files.items():
+            archive.writestr(zipfile.ZipInfo(name), content, archive.compression)
+    sound = whole.getvalue()
+    if rng.random() < 0.5:
+        return bytes_of(rng, sound)
+    places = [place for signature in _SIGNATURES for place in _places(sound, signature)]
+    place = rng.choice(places)
+    damaged = bytearray(sound)
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        offset, size = place + rng.randrange(46), rng.choice((1, 2, 4))
+        number = rng.choice((*_NUMBERS, rng.randrange(2**32))) & (2 ** (8 * size) - 1)
+        damaged[offset : offset + size] = number.to_bytes(size, "little")
+    return bytes(damaged)
+
+
+def _places(content: bytes, signature: bytes) -> list[int]:
+    found, start = [], content.find(signature)
+    while start >= 0:
+        found.append(start)
+        start = content.find(signature, start + 1)
+    return found
+
+
+def sealed(body: Mapping[str, Any]) -> bytes:
+    """A manifest whose own hash is right, by `json` and `hashlib` alone."""
+    body = {key: value for key, value in body.items() if key != "manifest_sha256"}
+    plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
+    return json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()
+
+
+def manifest_of(rng: Random, sound: bytes) -> bytes:
+    """A manifest with values of other kinds, fields gone and fields added, and the right hash of its own."""
+    body = json.loads(sound)
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        table, key = _anywhere(rng, body)
+        if rng.random() < 0.2:
+            del table[key]
+        elif rng.random() < 0.1 and isinstance(table, dict):
+            table[rng.choice(_TEXTS)] = _value(rng, 0)
+        else:
+            table[key] = _value(rng, 0)
+        if not body:
+            break
+    return sealed(body)
+
+
+def _anywhere(rng: Random, tree: Any) -> tuple[Any, Any]:
+    """A table or list in a tree, and a key of it; tables that have something in them."""
+    while True:
+        key = rng.choice(list(tree)) if isinstance(tree, dict) else rng.randrange(len(tree))
+        inner = tree[key]
+        if not (isinstance(inner, dict | list) and inner) or rng.random() < 0.3:
+            return tree, key
+        tree = inner
+
+
+def _value(rng: Random, depth: int) -> Any:
+    makes: list[Callable[[], Any]] = [
+        lambda: None,
+        lambda: rng.random() < 0.5,
+        lambda: rng.choice((0, -1, 1, 2**31, 2**63, 10**18, 10**400, rng.randrange(-1000, 1000))),
+        lambda: rng.choice((0.0, -0.0, 1e-300, 1e308, float("nan"), float("inf"), -float("inf"), rng.gauss(0, 1))),
+        lambda: rng.choice(_TEXTS),
+        lambda: [_value(rng, depth + 1) for _ in range(rng.randrange(4))] if depth < 4 else [],
+        lambda: {rng.choice(_TEXTS): _value(rng, depth + 1) for _ in range(rng.randrange(3))} if depth < 4 else {},
+        lambda: _nested(rng.choice((10, 31, 33, 200))),
+    ]
+    return rng.choice(makes)()
+
+
+def _nested(depth: int) -> Any:
+    tree: Any = 0
+    for _ in range(depth):
+        tree = [tree]
+    return tree
+
+
+def with_controller(files: Mapping[str, bytes], name: str, content: bytes) -> dict[str, bytes]:
+    """The bundle with another controller, whose hash and whose manifest's hash are right; unsigned."""
+    body = json.loads(files[MANIFEST])
+    body["files"][name] = hashlib.sha256(content).hexdigest()
+    return {MANIFEST: sealed(body), name: content}

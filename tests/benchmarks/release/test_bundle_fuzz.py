@@ -1,0 +1,59 @@
+"""A few thousand damaged inputs, and that the measurement notices a reader that lets one through."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.release.bundle_fuzz import KINDS, FuzzError, Sound, Tally, run_case
+from contract.errors import BundleError
+
+CASES = 2500
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Sound:
+    return Sound.make(tmp_path_factory.mktemp("sound"))
+
+
+@pytest.mark.slow  # It reads some thousand bundles.
+def test_every_damaged_input_is_refused_by_name_or_harmless(sound, tmp_path):
+    tally = Tally()
+    for number in range(CASES):
+        run_case(tmp_path, sound, 1, number, tally)
+    figures = tally.figures()
+    assert figures["cases"] == CASES
+    assert set(figures["kinds"]) == set(KINDS)
+    # The bound is a second; a busy machine may stall a process for longer than any case takes.
+    assert figures["slowest_s"] < 3.0
+    assert all(sum(row["refused"].values()) > 0.2 * row["cases"] for row in figures["kinds"].values())
+
+
+def test_the_same_seed_makes_the_same_cases(sound, tmp_path):
+    tallies = [Tally(), Tally()]
+    for tally in tallies:
+        for number in range(100):
+            run_case(tmp_path, sound, 2, number, tally)
+    assert tallies[0].refused == tallies[1].refused
+
+
+def planted_hash(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contract.release.bundle._verify_file", lambda *arguments: "")
+
+
+def planted_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contract.release.manifest.strict_json.decode", lambda raw: 1 / 0)
+
+
+def planted_raw_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> dict[str, bytes]:
+        raise BundleError("\x1b[2J")
+
+    monkeypatch.setattr("contract.release.bundle.read_files", refuse)
+
+
+@pytest.mark.parametrize("plant", [planted_hash, planted_traceback, planted_raw_name])
+def test_a_reader_with_a_fault_is_noticed(sound, tmp_path, monkeypatch, plant):
+    plant(monkeypatch)
+    with pytest.raises(FuzzError, match=r"case \d+ of seed 3"):
+        for number in range(500):
+            run_case(tmp_path, sound, 3, number, Tally())
