@@ -8,7 +8,7 @@ PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint const
 .PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs clean
 
 demo: $(VENV)/run.stamp
-	$(BIN)/stillwake run runs/demo
+	$(BIN)/stillwake run runs/demo --overwrite
 
 # Two workers with two threads each would spin on two cores.
 check test: export OMP_NUM_THREADS := 1
@@ -50,15 +50,15 @@ lint: $(VENV)/dev.stamp
 retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake train runs/model
 	$(BIN)/stillwake export runs/model runs/bundle
-	$(BIN)/stillwake run runs/retrained --bundle runs/bundle
+	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
-	$(BIN)/stillwake run runs/demo --json results/demo.json
-	$(BIN)/stillwake run runs/limits --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
+	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
+	$(BIN)/stillwake run runs/limits --overwrite --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
 	$(BIN)/stillwake train runs/model
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
-	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
+	$(BIN)/stillwake run runs/limits --overwrite --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json
