@@ -74,10 +74,16 @@ def test_the_summary_has_every_figure(run):
     assert found["sensors"] == list(random_program(1).sensors)
     assert "random" in found["controller"]
     assert "int8" in found["controller"]
-    # A cycle of the wake is some 25 samples: the plain mean over the last 26 comes close to the whole cycle's.
-    cd = log.series["Cd"]
-    assert found["Cd_controlled"] == pytest.approx(cd[-26:].mean(), abs=1e-3)
-    assert found["Cd_uncontrolled"] == pytest.approx(cd[LEAD_IN - 25 : LEAD_IN].mean(), abs=1e-3)
+    # One cycle each, on the straight lines between the samples, finely divided: the last one under control, and without
+    # it the one between the two upward crossings of the lift.
+    t, cd, cl = (log.series[name] for name in ("t", "Cd", "Cl"))
+    fine = np.linspace(0.0, t[LEAD_IN], 200_001)
+    lift = np.interp(fine, t, cl)
+    first, last = fine[1:][(lift[:-1] < 0) & (lift[1:] >= 0)]
+    assert found["shedding_frequency"] == pytest.approx(1 / (last - first), rel=1e-4)
+    for name, begin, end in (("uncontrolled", first, last), ("controlled", t[-1] - (last - first), t[-1])):
+        expected = np.interp(np.linspace(begin, end, 100_001), t, cd).mean()
+        assert found[f"Cd_{name}"] == pytest.approx(expected, abs=1e-5)
     assert found["reduction_percent"] == pytest.approx(
         100 * (1 - found["Cd_controlled"] / found["Cd_uncontrolled"]), abs=1e-3
     )
@@ -102,7 +108,8 @@ def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
     assert set(modes[:LEAD_IN]) == {Mode.OFF}
     assert set(modes[LEAD_IN:]) == {Mode.CONTROL}
     assert not actions[: LEAD_IN + 1].any()
-    assert actions[LEAD_IN + 1 :].all()
+    # A random controller's action may pass through zero, to the wire's resolution.
+    assert np.count_nonzero(actions[LEAD_IN + 1 :]) >= CONTROLLED - 2
     np.testing.assert_array_equal(actions[LEAD_IN + 1 :], log.series["command"][LEAD_IN:-1])
     assert np.diff(log.series["t"]) == pytest.approx(0.2)
 
