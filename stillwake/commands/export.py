@@ -11,6 +11,7 @@ from rich.table import Table
 from contract.config.loading import load_config
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
+from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
 from wake.shipped import RECORDING
 
@@ -59,14 +60,26 @@ def export(
 def mcu(
     library: Annotated[Path, typer.Argument(help="Folder written by `export --c`.")],
     json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host."""
-    from firmware_sim.mcu.measure import measure_folder
+    """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host.
 
+    The last lines say whether a step fits into the control period of the operating point.
+    """
+    from firmware_sim.mcu.measure import measure_folder
+    from firmware_sim.mcu.verdict import period_ms, verdicts
+
+    config = settings("mcu", config_file, overrides, uses=["operating_point", "flow.control_period"]).config
     found = measure_folder(library)
     table = Table("one control step on a Cortex-M7", "")
-    for name, value in found.rows():
+    for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
         table.add_row(name, value)
     console.print(table)
     if json_file is not None:
-        write_result(json_file, figures=asdict(found), facts={"library": str(library)}, on=date.today())
+        write_result(
+            json_file,
+            figures=asdict(found),
+            facts={"library": str(library), "period_ms": period_ms(config)},
+            on=date.today(),
+        )

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from can_bridge.wire.messages import Mode
@@ -39,7 +40,14 @@ def shedding(run_metadata) -> Callable[..., RunLog]:
     """
 
     def make(
-        Cd: object = 0.88, Cl: object = 0.1, *, action: float = 0.05, modes=None, reasons=None, skipped=(), **changes
+        Cd: npt.ArrayLike = 0.88,
+        Cl: npt.ArrayLike = 0.1,
+        *,
+        action: float = 0.05,
+        modes=None,
+        reasons=None,
+        skipped=(),
+        **changes,
     ) -> RunLog:
         count = LEAD_IN + CONTROLLED
         series = {name: np.zeros(count) for name in COLUMNS}
@@ -48,7 +56,7 @@ def shedding(run_metadata) -> Callable[..., RunLog]:
         series["Cl"][:LEAD_IN] = np.sin(2.0 * np.pi * FREQUENCY * series["t"][:LEAD_IN] - 1.0)
         # The sample at the request is still of the wake without control.
         series["Cd"][LEAD_IN], series["Cl"][LEAD_IN] = 1.1, np.sin(2.0 * np.pi * FREQUENCY * LEAD_IN * STEP - 1.0)
-        series["Cd"][LEAD_IN + 1 :], series["Cl"][LEAD_IN + 1 :] = Cd, Cl
+        series["Cd"][LEAD_IN + 1 :], series["Cl"][LEAD_IN + 1 :] = np.asarray(Cd), np.asarray(Cl)
         series["action"][LEAD_IN + 1 :] = action
         series["mode"][LEAD_IN:] = Mode.CONTROL
         series["step_ms"] += 2.0
