@@ -273,25 +273,26 @@ def test_an_ecu_late_again_and_again_switches_itself_off(bench_of):
 
 
 def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recording_controller):
-    class Weighed(recording_controller):
-        given: list[np.ndarray | None] = []
-
-        def control_step(self, window, plan, free, weights=None):
-            self.given.append(weights)
-            return super().control_step(window, plan, free, weights)
-
     def driven(weights: CostWeights | None) -> list[np.ndarray | None]:
-        controller, sender, config = Weighed(), E2eSender(PRESSURE), Config()
+        controller, sender, config = recording_controller(), E2eSender(PRESSURE), Config()
+        step, seen = controller.control_step, list[np.ndarray | None]()
+
+        def kept(window, plan, free, weights=None):
+            seen.append(weights)
+            return step(window, plan, free, weights)
+
+        controller.control_step = kept
         ecu = Ecu(bundle_of(), controller, config, weights=weights)
-        Weighed.given = []
         for k in range(6):
             message = Pressure(pressure_pa=(0.0,) * 4, valid=(True,) * 4, enable_request=True, age_ns=0)
             now_ns = k * config.period_ns
             ecu.step(now_ns, [sender.frame(codec.emit_pressure(message), now_ns=now_ns)])
-        return Weighed.given
+        return seen
 
     # The bundle's own apply where none are given.
-    assert set(driven(None)) == {None}
+    defaults = driven(None)
+    assert defaults
+    assert all(weights is None for weights in defaults)
     found = driven(
         CostWeights(drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
     )
