@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs clean
+.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs pictures clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
@@ -93,6 +93,11 @@ tables: $(VENV)/dev.stamp
 docs: tables
 	$(BIN)/python docs/rooms.py
 	$(BIN)/python docs/settings.py
+
+# The pictures of the closed loop in README.md and docs/, from the release that is shipped.
+pictures: $(VENV)/dev.stamp
+	$(BIN)/stillwake run runs/demo --overwrite
+	$(BIN)/python docs/release_pictures.py runs/demo
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -33,7 +33,7 @@ def open_plant(
         config: clock and bounds.
         duration: how long the run will be, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while OpenFOAM's start develops.
-        start: a state of the own solver to begin from, at the start of a control period.
+        start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
 
     Raises:
         PlantError: if the start does not fit, or OpenFOAM is asked for and not installed, or fails.
@@ -56,7 +56,7 @@ def open_plant(
 
 
 def _start(path: Path | None, config: Config) -> State:
-    """The state to begin from, with its clock at zero; raises PlantError for one that does not fit the settings."""
+    """The state to begin from, its clock at zero and its jets shut; raises PlantError for another Reynolds number."""
     state = developed_state() if path is None else load_state(path)
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:

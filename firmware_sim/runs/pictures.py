@@ -49,7 +49,7 @@ def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figu
         axis.set_ylabel(label)
         axis.grid(alpha=0.25)
     axes[-1].set_xlabel(r"$t U_\infty / W$   (dotted: control requested)")
-    figure.legend(handles=_key(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    figure.legend(handles=key(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
 
@@ -83,7 +83,7 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
     # Above the axes: over a short run the key would lie on the curves.
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=9, borderaxespad=0.1)
     axes[-1].set_xlabel(r"$t U_\infty / W$")
-    figure.align_ylabels()
+    figure.align_ylabels(axes)
     return figure
 
 
@@ -134,8 +134,8 @@ def _draw_modes(axes: Axes, log: RunLog, columns: int) -> None:
     )  # fmt: skip
 
 
-def _key() -> list[Any]:
-    """What the marks in the pictures of the wake stand for."""
+def key() -> list[Any]:
+    """Handles of a legend: what the marks in the pictures of the wake stand for."""
     dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "black", "markeredgewidth": 0.5}
     return [
         Line2D([], [], **dot, markersize=7, markerfacecolor="#35b779", label="sensor of the controller, by its $C_p$"),

@@ -30,7 +30,7 @@ BELOW_REQUIREMENT: Final = 4
 """Exit status of a run that is whole, but did not reach the reduction that was asked for."""
 
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
-_COMPILING: Final = "compiling the flow solver (once)"
+_STARTING: Final = "starting (first run: compiles)"
 
 
 def run(
@@ -102,7 +102,7 @@ def run(
 
     def ready(total: int) -> None:
         bar, task = shown()
-        bar.update(task, completed=0, total=total, note=_COMPILING, refresh=True)
+        bar.update(task, completed=0, total=total, note=_STARTING, refresh=True)
 
     def show(row: Row, done: int, total: int) -> None:
         bar, task = shown()
