@@ -21,6 +21,6 @@ def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[
     for clock, needed in modelled_ms.items():
         share = needed / period
         if share <= 1.0:
-            yield f"at {clock} MHz", f"fits: {100.0 * share:.0f} % of the period"
+            yield f"at {clock} MHz, by the model", f"fits: {100.0 * share:.0f} % of the period"
         else:
-            yield f"at {clock} MHz", f"DOES NOT FIT: {share:.1f} times the period"
+            yield f"at {clock} MHz, by the model", f"DOES NOT FIT: {share:.1f} times the period"

@@ -79,7 +79,8 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
         axis.grid(alpha=0.25)
         if log.enabled_at < len(t):
             axis.axvline(t[log.enabled_at], color="0.4", linewidth=1.0, linestyle=":")
-            axis.axvspan(t[log.enabled_at], t[log.enabled_at] + settle, color="0.93", zorder=0)
+            if log.metadata.averages:
+                axis.axvspan(t[log.enabled_at], t[log.enabled_at] + settle, color="0.93", zorder=0)
     # Above the axes: over a short run the key would lie on the curves.
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=9, borderaxespad=0.1)
     axes[-1].set_xlabel(r"$t U_\infty / W$")

@@ -5,6 +5,7 @@ import sys
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from datetime import date
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -78,6 +79,8 @@ def run(
         raise StillwakeError(f"--plant {plant}: must be stillwake or openfoam")
     if no_averages and require_reduction is not None:
         raise ConfigError("--require-reduction needs averages: leave out --no-averages")
+    if require_reduction is not None and not isfinite(require_reduction):
+        raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
     folder = RunFolder(output)
     folder.check_free(overwrite=overwrite)
     uses = (*_USES, "mpc", *(["openfoam"] if plant == "openfoam" else []))

@@ -49,6 +49,7 @@ def refused(cli, tmp_path) -> Callable[..., str]:
         (["--controlled", 6], "leaves -34 t_c: must be at least 10 t_c, 2 shedding cycles, for averages"),
         (["--lead-in", 5], "--lead-in = 5: must be at least 10 t_c"),
         ([*QUICK, "--require-reduction", 20], "--require-reduction needs averages"),
+        (["--require-reduction", "nan"], "--require-reduction nan: must be a number of percent"),
         # Row 22.
         ([*QUICK, "--set", "bus.interface=socketcan"], "bus.interface = 'socketcan': a run is in virtual time"),
         # Table A2: accepted and ignored before.
