@@ -2,6 +2,9 @@
 
 import csv
 import json
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -118,8 +121,6 @@ def test_a_file_may_name_what_the_bundle_has(release, tmp_path):
 @pytest.fixture(scope="module")
 def finished(short_release, tmp_path_factory) -> Path:
     """A short run with other weights, as its own process would leave it."""
-    import sys
-
     import stillwake.__main__
 
     folder = tmp_path_factory.mktemp("finished") / "run"
@@ -214,3 +215,25 @@ def test_a_reduction_that_is_not_reached_ends_with_status_4(cli, tmp_path, short
     assert (outcome.code, outcome.err) == (4, "")
     assert "--require-reduction 20: not reached, it is " in outcome.out
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["reduction_percent"] < 20.0
+
+
+@pytest.mark.processes
+def test_a_run_stopped_by_sigterm_leaves_nothing(tmp_path, short_release):
+    """Row 56: `.frames.log.PID.part` stayed."""
+    words = ["run", tmp_path / "run", "--bundle", short_release, *QUICK[:2], "--controlled", 1000, "--no-averages"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stillwake", *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        # Drawn when control is requested.
+        deadline = time.monotonic() + 120.0
+        while not any(tmp_path.glob("run/*vorticity_uncontrolled*")):
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.terminate()
+        _, err = process.communicate(timeout=120.0)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (143, "stopped\n")
+    assert list(tmp_path.iterdir()) == []
