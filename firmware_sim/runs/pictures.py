@@ -22,6 +22,7 @@ WIDE: Final = 10.0
 """Inches of a picture on a page."""
 NARROW: Final = 4.4
 """Inches of the same on a phone: type has the same size, so that it can be read there."""
+_SERIES_HEIGHT: Final = 11.0
 
 _MODES: Final = {
     Mode.OFF.name: "0.88",
@@ -57,8 +58,15 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
     """The ECU's mode, drag, lift, base pressure, action and step time over time."""
     s, t = log.series, log.series["t"]
     budget_ms, settle = log.metadata.budget_ms, log.metadata.settle
-    figure = Figure(figsize=(width, 11.0), dpi=110, layout="constrained")
-    strip, *axes = figure.subplots(6, 1, sharex=True, height_ratios=(0.35, 2, 2, 2, 2, 2))
+    # Margins are given: matplotlib's own layout may differ in the last pixel from one drawing to the next.
+    figure = Figure(figsize=(width, _SERIES_HEIGHT), dpi=110)
+    strip, *axes = figure.subplots(
+        6, 1, sharex=True, height_ratios=(0.35, 2, 2, 2, 2, 2),
+        gridspec_kw={
+            "left": 1.0 / width, "right": 1.0 - 0.2 / width, "hspace": 0.17,
+            "bottom": 0.6 / _SERIES_HEIGHT, "top": 1.0 - (0.4 if width > 0.5 * WIDE else 0.8) / _SERIES_HEIGHT,
+        },
+    )  # fmt: skip
     _draw_modes(strip, log, columns=7 if width > 0.5 * WIDE else 3)
     axes[0].plot(t, s["Cd"], color="black", linewidth=1.1, label="flow")
     # A forecast made at t_k is for t_{k+1}.
@@ -90,7 +98,8 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
 
 def latency_figure(log: RunLog) -> Figure:
     """How often a control step took how long on this machine, beside the budget."""
-    figure = Figure(figsize=(NARROW, 2.6), dpi=110, layout="constrained")
+    figure = Figure(figsize=(NARROW, 2.6), dpi=110)
+    figure.subplots_adjust(left=0.14, right=0.96, bottom=0.2, top=0.89)
     axes = figure.add_subplot(xlabel="control step on this machine / ms", ylabel="steps")
     planned = log.series["step_ms"][planned_steps(log)]
     budget_ms = log.metadata.budget_ms
