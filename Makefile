@@ -5,10 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs clean
+.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs pictures clean
 
 demo: $(VENV)/run.stamp
-	$(BIN)/stillwake run runs/demo
+	$(BIN)/stillwake run runs/demo --overwrite
 
 # Two workers with two threads each would spin on two cores.
 check test: export OMP_NUM_THREADS := 1
@@ -53,15 +53,15 @@ lint: $(VENV)/dev.stamp
 retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake train runs/model --overwrite
 	$(BIN)/stillwake export runs/model runs/bundle --overwrite
-	$(BIN)/stillwake run runs/retrained --bundle runs/bundle
+	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
-	$(BIN)/stillwake run runs/demo --json results/demo.json
-	$(BIN)/stillwake run runs/limits --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
+	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
+	$(BIN)/stillwake run runs/limits --overwrite --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
 	$(BIN)/stillwake train runs/model --overwrite
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15 --overwrite
-	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
+	$(BIN)/stillwake run runs/limits --overwrite --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json
@@ -96,6 +96,11 @@ tables: $(VENV)/dev.stamp
 docs: tables
 	$(BIN)/python docs/rooms.py
 	$(BIN)/python docs/settings.py
+
+# The pictures of the closed loop in README.md and docs/, from the release that is shipped.
+pictures: $(VENV)/dev.stamp
+	$(BIN)/stillwake run runs/demo --overwrite
+	$(BIN)/python docs/release_pictures.py runs/demo
 
 $(VENV)/run.stamp: pyproject.toml data/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

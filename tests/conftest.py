@@ -141,20 +141,24 @@ def public_key_file(tmp_path_factory) -> Path:
 def run_metadata():
     """What a run was made with; never read from a bundle."""
     from can_bridge.wire.messages import EcuStatus, Mode, Reason
-    from firmware_sim.runs.metadata import RunMetadata
+    from firmware_sim.runs.metadata import RunMetadata, RunOrigin
 
     return RunMetadata(
         controller="random (int8, 0123456789ab)",
+        digest="0123456789abcdef" * 4,
         computed_by="a test",
         signer=None,
         plant="two numbers",
         sensors=("upper_39", "lower_39", "base_0", "base_9"),
         mpc=MpcConfig(horizon=8),
+        weights=MpcConfig().weights,
         budget_ms=20.0,
+        averages=True,
         settle=0.4,
         status=EcuStatus(
             state=Mode.HOLD, reason=Reason(0), overruns=1, missed=2, crc_errors=3, bus_off=4, bundle_hash=2**32 - 1
         ),
         config=Config(),
+        origin=RunOrigin(day="2026-01-02", command=("stillwake", "run", "a")),
         versions={"python": "3.11"},
     )

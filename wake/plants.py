@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from contract.config.tree import Config
+from contract.errors import PlantError
 from wake.plant import LivePlant
-from wake.truck.state import developed_state
+from wake.truck.state import State, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 
 PlantName = Literal["stillwake", "openfoam"]
@@ -20,6 +22,8 @@ def open_plant(
     config: Config,
     duration: float = 0.0,
     progress: Callable[[float, float], None] = lambda t, total: None,
+    *,
+    start: Path | None = None,
 ) -> Iterator[LivePlant]:
     """A developed wake at t = 0.
 
@@ -29,20 +33,37 @@ def open_plant(
         config: clock and bounds.
         duration: how long the run will be, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while OpenFOAM's start develops.
+        start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
 
     Raises:
-        PlantError: if OpenFOAM is asked for and not installed, or fails.
+        PlantError: if the start does not fit, or OpenFOAM is asked for and not installed, or fails.
     """
     if name == "stillwake":
         wake = TruckWake(config.flow)
-        wake.reset(developed_state())
+        wake.reset(_start(start, config))
         yield wake
         return
+    if start is not None:
+        raise PlantError(f"start {start}: OpenFOAM develops its own; only the own solver begins from a state file")
     from wake.openfoam.develop import developed
     from wake.openfoam.plant import OpenFoamWake
 
     folder = output / "openfoam"
-    start = developed(folder, config.flow, config.openfoam, progress)
+    begin = developed(folder, config.flow, config.openfoam, progress)
     refinement = config.openfoam.refinement
-    with OpenFoamWake(folder / "coupled", start, config.flow, refinement, duration=duration) as foam:
+    with OpenFoamWake(folder / "coupled", begin, config.flow, refinement, duration=duration) as foam:
         yield foam
+
+
+def _start(path: Path | None, config: Config) -> State:
+    """The state to begin from, its clock at zero and its jets shut; raises PlantError for another Reynolds number."""
+    state = developed_state() if path is None else load_state(path)
+    reynolds = config.flow.reynolds
+    if state.origin is not None and state.origin.reynolds != reynolds:
+        name = "the shipped start" if path is None else f"start {path}"
+        setting = f"--set flow.reynolds={reynolds:g}"
+        raise PlantError(
+            f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `stillwake develop start.npz "
+            f"{setting}` makes one, to be given with `--start start.npz {setting}`"
+        )
+    return replace(state, substep=0, action=0.0)

@@ -69,7 +69,8 @@ def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -
     if not found.exists():
         library = ("--library", folder / f"c_{precision}") if lowering == "c" else ()
         options = [word for name, span in spans.items() for word in (f"--{name.replace('_', '-')}", span)]
-        stillwake("run", run, "--bundle", folder / f"bundle_{precision}", *library, *options, "--json", found)
+        used = ("--bundle", folder / f"bundle_{precision}", *library)
+        stillwake("run", run, "--overwrite", *used, *options, "--json", found)
     figures = read(found)["figures"]
     return {"lowering": lowering, "precision": precision, **{name: figures[name] for name in _KEPT}}
 

@@ -75,7 +75,7 @@ def _release(parts: Path, number: int, data: Path) -> Path:
     if not bundle.exists():
         stillwake("export", model, bundle, "--dataset", data, "--name", f"truck-wake-round-{number}")
     if not run.with_suffix(".json").exists():
-        stillwake("run", run, "--bundle", bundle, "--json", run.with_suffix(".json"))
+        stillwake("run", run, "--overwrite", "--bundle", bundle, "--json", run.with_suffix(".json"))
     return bundle
 
 

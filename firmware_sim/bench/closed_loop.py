@@ -3,25 +3,28 @@
 import json
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from datetime import date
 from pathlib import Path
 from typing import Final
 
 from can_bridge.bus import frame_log
 from can_bridge.bus.simulated import SimulatedBus
 from contract.atomic import replacing
+from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import RunnableController
 from contract.controller.onnx_session import OnnxController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
+from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.runs import run_log
-from firmware_sim.runs.metadata import RunMetadata
+from firmware_sim.runs.metadata import RunMetadata, RunOrigin
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
-from firmware_sim.runs.summary import summary
+from firmware_sim.runs.summary import whole_summary
 from wake.pictures.drawing import vorticity_figure
 from wake.plant import LivePlant
 from wake.plants import open_plant
@@ -38,6 +41,10 @@ def run_closed_loop(
     lead_in: float,
     controlled: float,
     settle: float,
+    averages: bool = True,
+    weights: CostWeights | None = None,
+    origin: RunOrigin | None = None,
+    ready: Callable[[int], None] = lambda total: None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
     plant: AbstractContextManager[LivePlant] | None = None,
     controller: RunnableController | None = None,
@@ -45,26 +52,28 @@ def run_closed_loop(
     """Run a wake under the bundle's controller and keep the results in `output`.
 
     Args:
-        output: run folder (`firmware_sim.runs.run_folder`), created if need be; all files but the report.
+        output: run folder (`firmware_sim.runs.run_folder`), created if need be; all files but the report. A run that is
+            there is replaced when this one is whole.
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
-        lead_in: t_c without control; the controller's window fills meanwhile.
-        controlled: t_c with control requested.
-        settle: t_c after that which the controlled averages leave out.
+        lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
+        weights: of the cost, in place of the bundle's.
+        origin: what the run says about how it came about; made today without one.
+        ready: called with the periods in all, once everything is checked and open, before the first period.
         progress: called with (row, periods done, periods in all) after every period.
         plant: the wake, opened here; the own solver from its shipped start without one.
         controller: what computes the bundle's control step; ONNX Runtime without one.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
-            virtual time, or a span is shorter than a control period.
+            virtual time, the jets could never move, or a span is too short.
     """
-    if config.bus.interface != "virtual":
-        raise BusError(f"bus.interface = {config.bus.interface!r}: virtual time needs 'virtual'")
-    lead_in_periods, total = _periods(config, lead_in=lead_in, controlled=controlled)
+    spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
+    lead_in_periods, total = spans.periods(config.flow.control_period)
+    _check_vehicle(config, total - lead_in_periods)
     controller = OnnxController.of(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
-    ecu = Ecu(bundle, controller, config)
+    ecu = Ecu(bundle, controller, config, weights=weights)
     node = VehicleNode(bundle.manifest.sensors, config)
     folder, rows = RunFolder(output), list[Row]()
     with ExitStack() as stack:
@@ -77,6 +86,7 @@ def run_closed_loop(
         bus = SimulatedBus(config.bus, capture)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
+        ready(total)
         for k in range(total):
             if k == lead_in_periods:
                 _draw(wake, bundle, "without control", uncontrolled_picture)
@@ -87,23 +97,31 @@ def run_closed_loop(
             bundle,
             config,
             settle=settle,
+            averages=averages,
             status=ecu.status(),
             plant=wake.description,
             computed_by=controller.description,
+            origin=RunOrigin.on(date.today()) if origin is None else origin,
+            weights=weights,
         )
         log = RunLog.of(rows, lead_in_periods, loop.totals(), metadata)
         run_log.save(series, log)
-        figures.write_text(json.dumps(summary(log), indent=2) + "\n", encoding="utf-8")
+        figures.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
     return log
 
 
-def _periods(config: Config, **spans: float) -> tuple[int, int]:
-    """Control periods of the first span in t_c, and of all together."""
-    counts = [round(span / config.flow.control_period) for span in spans.values()]
-    for (name, span), count in zip(spans.items(), counts, strict=True):
-        if count < 1:
-            raise StillwakeError(f"{name} = {span}: shorter than a control period of {config.flow.control_period}")
-    return counts[0], sum(counts)
+def _check_vehicle(config: Config, requested: int) -> None:
+    """Raises StillwakeError for a bus or an actuator with which the run could not be one."""
+    if config.bus.interface != "virtual":
+        raise BusError(
+            f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "
+            "'virtual' is possible"
+        )
+    if config.vehicle.actuator_delay >= requested:
+        raise StillwakeError(
+            f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {requested} periods, "
+            "so the jets would never move; the delay must be shorter"
+        )
 
 
 def _draw(wake: LivePlant, bundle: Bundle, state: str, target: Path) -> None:

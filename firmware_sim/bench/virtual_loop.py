@@ -162,6 +162,7 @@ class VirtualLoop:
             predicted_Cd=float(forecast[0]),
             predicted_Cl=float(forecast[1]),
             mode=int(trace.mode),
+            reason=int(self._ecu.state.fail_safe.reason),
             step_ms=step_ms,
             age_ms=age_ms,
         )

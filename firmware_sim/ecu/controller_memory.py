@@ -106,8 +106,12 @@ class ControllerMemory:
         """With a plan of zeros: the next optimisation starts from none."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
-    def planned(self, controller: Controller) -> tuple["ControllerMemory", ControlStep]:
+    def planned(self, controller: Controller, weights: Array | None = None) -> tuple["ControllerMemory", ControlStep]:
         """One control step on a full window: the memory with the new plan, and what the controller answered.
+
+        Args:
+            controller: computes it.
+            weights: of the cost, (7,) in the order of `CostWeights`; the controller's own without.
 
         Raises:
             ControllerError: if there is no answer, or it is not finite.
@@ -118,7 +122,7 @@ class ControllerMemory:
         # whatever the gate, a hold or the wire made of the plan.
         plan[1 : 1 + len(pending)] = pending
         free[: len(pending)] = 0.0
-        step = controller.control_step(self.window, plan, free)
+        step = controller.control_step(self.window, plan, free, weights)
         for name, values in (("plan", step.plan), ("forecast", step.forces)):
             if not np.isfinite(values).all():
                 raise ControllerError(f"the controller's {name} is not finite")

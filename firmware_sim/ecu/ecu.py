@@ -19,6 +19,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
+from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError
 from contract.release.bundle import Bundle
@@ -100,6 +101,7 @@ class Ecu:
         bundle: verified release.
         controller: what runs its `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
+        weights: of the cost, in place of the bundle's; its program and digest stay as they are.
 
     Attributes:
         trace: of the latest step.
@@ -108,11 +110,14 @@ class Ecu:
         BundleError: if the bundle was made for another vehicle or another number of sensors than the bus carries.
     """
 
-    def __init__(self, bundle: Bundle, controller: Controller, config: Config) -> None:
+    def __init__(
+        self, bundle: Bundle, controller: Controller, config: Config, *, weights: CostWeights | None = None
+    ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest
         self._bundle_hash = bundle.short_hash
         self._controller = controller
+        self._weights = None if weights is None else np.array(weights.as_tuple())
         self._config = config
         self._period_ns = config.period_ns
         self._dynamic_pressure = config.operating_point.dynamic_pressure
@@ -277,7 +282,7 @@ class Ecu:
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             try:
-                planned, answer = memory.planned(self._controller)
+                planned, answer = memory.planned(self._controller, self._weights)
             except ControllerError:
                 return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
             return _Decision(

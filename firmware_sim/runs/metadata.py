@@ -1,14 +1,15 @@
-"""What a run was made with: controller, plant, settings and versions."""
+"""What a run was made with: controller, plant, settings and versions, and the call that started it."""
 
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from datetime import date
 from importlib.metadata import version
 from typing import Any, Final
 
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract.config import loading
-from contract.config.controller import MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
 from contract.config.tree import Config
 from contract.release.bundle import Bundle
 
@@ -17,52 +18,96 @@ _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
 
 
 @dataclass(frozen=True, kw_only=True)
+class RunOrigin:
+    """How a run came about.
+
+    Attributes:
+        day: it was made, YYYY-MM-DD.
+        command: words of the command line that started it; none for a run that no command line started.
+        flow: the state the plant began from.
+    """
+
+    day: str
+    command: tuple[str, ...] = ()
+    flow: str = "the plant's own developed wake"
+
+    @classmethod
+    def on(cls, day: date, *, command: tuple[str, ...] = (), start: str | None = None) -> "RunOrigin":
+        """Of this day; `start` names the state file, if one was given."""
+        if start is None:
+            return cls(day=day.isoformat(), command=command)
+        return cls(day=day.isoformat(), command=command, flow=start)
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunMetadata:
     """Kept beside the series of a run, and the facts of its results.
 
     Attributes:
         controller: name, precision and digest of the bundle.
+        digest: of the bundle, in full.
         computed_by: runtime of the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned one.
         plant: solver, mesh and time step.
         sensors: names in the order of the Pressure message.
         mpc: settings of the optimiser in the bundle.
+        weights: of the cost, as they were in force.
         budget_ms: latest answer after a pressure frame.
+        averages: whether averages were asked for.
         settle: t_c after the request for control that the controlled averages leave out.
         status: of the ECU at the end.
         config: the vehicle, bus and ECU.
+        origin: day, command and start.
         versions: Python, machine and packages.
     """
 
     controller: str
+    digest: str
     computed_by: str
     signer: str | None
     plant: str
     sensors: tuple[str, ...]
     mpc: MpcConfig
+    weights: CostWeights
     budget_ms: float
+    averages: bool
     settle: float
     status: EcuStatus
     config: Config
+    origin: RunOrigin
     versions: Mapping[str, str]
 
     @classmethod
     def of(
-        cls, bundle: Bundle, config: Config, *, settle: float, status: EcuStatus, plant: str, computed_by: str
+        cls,
+        bundle: Bundle,
+        config: Config,
+        *,
+        settle: float,
+        averages: bool,
+        status: EcuStatus,
+        plant: str,
+        computed_by: str,
+        origin: RunOrigin,
+        weights: CostWeights | None = None,
     ) -> "RunMetadata":
-        """Of a run in this process; arguments as the attributes."""
+        """Of a run in this process; arguments as the attributes, the bundle's weights if none are given."""
         manifest = bundle.manifest
         return cls(
             controller=f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
+            digest=bundle.digest,
             computed_by=computed_by,
             signer=None if bundle.signer is None else bundle.signer.fingerprint,
             plant=plant,
             sensors=manifest.sensors,
             mpc=manifest.mpc,
+            weights=manifest.mpc.weights if weights is None else weights,
             budget_ms=manifest.budget_ms,
+            averages=averages,
             settle=settle,
             status=status,
             config=config,
+            origin=origin,
             versions={
                 "python": platform.python_version(),
                 "machine": platform.machine(),
@@ -70,14 +115,22 @@ class RunMetadata:
             },
         )
 
+    @property
+    def changed_weights(self) -> dict[str, tuple[float, float]]:
+        """(in force, the bundle's) of every cost weight that differs from the bundle's, by its name."""
+        ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
+        return {name: (ours[name], bundles[name]) for name in ours if ours[name] != bundles[name]}
+
     def to_tree(self) -> dict[str, Any]:
         """Nested plain values, accepted back by `from_tree`."""
         return {
             **{item.name: getattr(self, item.name) for item in fields(self)},
             "sensors": list(self.sensors),
             "mpc": asdict(self.mpc),
+            "weights": asdict(self.weights),
             "status": {name: int(value) for name, value in asdict(self.status).items()},
             "config": loading.to_tree(self.config),
+            "origin": {**asdict(self.origin), "command": list(self.origin.command)},
             "versions": dict(self.versions),
         }
 
@@ -89,11 +142,13 @@ class RunMetadata:
             KeyError, TypeError, ValueError: for a field that is missing, unknown or makes no sense.
             ConfigError: for settings that this version does not know.
         """
-        status = tree["status"]
+        status, origin = tree["status"], tree["origin"]
         typed = {
             "sensors": tuple(tree["sensors"]),
             "mpc": loading.from_tree({"mpc": tree["mpc"]}).mpc,
+            "weights": loading.from_tree({"mpc": {"weights": tree["weights"]}}).mpc.weights,
             "status": EcuStatus(**{**status, "state": Mode(status["state"]), "reason": Reason(status["reason"])}),
             "config": loading.from_tree(tree["config"]),
+            "origin": RunOrigin(**{**origin, "command": tuple(origin["command"])}),
         }
         return cls(**{**tree, **typed})

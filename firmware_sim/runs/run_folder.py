@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from contract.errors import StillwakeError
+
 
 @dataclass(frozen=True)
 class RunFolder:
@@ -39,3 +41,10 @@ class RunFolder:
     def report(self) -> Path:
         """The run as one HTML page."""
         return self.path / "report.html"
+
+    def check_free(self, *, overwrite: bool) -> None:
+        """Raises StillwakeError if a run cannot be written here, or would replace another one unasked."""
+        if self.path.exists() and not self.path.is_dir():
+            raise StillwakeError(f"cannot write {self.path}: it is a file, and a run needs a folder")
+        if not overwrite and (self.series.exists() or self.summary.exists()):
+            raise StillwakeError(f"{self.path} holds a run: give another folder, or --overwrite to replace it")

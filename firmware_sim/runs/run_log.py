@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 from zipfile import BadZipFile
@@ -17,7 +18,10 @@ from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs.metadata import RunMetadata
 from wake.truck.sample import Sample
 
-SCHEMA: Final = "stillwake-run/1"
+SCHEMA: Final = "stillwake-run/2"
+
+WALL: Final = "wall_Cp"
+"""The series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +33,7 @@ class Row:
         command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without one.
         mode: `can_bridge.wire.messages.Mode` of the ECU as of its latest step.
+        reason: `can_bridge.wire.messages.Reason` for not being in control, as of the same step.
         step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
         age_ms: from the sampling of the pressures behind the command that the jets follow in this period to its
             arrival there, in virtual time; NaN if none came.
@@ -39,6 +44,7 @@ class Row:
     predicted_Cd: float
     predicted_Cl: float
     mode: int
+    reason: int
     step_ms: float
     age_ms: float
 
@@ -73,7 +79,7 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: the arrays named in `COLUMNS`, (n,) each.
+        series: the arrays named in `COLUMNS`, (n,) each, and `WALL`, (n, S), where the sensors were recorded.
         enabled_at: index of the first row with control requested.
         bus: totals.
         metadata: what the run was made with.
@@ -88,6 +94,8 @@ class RunLog:
     def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, metadata: RunMetadata) -> "RunLog":
         columns = [row.columns() for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
+        mounted = sensors.indices(metadata.sensors)
+        series[WALL] = np.array([row.sample.Cp[mounted] for row in rows], dtype=float)
         return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata)
 
 
@@ -116,9 +124,14 @@ def load(path: Path) -> RunLog:
         with np.load(path) as data:
             header = json.loads(str(data["header"]))
             if (schema := header.get("schema")) != SCHEMA:
-                raise ValueError(f"schema {schema!r}, this version reads {SCHEMA!r}: make the run again")
+                made_by = header.get("metadata", {}).get("versions", {}).get("stillwake", "an unknown version")
+                raise ValueError(
+                    f"schema {schema!r}, made by stillwake {made_by}; this is stillwake {version('stillwake')}, which "
+                    f"reads {SCHEMA!r}: make the run again"
+                )
+            recorded = (*COLUMNS, *({WALL} & set(data.files)))
             return RunLog(
-                series={name: data[name] for name in COLUMNS},
+                series={name: data[name] for name in recorded},
                 enabled_at=header["enabled_at"],
                 bus=BusTotals(**header["bus"]),
                 metadata=RunMetadata.from_tree(header["metadata"]),

@@ -1,19 +1,41 @@
-"""Figures of a run: without and with control, and the ECU's latency."""
+"""Figures of a run: without and with control, and the ECU's latency.
+
+Averages run over whole shedding cycles (`wake.truck.averages`): before control from the lift's zero crossings, under
+control over as many of the same cycles as fit between the end of the settling time and the last sample.
+"""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from can_bridge.wire.messages import Mode
+from contract.errors import PlantError
 from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import RunLog
+from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
+
+Flags = npt.NDArray[np.bool_]
+"""One truth value a control period, (n,)."""
+
+_ROUNDING: Final = 1e-9
+"""t_c: what the sum of two spans may differ by from the sample's instant."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over one part of a run; coefficients as in `contract.ledger.DragLedger`."""
+    """Time averages over one part of a run; coefficients as in `contract.ledger.DragLedger`.
 
+    Attributes:
+        cycles: whole shedding cycles they are taken over.
+        duration: of these, t_c.
+        frequency: of these, cycles per t_c.
+    """
+
+    cycles: int
     duration: float
+    frequency: float
     Cd: float
     Cd_std: float
     Cd_net: float
@@ -25,54 +47,117 @@ class Regime:
     Uy_std: float
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Averages:
+    """Both parts of a run.
+
+    Attributes:
+        before, under: without and with control.
+        averaged: (n,), whether a control period counts in `under`.
+    """
+
+    before: Regime
+    under: Regime
+    averaged: Flags
+
+    @property
+    def reduction_percent(self) -> float:
+        """Of the wall's mean drag."""
+        return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
+
+
+@dataclass(frozen=True)
+class NoAverages:
+    """A run without averages, and why, as a sentence."""
+
+    why: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Latency:
-    """Wall-clock ms of the ECU's step while it plans, on the machine that ran it."""
+    """Wall-clock ms of the ECU's step while it plans, on the machine that ran it.
+
+    Attributes:
+        over_budget: steps that took longer than the bundle's budget.
+    """
 
     p50: float
+    p90: float
     p99: float
     max: float
     steps: int
+    over_budget: int
 
 
-def regimes(log: RunLog, settle: float) -> tuple[Regime, Regime]:
-    """Averages before control was requested, and from `settle` t_c after that to the end."""
-    t = log.series["t"]
-    before = slice(0, log.enabled_at)
-    start = int(np.searchsorted(t, t[log.enabled_at] + settle - 1e-9)) if log.enabled_at < len(t) else len(t)
-    return _average(log, before), _average(log, slice(start, None))
+def averages(log: RunLog) -> Averages | NoAverages:
+    """The averages of a run: before control was requested, and from its settling time after that to the end."""
+    if not log.metadata.averages:
+        return NoAverages("No averages were asked for.")
+    t, enabled = log.series["t"], log.enabled_at
+    # The sample at which control is requested is still of the wake without it.
+    before = slice(0, enabled + 1)
+    start = int(np.searchsorted(t, t[enabled] + log.metadata.settle - _ROUNDING)) if enabled < len(t) else len(t)
+    under = slice(start, None)
+    try:
+        free = over_cycles(t[before], log.series["Cl"][before])
+    except PlantError as error:
+        return NoAverages(f"There are no averages: without control, {error}.")
+    try:
+        controlled = over_last_cycles(t[under], free.frequency)
+    except PlantError as error:
+        return NoAverages(f"There are no averages: under control, {error}.")
+    averaged = np.zeros(len(t), dtype=bool)
+    averaged[under] = controlled.weights > 0.0
+    return Averages(before=_regime(log, before, free), under=_regime(log, under, controlled), averaged=averaged)
+
+
+def planned_steps(log: RunLog) -> Flags:
+    """(n,), the periods in which the controller planned."""
+    # A period that the ECU skipped has no time and still the mode of the one before.
+    return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 
 def latency(log: RunLog) -> Latency:
     """Over the periods in which the controller planned; NaN if there was none."""
-    step_ms = log.series["step_ms"]
-    # A period that the ECU skipped has no time and still the mode of the one before.
-    planned = step_ms[(log.series["mode"] == Mode.CONTROL) & np.isfinite(step_ms)]
+    planned = log.series["step_ms"][planned_steps(log)]
     if not len(planned):
-        return Latency(p50=np.nan, p99=np.nan, max=np.nan, steps=0)
-    p50, p99 = np.percentile(planned, [50, 99])
-    return Latency(p50=float(p50), p99=float(p99), max=float(planned.max()), steps=len(planned))
+        return Latency(p50=np.nan, p90=np.nan, p99=np.nan, max=np.nan, steps=0, over_budget=0)
+    p50, p90, p99 = np.percentile(planned, [50, 90, 99])
+    return Latency(
+        p50=float(p50),
+        p90=float(p90),
+        p99=float(p99),
+        max=float(planned.max()),
+        steps=len(planned),
+        over_budget=int((planned > log.metadata.budget_ms).sum()),
+    )
 
 
-def reduction_percent(uncontrolled: Regime, controlled: Regime) -> float:
-    """Reduction of the wall's mean drag."""
-    return 100.0 * (1.0 - controlled.Cd / uncontrolled.Cd)
+def actuator_delay_ms(log: RunLog) -> float:
+    """By how much the jets follow a command late that has arrived, virtual ms."""
+    config = log.metadata.config
+    return config.vehicle.actuator_delay * config.period_ns / 1e6
 
 
-def _average(log: RunLog, part: slice) -> Regime:
+def sample_to_jets_ms(log: RunLog) -> float:
+    """The longest time from sampling the pressures to the jets that follow them, virtual ms; NaN if none came."""
+    ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
+    return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
+
+
+def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
     s = {name: values[part] for name, values in log.series.items()}
-    if not len(s["t"]):
-        nan = float("nan")
-        return Regime(**dict.fromkeys(Regime.__dataclass_fields__, nan))
     return Regime(
-        duration=float(len(s["t"]) * (log.series["t"][1] - log.series["t"][0])),
-        Cd=float(s["Cd"].mean()),
-        Cd_std=float(s["Cd"].std()),
-        Cd_net=float(ledger_of(s).Cd_net.mean()),
-        base_Cp=float(s["base_Cp"].mean()),
-        mean_Cl=float(s["Cl"].mean()),
-        abs_Cl=float(np.abs(s["Cl"]).mean()),
-        rms_action=float(np.sqrt((s["action"] ** 2).mean())),
-        jet_power=float(s["jet_power"].mean()),
-        Uy_std=float(s["Uy_probe"].std()),
+        cycles=average.cycles,
+        duration=average.cycles / average.frequency,
+        frequency=average.frequency,
+        Cd=float(average.mean(s["Cd"])),
+        Cd_std=float(average.std(s["Cd"])),
+        Cd_net=float(average.mean(ledger_of(s).Cd_net)),
+        base_Cp=float(average.mean(s["base_Cp"])),
+        mean_Cl=float(average.mean(s["Cl"])),
+        abs_Cl=float(average.mean(np.abs(s["Cl"]))),
+        rms_action=float(np.sqrt(average.mean(s["action"] ** 2))),
+        jet_power=float(average.mean(s["jet_power"])),
+        Uy_std=float(average.std(s["Uy_probe"])),
     )

@@ -1,37 +1,32 @@
 """A run in figures that other programs read."""
 
-import math
+from dataclasses import asdict
 from typing import Any
 
+from contract.config import loading
+from firmware_sim.runs.control import control, held_while_averaged, trouble
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.statistics import latency, reduction_percent, regimes
+from firmware_sim.runs.statistics import NoAverages, averages, latency, sample_to_jets_ms
+from firmware_sim.runs.tables import headline
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """The content of `summary.json`; a figure that does not exist is null."""
-    metadata = log.metadata
-    before, under = regimes(log, metadata.settle)
-    timing = latency(log)
-    figures = {
-        "Cd_uncontrolled": before.Cd,
-        "Cd_controlled": under.Cd,
-        "reduction_percent": reduction_percent(before, under),
-        "base_Cp_uncontrolled": before.base_Cp,
-        "base_Cp_controlled": under.base_Cp,
-        "abs_Cl_uncontrolled": before.abs_Cl,
-        "abs_Cl_controlled": under.abs_Cl,
-        "mean_Cl_controlled": under.mean_Cl,
-        "rms_action": under.rms_action,
-        "Cd_net_uncontrolled": before.Cd_net,
-        "Cd_net_controlled": under.Cd_net,
-        "jet_power_controlled": under.jet_power,
-        "mpc_ms_p50": timing.p50,
-        "mpc_ms_p99": timing.p99,
-        "mpc_ms_max": timing.max,
-    }
+    """What was measured: the figures of `stillwake run --json`. A figure that does not exist is null.
+
+    `reduction_percent` is null unless the controller was in control for all of the averaged time.
+    """
+    metadata, held = log.metadata, control(log)
     return {
-        **{name: None if math.isnan(value) else round(value, 6) for name, value in figures.items()},
-        "mpc_budget_ms": metadata.budget_ms,
+        "headline": headline(log),
+        "trouble": trouble(log),
+        "fault": None if held.fault is None else asdict(held.fault),
+        "modes": dict(held.modes),
+        "periods_requested": held.requested,
+        "periods_in_control": held.in_control,
+        "periods_warm_up": held.warm_up,
+        **_averaged(log),
+        **_timed(log),
+        "counters": _counters(log),
         "frames_sent": log.bus.sent,
         "frames_lost": log.bus.lost,
         "frames_rejected": log.bus.rejected,
@@ -41,3 +36,72 @@ def summary(log: RunLog) -> dict[str, Any]:
         "signer": metadata.signer,
         "controlled_averages_from_t_c_after_enable": metadata.settle,
     }
+
+
+def whole_summary(log: RunLog) -> dict[str, Any]:
+    """The content of `summary.json`: what was measured, and everything the run was made with."""
+    metadata = log.metadata
+    return {
+        **summary(log),
+        "bundle": {"controller": metadata.controller, "digest": metadata.digest, "signer": metadata.signer},
+        "plant": metadata.plant,
+        "weights": asdict(metadata.weights),
+        "weights_changed": sorted(metadata.changed_weights),
+        "mpc": asdict(metadata.mpc),
+        "settings": loading.to_tree(metadata.config),
+        "started_with": asdict(metadata.origin),
+        "versions": dict(metadata.versions),
+    }
+
+
+def _averaged(log: RunLog) -> dict[str, float | None]:
+    names = (
+        *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "base_Cp_uncontrolled", "base_Cp_controlled"),
+        *("abs_Cl_uncontrolled", "abs_Cl_controlled", "mean_Cl_uncontrolled", "mean_Cl_controlled", "rms_action"),
+        *("Cd_net_uncontrolled", "Cd_net_controlled", "jet_power_controlled"),
+        *("cycles_uncontrolled", "cycles_controlled", "shedding_frequency"),
+    )
+    found = averages(log)
+    if isinstance(found, NoAverages):
+        return dict.fromkeys(names)
+    before, under = found.before, found.under
+    claimed = held_while_averaged(log, found.averaged)
+    values: tuple[float | None, ...] = (
+        *(before.Cd, under.Cd, found.reduction_percent if claimed else None, before.base_Cp, under.base_Cp),
+        *(before.abs_Cl, under.abs_Cl, before.mean_Cl, under.mean_Cl, under.rms_action),
+        *(before.Cd_net, under.Cd_net, under.jet_power),
+        *(before.cycles, under.cycles, before.frequency),
+    )
+    return {name: _rounded(value) for name, value in zip(names, values, strict=True)}
+
+
+def _timed(log: RunLog) -> dict[str, float | None]:
+    timing = latency(log)
+    return {
+        "mpc_ms_p50": _rounded(timing.p50),
+        "mpc_ms_p90": _rounded(timing.p90),
+        "mpc_ms_p99": _rounded(timing.p99),
+        "mpc_ms_max": _rounded(timing.max),
+        "mpc_budget_ms": log.metadata.budget_ms,
+        "compute_time_ms": log.metadata.config.ecu.compute_time_ms,
+        "sample_to_jets_ms_max": _rounded(sample_to_jets_ms(log)),
+    }
+
+
+def _counters(log: RunLog) -> dict[str, int]:
+    status = log.metadata.status
+    return {
+        "overruns": status.overruns,
+        "missed": status.missed,
+        "crc_errors": status.crc_errors,
+        "bus_off": status.bus_off,
+        "frames_lost": log.bus.lost,
+        "frames_rejected": log.bus.rejected,
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    """Six decimals; null where there is no number."""
+    if value is None or value != value:
+        return None
+    return value if isinstance(value, int) else round(value, 6)

@@ -1,10 +1,19 @@
 """A run's figures formatted for readers: the same tables on the page and in the terminal."""
 
-import math
 from typing import Final
 
+from firmware_sim.runs.control import control, held_while_averaged, trouble
+from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.statistics import latency, reduction_percent, regimes
+from firmware_sim.runs.statistics import (
+    Averages,
+    Latency,
+    NoAverages,
+    actuator_delay_ms,
+    averages,
+    latency,
+    sample_to_jets_ms,
+)
 
 _DRAG_ROWS: Final = (
     ("mean Cd (wall)", "Cd", ".4f"),
@@ -16,45 +25,118 @@ _DRAG_ROWS: Final = (
     ("mean Cd, wall + slots + jet momentum", "Cd_net", ".4f"),
     ("mean jet power / (rho U_inf^3 W / 2)", "jet_power", ".4f"),
     ("std of Uy at (10, 0)", "Uy_std", ".3f"),
+    ("whole shedding cycles averaged", "cycles", "d"),
 )
 """Label, field of `Regime`, number format."""
 
+_STILL: Final = 0.01
+"""Share of the action's bound below which the jets count as still, by their root mean square: a controller that works
+uses half of it."""
+
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """(quantity, uncontrolled, controlled), formatted."""
-    before, under = regimes(log, log.metadata.settle)
+    """(quantity, uncontrolled, controlled), formatted; one row that says why where there are no averages."""
+    found = averages(log)
+    if isinstance(found, NoAverages):
+        return [(found.why, "", "")]
     return [
-        (label, f"{getattr(before, name):{style}}", f"{getattr(under, name):{style}}")
+        (label, f"{getattr(found.before, name):{style}}", f"{getattr(found.under, name):{style}}")
         for label, name, style in _DRAG_ROWS
     ]
 
 
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """(quantity, value), formatted: what happened on the bus and in the ECU."""
-    timing = latency(log)
-    ages = [age for age in log.series["age_ms"] if not math.isnan(age)]
-    measured = f"{timing.p50:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms" if timing.steps else "no control step ran"
+    run, timing = log.metadata, latency(log)
     return [
-        ("plant", log.metadata.plant),
-        ("control step computed by", log.metadata.computed_by),
-        ("control step, wall clock p50 / p99 / max", measured),
-        ("budget", f"{log.metadata.budget_ms:.0f} ms"),
-        ("sample to jets in virtual time, max", f"{max(ages):.2f} ms" if ages else "no command arrived"),
+        *_control_rows(log),
+        ("plant", run.plant),
+        ("control step computed by", run.computed_by),
+        ("cost weights", _weights(run)),
+        ("virtual compute time", _charged(run)),
+        ("periods left out by the ECU (overruns)", str(run.status.overruns)),
+        ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
+        ("the same against the budget", _against_budget(timing, run.budget_ms)),
+        ("sample to jets in virtual time, max", _sample_to_jets(log)),
+        ("actuator's delay / compensated by the ECU", _delays(run)),
         ("frames sent", str(log.bus.sent)),
-        ("frames lost", str(log.bus.lost)),
-        ("frames rejected", str(log.bus.rejected)),
-        ("periods in control / in all", f"{timing.steps} / {len(log.series['t'])}"),
+        ("frames lost on the bus", str(log.bus.lost)),
+        ("frames rejected end to end", str(log.bus.rejected)),
+        ("steps without usable pressures (the first frame is always one)", str(run.status.missed)),
+        ("CRC errors / bus-off", f"{run.status.crc_errors} / {run.status.bus_off}"),
     ]
 
 
 def headline(log: RunLog) -> str:
-    """One sentence: the reduction, and whether it counts."""
-    before, under = regimes(log, log.metadata.settle)
-    percent = reduction_percent(before, under)
-    if math.isnan(percent):
-        return "The run is too short for controlled averages."
-    text = f"Wall drag {before.Cd:.3f} to {under.Cd:.3f}: {abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
+    """What came of the run: what went wrong comes first, and a reduction is claimed only where it counts."""
+    warning, found = trouble(log), averages(log)
+    text = found.why if isinstance(found, NoAverages) else _judged(log, found)
+    return text if warning is None else f"{warning} {text}"
+
+
+def _judged(log: RunLog, found: Averages) -> str:
+    before, under = found.before, found.under
+    drag = f"Wall drag {before.Cd:.3f} to {under.Cd:.3f}"
+    if not held_while_averaged(log, found.averaged):
+        held = control(log)
+        return f"{drag}; no reduction is claimed: in control {held.in_control} of {held.requested} periods."
+    if under.rms_action < _STILL * log.metadata.config.flow.action_limit:
+        return f"{drag}; no reduction is claimed: the jets hardly moved (rms action {under.rms_action:.2g})."
+    percent = found.reduction_percent
+    text = f"{drag}: {abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
     # A two-dimensional wake can be bent sideways to trade drag for lift; such a reduction does not count.
-    if under.abs_Cl > before.abs_Cl or abs(under.mean_Cl) > 0.1 * before.abs_Cl + 0.1:
-        return f"{text}, but the wake is deflected: mean |Cl| {under.abs_Cl:.2f}, mean Cl {under.mean_Cl:+.2f}."
+    if abs(under.mean_Cl) > 0.1 * before.abs_Cl + 0.1:
+        return f"{text}, but the wake is deflected: mean Cl {before.mean_Cl:+.2f} to {under.mean_Cl:+.2f}."
+    if under.abs_Cl >= before.abs_Cl:
+        return f"{text}, but the side force did not fall (mean |Cl| {before.abs_Cl:.2f} to {under.abs_Cl:.2f})."
     return f"{text}, side force down (mean |Cl| {before.abs_Cl:.2f} to {under.abs_Cl:.2f})."
+
+
+def _control_rows(log: RunLog) -> list[tuple[str, str]]:
+    found = control(log)
+    fault = "none"
+    if found.fault is not None:
+        fault = f"{found.fault.reason} at t = {found.fault.t:.1f} t_c, {found.fault.after_enable} periods after enable"
+    filling = f", {found.warm_up} of them while the window filled" if found.warm_up else ""
+    return [
+        ("ECU fault", fault),
+        ("periods in control / requested", f"{found.in_control} / {found.requested}{filling}"),
+        ("periods by mode while requested", ", ".join(f"{name} {count}" for name, count in found.modes.items())),
+    ]
+
+
+def _weights(run: RunMetadata) -> str:
+    changed = run.changed_weights
+    if not changed:
+        return "the bundle's"
+    return "not the bundle's: " + ", ".join(
+        f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed.items()
+    )
+
+
+def _charged(run: RunMetadata) -> str:
+    charged, period = run.config.ecu.compute_time_ms, run.config.period_ns / 1e6
+    verdict = "fits" if charged <= period else "does not fit"
+    return f"{charged:g} ms of a period of {period:g} ms: {verdict}"
+
+
+def _measured(timing: Latency) -> str:
+    if not timing.steps:
+        return "no control step ran"
+    return f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
+
+
+def _against_budget(timing: Latency, budget_ms: float) -> str:
+    within = f"within {budget_ms:g} ms in {timing.steps - timing.over_budget} of {timing.steps} steps"
+    return f"{within}; says nothing of another machine"
+
+
+def _sample_to_jets(log: RunLog) -> str:
+    longest, delay = sample_to_jets_ms(log), actuator_delay_ms(log)
+    if longest != longest:
+        return "no command arrived"
+    return f"{longest:.2f} ms" + (f", {delay:g} ms of it the actuator's delay" if delay else "")
+
+
+def _delays(run: RunMetadata) -> str:
+    return f"{run.config.vehicle.actuator_delay} / {run.config.ecu.delay_steps} periods"

@@ -121,19 +121,31 @@ def _description(bundle: Path) -> str:
 def mcu(
     library: Annotated[Path, typer.Argument(help="Folder written by `export --c`; the shipped bundle has none.")],
     json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host."""
+    """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host.
+
+    The last lines say whether a step fits into the control period of the operating point.
+    """
+    config = settings("mcu", config_file, overrides, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)
 
     from firmware_sim.mcu.measure import measure_folder
+    from firmware_sim.mcu.verdict import period_ms, verdicts
 
     with progress_bar("phases") as bar:
         task = bar.add_task("compile, emulate, compare", total=1, note="")
         found = measure_folder(library)
         bar.update(task, completed=1)
     table = Table("one control step on a Cortex-M7", "")
-    for name, value in found.rows():
+    for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
         table.add_row(name, value)
     console.print(table)
     if json_file is not None:
-        write_result(json_file, figures=asdict(found), facts={"library": str(library)}, on=date.today())
+        write_result(
+            json_file,
+            figures=asdict(found),
+            facts={"library": str(library), "period_ms": period_ms(config)},
+            on=date.today(),
+        )

@@ -34,7 +34,9 @@ Field = Literal["vorticity", "pressure"]
 
 Output = Annotated[Path, typer.Argument(help="File to write: .png, .pdf or .svg; a picture that is there is replaced.")]
 StateFile = Annotated[Path | None, typer.Option("--state", help="Flow state (.npz); default: the shipped start.")]
-SensorNames = Annotated[str, typer.Option("--sensors", help="Comma-separated sensors to colour by Cp; default: all.")]
+SensorNames = Annotated[
+    str, typer.Option("--sensors", help="Comma-separated sensors to colour by Cp; default: a run's, or all.")
+]
 ForcingName = Annotated[Forcing, typer.Option(help="What the jets do.")]
 Amplitude = Annotated[float | None, typer.Option(help="Of the sine, U_inf W; default: the action's bound.")]
 Frequency = Annotated[float, typer.Option(help="Of the sine, 1/t_c.")]
@@ -146,7 +148,8 @@ def animate(
     left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
     wake = _start(config, state)
-    drawn = WakePicture(wake, field, _names(sensors), width)
+    coloured = _run_sensors(run) if run is not None and not sensors else _names(sensors)
+    drawn = WakePicture(wake, field, coloured, width)
     with progress_bar("steps") as bar:
         task = bar.add_task("animation", total=len(actions), note="")
         frames = write_animation(
@@ -239,6 +242,14 @@ def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
 
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
     return load(RunFolder(folder).series).series["action"][1:]
+
+
+def _run_sensors(folder: Path) -> tuple[str, ...]:
+    """Those of the controller whose run is replayed."""
+    from firmware_sim.runs.run_folder import RunFolder
+    from firmware_sim.runs.run_log import load
+
+    return load(RunFolder(folder).series).metadata.sensors
 
 
 def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[np.float64]:

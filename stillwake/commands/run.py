@@ -1,17 +1,37 @@
 """The commands that close the loop and show what came of it."""
 
+import shlex
+import sys
+from contextlib import ExitStack
+from dataclasses import asdict, replace
 from datetime import date
+from math import isfinite
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
+from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from contract.config.loading import load_config
-from contract.errors import StillwakeError
+from contract.config.controller import CostWeights
+from contract.config.loading import Loaded
+from contract.errors import ConfigError, StillwakeError
+from contract.release.bundle import Bundle
 from contract.results import write_result
 from stillwake.releases import Trust, describe, open_release
+from stillwake.settings import WEIGHTS, settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+
+if TYPE_CHECKING:
+    from firmware_sim.runs.run_log import RunLog
+
+NOT_IN_CONTROL: Final = 3
+"""Exit status of a run that is whole, but in which the ECU latched a fault or control was not held."""
+BELOW_REQUIREMENT: Final = 4
+"""Exit status of a run that is whole, but did not reach the reduction that was asked for."""
+
+_USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
+_STARTING: Final = "starting (first run: compiles)"
 
 
 def run(
@@ -24,47 +44,86 @@ def run(
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+    no_averages: Annotated[
+        bool, typer.Option("--no-averages", help="Series only: a run of any length, for a quick check.")
+    ] = False,
+    require_reduction: Annotated[
+        float | None,
+        typer.Option(help="Exit with status 4 unless wall drag falls by this many percent, in control throughout."),
+    ] = None,
     plant: Annotated[str, typer.Option(help="stillwake (own solver) or openfoam (icoFoam; far slower).")] = "stillwake",
+    start: Annotated[
+        Path | None, typer.Option(help="Flow state to begin from (`develop`); default: the shipped start.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a run that is in the folder.")] = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time."""
+    """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time.
+
+    Exit status 3: the ECU latched a fault, or control was not held while it was requested. Status 4: the reduction
+    that --require-reduction asks for was not reached. The run folder is whole in both cases.
+    """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
     from firmware_sim.ecu.library_controller import open_library
+    from firmware_sim.runs.metadata import RunOrigin
     from firmware_sim.runs.report import write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row
     from firmware_sim.runs.summary import summary
-    from firmware_sim.runs.tables import drag_rows, headline, service_rows
     from wake.plants import open_plant
 
-    config = load_config(config_file, overrides)
-    release = open_release(bundle, trust)
     if plant not in ("stillwake", "openfoam"):
         raise StillwakeError(f"--plant {plant}: must be stillwake or openfoam")
+    if no_averages and require_reduction is not None:
+        raise ConfigError("--require-reduction needs averages: leave out --no-averages")
+    if require_reduction is not None and not isfinite(require_reduction):
+        raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
+    folder = RunFolder(output)
+    folder.check_free(overwrite=overwrite)
+    uses = (*_USES, "mpc", *(["openfoam"] if plant == "openfoam" else []))
+    loaded = settings("run", config_file, overrides, uses=uses)
+    release = open_release(bundle, trust)
+    weights = cost_weights(loaded, release)
+    config = replace(loaded.config, mpc=replace(release.manifest.mpc, weights=weights))
     console.print(*describe(release), sep="\n", soft_wrap=True)
     controller = None
     if library is not None:
         controller = open_library(library, release)
         console.print(f"library {library}: {controller.description}", soft_wrap=True, markup=False)
-    with progress_bar("periods") as bar:
-        task = bar.add_task("closed loop", total=None, note="")
+    waiting = ExitStack()
+    bars: list[tuple[Progress, TaskID]] = []
 
-        def show(row: Row, done: int, total: int) -> None:
-            note = (
-                f"{Mode(row.mode).name:7s} Cd {row.sample.Cd:.3f}  base Cp {row.base_Cp:+.3f}  "
-                f"action {row.sample.action:+.3f}  step {row.step_ms:.1f} ms"
-            )
-            bar.update(task, completed=done, total=total, note=note)
+    def shown() -> tuple[Progress, TaskID]:
+        # From when there is something to wait for: an error before that is one line, without an empty bar.
+        if not bars:
+            bar = waiting.enter_context(progress_bar("periods"))
+            bars.append((bar, bar.add_task("closed loop", total=None, note="")))
+        return bars[0]
 
-        def show_start(t: float, total: float) -> None:
-            bar.update(task, completed=round(t, 1), total=total, note="t_c of the wake's development", refresh=True)
+    def ready(total: int) -> None:
+        bar, task = shown()
+        bar.update(task, completed=0, total=total, note=_STARTING, refresh=True)
 
-        flow = open_plant(
-            "openfoam" if plant == "openfoam" else "stillwake", output, config, lead_in + controlled, show_start
-        )
+    def show(row: Row, done: int, total: int) -> None:
+        bar, task = shown()
+        bar.update(task, completed=done, total=total, note=f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
+
+    def show_start(t: float, total: float) -> None:
+        bar, task = shown()
+        bar.update(task, completed=round(t, 1), total=total, note="t_c of the wake's start", refresh=True)
+
+    flow = open_plant(
+        "openfoam" if plant == "openfoam" else "stillwake",
+        output,
+        config,
+        lead_in + controlled,
+        show_start,
+        start=start,
+    )
+    with waiting:
         log = run_closed_loop(
             output,
             release,
@@ -72,34 +131,98 @@ def run(
             lead_in=lead_in,
             controlled=controlled,
             settle=settle,
+            averages=not no_averages,
+            weights=weights,
+            origin=RunOrigin.on(
+                date.today(),
+                command=("stillwake", *map(shlex.quote, sys.argv[1:])),
+                start=None if start is None else str(start),
+            ),
+            ready=ready,
             progress=show,
             plant=flow,
             controller=controller,
         )
-    folder = RunFolder(output)
     page = write_report(folder)
     if json_file is not None:
         write_result(json_file, figures=summary(log), facts=log.metadata.to_tree(), on=date.today())
-    table = Table("", "uncontrolled", "controlled")
+    _print(log)
+    console.print(f"wrote {page} and {folder.summary}", soft_wrap=True)
+    _exit(log, require_reduction)
+
+
+def report(
+    run_folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder written by `run`.")],
+    picture: Annotated[Path | None, typer.Option(help="Also write the run as one picture (.png, .pdf, .svg).")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Also write the series as CSV, units in the header.")] = None,
+) -> None:
+    """Write a run's HTML page anew from its series."""
+    from firmware_sim.runs.report import write_picture, write_report
+    from firmware_sim.runs.run_folder import RunFolder
+    from firmware_sim.runs.run_log import load
+    from firmware_sim.runs.series_csv import write_csv
+    from wake.pictures.drawing import check_suffix
+
+    if picture is not None:
+        check_suffix(picture)
+    folder = RunFolder(run_folder)
+    console.print(f"wrote {write_report(folder)}", soft_wrap=True)
+    if picture is not None:
+        write_picture(folder, picture)
+        console.print(f"wrote {picture}", soft_wrap=True)
+    if csv is not None:
+        write_csv(csv, load(folder.series))
+        console.print(f"wrote {csv}", soft_wrap=True)
+
+
+def cost_weights(loaded: Loaded, release: Bundle) -> CostWeights:
+    """The bundle's weights, with those that the user gave in their place.
+
+    Raises:
+        ConfigError: for another setting of the optimiser: it is fixed in the bundle.
+    """
+    built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)
+    for name in sorted(item for item in loaded.given if item.startswith("mpc.") and not item.startswith(WEIGHTS)):
+        key = name.removeprefix("mpc.")
+        if name in loaded.in_overrides or given[key] != built[key]:
+            raise ConfigError(
+                f"{name} = {given[key]}: fixed when the bundle was exported, to {built[key]}; make another bundle with "
+                f"`stillwake export MODEL BUNDLE --set {name}={given[key]}`"
+            )
+    asked = [name.removeprefix(f"{WEIGHTS}.") for name in loaded.given if name.startswith(f"{WEIGHTS}.")]
+    return replace(release.manifest.mpc.weights, **{name: given["weights"][name] for name in asked})
+
+
+def _print(log: "RunLog") -> None:
+    """What went wrong, the tables, and the headline last, where a terminal is read first."""
+    from firmware_sim.runs.control import trouble
+    from firmware_sim.runs.tables import drag_rows, headline, service_rows
+
+    warning = trouble(log)
+    if warning is not None:
+        console.print(warning, style="bold red", soft_wrap=True, markup=False, highlight=False)
+    table = Table("", "uncontrolled", "controlled", title=warning, title_style="bold red")
     for label, before, under in drag_rows(log):
         table.add_row(label, before, under)
     service = Table("bus and ECU", "")
     for label, value in service_rows(log):
         service.add_row(label, value)
-    for item in (table, service, headline(log), f"wrote {page} and {folder.summary}"):
+    for item in (table, service):
         console.print(item)
+    console.print(headline(log), soft_wrap=True, markup=False)
 
 
-def report(
-    run_folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder written by `run`.")],
-    picture: Annotated[Path | None, typer.Option(help="Also write the run as one PNG here.")] = None,
-) -> None:
-    """Write a run's HTML page anew from its series."""
-    from firmware_sim.runs.report import write_picture, write_report
-    from firmware_sim.runs.run_folder import RunFolder
+def _exit(log: "RunLog", required: float | None) -> None:
+    """End with the status that says whether the run is what was asked for."""
+    from firmware_sim.runs.control import trouble
+    from firmware_sim.runs.summary import summary
 
-    folder = RunFolder(run_folder)
-    console.print(f"wrote {write_report(folder)}")
-    if picture is not None:
-        write_picture(folder, picture)
-        console.print(f"wrote {picture}")
+    failed = trouble(log) is not None
+    if required is not None:
+        reached = summary(log)["reduction_percent"]
+        if failed or reached is None or reached < required:
+            measured = "no reduction can be claimed" if reached is None else f"it is {reached:.2f} %"
+            console.print(f"--require-reduction {required:g}: not reached, {measured}", soft_wrap=True)
+            raise typer.Exit(BELOW_REQUIREMENT)
+    if failed:
+        raise typer.Exit(NOT_IN_CONTROL)

@@ -11,7 +11,12 @@ Two other rules are worse. Whole samples between the crossings put the cut up to
 A line drawn through the samples and then squared makes the lift's standard deviation 0.6 % too small, and that of the
 drag, which has twice the frequency, 2 %.
 
-What is compared with a closed-loop run is averaged as runs are: plainly, over every sample after the settling time.
+A wake under control may hardly shed. Its lift then crosses zero many times within a cycle, by what is left of the
+motion and by what the jets do, and the crossings mark no cycles. But the wake and the jets still act near the shedding
+frequency, so a controlled wake is averaged over whole cycles of the uncontrolled one: as many as fit, counted back from
+the last sample (`over_last_cycles`). Where control fails, the wake sheds as before and the rule is the first one again,
+with another phase. A sine without feedback is averaged plainly, over every sample after its settling time
+(`Average.of_all`).
 """
 
 from dataclasses import dataclass
@@ -86,6 +91,29 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
         cycles=len(up) - 1,
         frequency=(len(up) - 1) / (last - first),
     )
+
+
+def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
+    """The average over the last whole cycles of a frequency that is known from elsewhere.
+
+    Args:
+        t: instants of the samples, rising, (n,); t_c.
+        frequency: cycles per t_c; of the same wake without control.
+
+    Raises:
+        PlantError: if the series is shorter than a cycle.
+    """
+    span = float(t[-1] - t[0]) if len(t) else 0.0
+    # Samples stand at multiples of a step: a span of whole cycles must not lose one to rounding.
+    cycles = int(span * frequency + 1e-9)
+    if cycles < 1:
+        raise PlantError(
+            f"{len(t)} samples span {span:g} t_c: an average needs a whole cycle of {1.0 / frequency:.2f} t_c, so run "
+            "longer"
+        )
+    last = float(t[-1])
+    first = max(float(t[0]), last - cycles / frequency)
+    return CycleAverage(weights=_trapezoids(t, first, last) / (last - first), cycles=cycles, frequency=frequency)
 
 
 def _trapezoids(t: Array, first: float, last: float) -> Array:

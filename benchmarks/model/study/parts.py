@@ -242,7 +242,7 @@ def loop(lab: Lab, name: str) -> dict[str, Any]:
             stillwake("export", model, bundle, "--dataset", lab.recording, "--precision", precision)
         except StillwakeError:
             return {"variant": name, "refused": True}
-    stillwake("run", run, "--bundle", bundle, "--json", run.with_suffix(".json"))
+    stillwake("run", run, "--overwrite", "--bundle", bundle, "--json", run.with_suffix(".json"))
     figures = read(run.with_suffix(".json"))["figures"]
     return {"variant": name, **{key: figures[key] for key in LOOP}}
 

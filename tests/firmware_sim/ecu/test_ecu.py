@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from can_bridge.command_gate import Intervention
-from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
-from can_bridge.wire.messages import Mode, Reason
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
+from can_bridge.wire.messages import Mode, Pressure, Reason
+from contract.config.controller import CostWeights
 from contract.config.plant import FlowConfig
+from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControllerError
 from contract.operating_point import OperatingPoint
+from firmware_sim.ecu.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
@@ -265,3 +270,32 @@ def test_an_ecu_late_again_and_again_switches_itself_off(bench_of):
     assert modes[6] is Mode.FAULT
     assert bench.status.reason is Reason.DEADLINE
     assert bench.status.overruns == 5
+
+
+def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recording_controller):
+    def driven(weights: CostWeights | None) -> list[np.ndarray | None]:
+        controller, sender, config = recording_controller(), E2eSender(PRESSURE), Config()
+        step, seen = controller.control_step, list[np.ndarray | None]()
+
+        def kept(window, plan, free, weights=None):
+            seen.append(weights)
+            return step(window, plan, free, weights)
+
+        controller.control_step = kept
+        ecu = Ecu(bundle_of(), controller, config, weights=weights)
+        for k in range(6):
+            message = Pressure(pressure_pa=(0.0,) * 4, valid=(True,) * 4, enable_request=True, age_ns=0)
+            now_ns = k * config.period_ns
+            ecu.step(now_ns, [sender.frame(codec.emit_pressure(message), now_ns=now_ns)])
+        return seen
+
+    # The bundle's own apply where none are given.
+    defaults = driven(None)
+    assert defaults
+    assert all(weights is None for weights in defaults)
+    found = driven(
+        CostWeights(drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
+    )
+    assert found
+    for weights in found:
+        np.testing.assert_array_equal(weights, [1, 2, 3, 4, 5, 6, 7])

@@ -2,10 +2,11 @@
 
 import json
 from dataclasses import replace
+from datetime import date
 
 from contract.config.loading import load_config
 from contract.release import bundle
-from firmware_sim.runs.metadata import RunMetadata
+from firmware_sim.runs.metadata import RunMetadata, RunOrigin
 
 
 def test_metadata_survive_json(run_metadata):
@@ -13,14 +14,35 @@ def test_metadata_survive_json(run_metadata):
         assert RunMetadata.from_tree(json.loads(json.dumps(one.to_tree()))) == one
 
 
+def made(release, run_metadata, **changes) -> RunMetadata:
+    given = {"settle": 1.5, "averages": False, "plant": "a", "computed_by": "b", "origin": RunOrigin(day="2026-03-04")}
+    return RunMetadata.of(release, run_metadata.config, status=run_metadata.status, **{**given, **changes})
+
+
 def test_the_bundle_gives_name_sensors_and_settings(random_release, run_metadata):
     release = bundle.load(random_release)
-    found = RunMetadata.of(
-        release, run_metadata.config, settle=1.5, status=run_metadata.status, plant="a", computed_by="b"
-    )
+    found = made(release, run_metadata)
     assert found.controller == f"random (int8, {release.digest[:12]})"
+    assert found.digest == release.digest
     assert (found.sensors, found.mpc, found.budget_ms) == (
         release.manifest.sensors, release.manifest.mpc, release.manifest.budget_ms,
     )  # fmt: skip
     assert (found.signer, found.settle, found.plant, found.computed_by) == (None, 1.5, "a", "b")
+    assert (found.averages, found.origin.day) == (False, "2026-03-04")
     assert {"python", "machine", "stillwake", "numpy"} <= set(found.versions)
+
+
+def test_weights_that_are_not_the_bundles_are_named(random_release, run_metadata):
+    release = bundle.load(random_release)
+    weights = release.manifest.mpc.weights
+    assert made(release, run_metadata).changed_weights == {}
+    assert made(release, run_metadata, weights=weights).changed_weights == {}
+    found = made(release, run_metadata, weights=replace(weights, lift=9.0))
+    assert found.changed_weights == {"lift": (9.0, weights.lift)}
+    assert found.mpc.weights == weights
+
+
+def test_the_start_is_named():
+    day = date(2026, 3, 4)
+    assert "developed wake" in RunOrigin.on(day).flow
+    assert RunOrigin.on(day, start="re1000.npz").flow == "re1000.npz"

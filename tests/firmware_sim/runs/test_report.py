@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import pytest
 from jinja2 import UndefinedError
+from PIL import Image
 
+from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
 from firmware_sim.runs import pages, run_log
-from firmware_sim.runs.report import write_report
+from firmware_sim.runs.pictures import mode_spans
+from firmware_sim.runs.report import write_picture, write_report
 from firmware_sim.runs.run_folder import RunFolder
 
 ONE_PIXEL = bytes.fromhex(
@@ -16,13 +19,17 @@ ONE_PIXEL = bytes.fromhex(
 )
 
 
-@pytest.fixture
-def folder(log_of, tmp_path) -> RunFolder:
-    folder = RunFolder(tmp_path)
-    run_log.save(folder.series, log_of(Cd=[1.0] * 6))
+def written(log, path) -> RunFolder:
+    folder = RunFolder(path)
+    run_log.save(folder.series, log)
     folder.uncontrolled_picture.write_bytes(ONE_PIXEL)
     folder.controlled_picture.write_bytes(ONE_PIXEL)
     return folder
+
+
+@pytest.fixture
+def folder(shedding, tmp_path) -> RunFolder:
+    return written(shedding(), tmp_path)
 
 
 def test_names_are_escaped(folder):
@@ -38,16 +45,69 @@ def test_names_are_escaped(folder):
 def test_settings_and_bit_rates_are_on_the_page(folder):
     page = write_report(folder).read_text(encoding="utf-8")
     for text in (
+        "2026-01-02",
         "unsigned",
-        "horizon: 8",
-        "ecu compute_time_ms: 8.0",
+        "mpc.horizon = 8",
+        "mpc.weights.lift = 0.01",
+        "ecu.compute_time_ms = 8.0",
+        "ecu.delay_steps = 0",
+        "vehicle.actuator_delay = 0",
+        "bus.e2e.window = 5",
+        "operating_point.speed = 25.0",
         "500 kbit/s",
         "2 Mbit/s",
         "Re = 500",
-        "from 0.4",
+        "between 4\nconvective times",
+        "stillwake run a",
+        'name="viewport"',
     ):
         assert text in page, text
-    assert page.count("data:image/png;base64,") == 3
+    # The series twice, for a phone and for a desk; the step's time; the wake twice.
+    assert page.count("data:image/png;base64,") == 5
+    assert 'class="trouble" role' not in page
+
+
+def test_a_faulted_run_has_a_red_box_before_anything_else(shedding, tmp_path):
+    modes, reasons = ({2: value} for value in (Mode.FAULT, Reason.SENSOR_INVALID))
+    page = write_report(written(shedding(modes=modes, reasons=reasons), tmp_path)).read_text(encoding="utf-8")
+    box = page.index('<p class="trouble" role="alert">ECU FAULT: SENSOR_INVALID at t = 12.4 t_c')
+    assert box < page.index("<table>") < page.index('<caption class="trouble">ECU FAULT') < page.index("mean Cd (wall)")
+
+
+def test_a_run_without_averages_says_so_on_its_page(shedding, tmp_path):
+    page = write_report(written(shedding(averages=False), tmp_path)).read_text(encoding="utf-8")
+    assert "No averages were asked for." in page
+    assert "whole shedding cycles" not in page
+
+
+def test_the_strip_shows_every_stretch_of_a_mode(shedding):
+    log = shedding(modes={3: Mode.HOLD}, skipped=[5, 6])
+    assert mode_spans(log) == [
+        ("OFF", 0, 60), ("CONTROL", 60, 63), ("HOLD", 63, 64), ("CONTROL", 64, 65), ("SKIPPED", 65, 67),
+        ("CONTROL", 67, 160),
+    ]  # fmt: skip
+
+
+def test_a_run_in_which_nothing_was_planned_can_be_drawn(shedding, tmp_path):
+    nothing = shedding(modes=dict.fromkeys(range(100), Mode.OFF), skipped=range(100))
+    assert write_report(written(nothing, tmp_path)).is_file()
+
+
+def test_a_picture_names_its_bundle(folder, tmp_path):
+    write_picture(folder, tmp_path / "run.png")
+    with Image.open(tmp_path / "run.png") as image:
+        assert image.info["Description"] == "stillwake bundle " + "0123456789abcdef" * 4
+    write_picture(folder, tmp_path / "run.svg")
+    assert "stillwake bundle 0123456789abcdef" in (tmp_path / "run.svg").read_text()
+    write_picture(folder, tmp_path / "run.pdf")
+    assert (tmp_path / "run.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_picture_of_another_kind_is_refused_by_name(folder, tmp_path):
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(StillwakeError, match=r"x\.xyz: must be a file ending in \.png, \.pdf, \.svg"):
+        write_picture(folder, tmp_path / "x.xyz")
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_template_without_a_value_is_an_error():

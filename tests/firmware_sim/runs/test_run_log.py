@@ -9,10 +9,12 @@ from contract import sensors
 from contract.errors import StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log
-from firmware_sim.runs.run_log import COLUMNS, BusTotals, Row, RunLog
+from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, Row, RunLog
 from wake.truck.sample import Sample
 
 NAN = float("nan")
+MOUNTED = (39.0, 79.0, 80.0, 89.0)
+"""Where the sensors of the metadata stand among the 90: upper 0 to 39, lower 40 to 79, base 80 to 89."""
 
 
 def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
@@ -49,8 +51,8 @@ def altered(path, change) -> None:
 def test_a_run_of_another_schema_is_refused(log_of, tmp_path):
     path = tmp_path / "series.npz"
     run_log.save(path, log_of())
-    altered(path, lambda header: header.pop("schema"))
-    with pytest.raises(StillwakeError, match=r"schema None, this version reads 'stillwake-run/1': make the run again"):
+    altered(path, lambda header: (header.pop("schema"), header["metadata"]["versions"].update(stillwake="0.0.9")))
+    with pytest.raises(StillwakeError, match=r"schema None, made by stillwake 0\.0\.9; .*reads 'stillwake-run/2'"):
         run_log.load(path)
 
 
@@ -62,6 +64,8 @@ def test_a_run_of_another_schema_is_refused(log_of, tmp_path):
         (lambda header: header["metadata"]["config"]["ecu"].update(hold_periods=-1), "hold_periods"),
         (lambda header: header["metadata"]["status"].update(state=99), "99"),
         (lambda header: header["bus"].pop("lost"), "lost"),
+        (lambda header: header["metadata"]["weights"].update(lift=-1.0), "lift"),
+        (lambda header: header["metadata"].pop("origin"), "origin"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(log_of, tmp_path, change, named):
@@ -83,13 +87,16 @@ def test_a_row_becomes_one_value_in_every_column(run_metadata):
             predicted_Cd=1.0,
             predicted_Cl=2.0,
             mode=3,
+            reason=1,
             step_ms=NAN,
             age_ms=8.0,
         )
         for t in (1.0, 2.0)
     ]
     log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata)
-    assert tuple(log.series) == COLUMNS
+    assert tuple(log.series) == (*COLUMNS, WALL)
+    # In the order of the bundle: upper_39, lower_39, base_0, base_9.
+    assert log.series[WALL].tolist() == [[value + t for value in MOUNTED] for t in (1.0, 2.0)]
     # The base sensors are 80 to 89.
     assert log.series["base_Cp"].tolist() == [85.5, 86.5]
     assert log.series["action"].tolist() == [0.01, 0.02]

@@ -1,52 +1,107 @@
 """Figures of a run against numbers worked out by hand."""
 
+from dataclasses import replace
 from math import isnan, sqrt
 
+import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.runs.statistics import latency, reduction_percent, regimes
+from firmware_sim.runs.statistics import Averages, NoAverages, averages, latency, sample_to_jets_ms
 
 NAN = float("nan")
+CYCLE = 25
+"""Periods."""
 
 
-def test_averages_before_and_after_settling(log_of):
-    log = log_of(
-        Cd=[1.0, 1.2, 9.0, 9.0, 0.8, 0.9],
-        Cl=[-2.0, 1.0, 9.0, 9.0, 0.5, -0.1],
-        Cd_slot_pressure=[0.3, 0.3, 9.0, 9.0, 0.25, 0.25],
-        Cd_slot_viscous=[-0.2, -0.2, 9.0, 9.0, -0.05, -0.05],
-        Cd_momentum=[0.0, 0.0, 9.0, 9.0, -0.3, -0.1],
-        base_Cp=[-0.6, -0.8, 9.0, 9.0, -0.4, -0.5],
-        action=[0.0, 0.0, 9.0, 9.0, 0.03, -0.04],
-        jet_power=[0.0, 0.0, 9.0, 9.0, 0.01, 0.02],
-        Uy_probe=[0.5, -0.5, 9.0, 9.0, 0.1, 0.1],
+def averaged(log) -> Averages:
+    found = averages(log)
+    assert isinstance(found, Averages)
+    return found
+
+
+def test_averages_are_over_whole_cycles_before_and_after_settling(shedding):
+    """The lift crosses upwards at 0.8, 5.8 and 10.8 t_c; three such cycles fit into the 80 periods after settling."""
+    # Sines of the cycle leave no trace in a mean over whole cycles, wherever they begin.
+    wave = np.sin(2.0 * np.pi * np.arange(99) / CYCLE + 0.3)
+    log = shedding(
+        Cd=0.88 + 0.05 * wave, Cl=-0.02 + 0.3 * wave, action=0.05 * np.cos(2.0 * np.pi * np.arange(99) / CYCLE)
     )
-    before, under = regimes(log, settle=0.4)
-    assert (before.Cd, under.Cd) == pytest.approx((1.1, 0.85))
-    assert (before.Cd_std, under.Cd_std) == pytest.approx((0.1, 0.05))
-    assert (before.Cd_net, under.Cd_net) == pytest.approx((1.2, 0.85))
-    assert (before.base_Cp, under.base_Cp) == pytest.approx((-0.7, -0.45))
-    assert (before.mean_Cl, under.mean_Cl) == pytest.approx((-0.5, 0.2))
-    assert (before.abs_Cl, under.abs_Cl) == pytest.approx((1.5, 0.3))
-    assert (before.rms_action, under.rms_action) == pytest.approx((0.0, sqrt((0.03**2 + 0.04**2) / 2)))
-    assert (before.jet_power, under.jet_power) == pytest.approx((0.0, 0.015))
-    assert (before.Uy_std, under.Uy_std) == pytest.approx((0.5, 0.0))
-    assert (before.duration, under.duration) == pytest.approx((0.4, 0.4))
-    assert reduction_percent(before, under) == pytest.approx(100 * 0.25 / 1.1)
+    log.series["base_Cp"][:] = np.where(log.series["t"] <= 12.0, -0.5, -0.3)
+    log.series["Cd_slot_pressure"][:], log.series["Cd_momentum"][:] = 0.3, -0.1
+    log.series["jet_power"][61:] = 0.02
+    found = averaged(log)
+    before, under = found.before, found.under
+    assert (before.cycles, under.cycles) == (2, 3)
+    assert (before.frequency, under.frequency) == pytest.approx((0.2, 0.2), rel=1e-4)
+    assert (before.duration, under.duration) == pytest.approx((10.0, 15.0), rel=1e-4)
+    assert (before.Cd, under.Cd) == pytest.approx((1.1, 0.88), abs=1e-4)
+    assert (before.Cd_net, under.Cd_net) == pytest.approx((1.3, 1.08), abs=1e-4)
+    assert under.Cd_std == pytest.approx(0.05 / sqrt(2), rel=1e-2)
+    assert (before.base_Cp, under.base_Cp) == pytest.approx((-0.5, -0.3))
+    assert (before.mean_Cl, under.mean_Cl) == pytest.approx((0.0, -0.02), abs=2e-3)
+    # The mean of |sin| is 2 / pi; straight lines between 25 samples a cycle cut the corners at zero a little.
+    assert before.abs_Cl == pytest.approx(2 / np.pi, rel=1e-2)
+    assert (before.rms_action, under.rms_action) == pytest.approx((0.0, 0.05 / sqrt(2)), rel=1e-2)
+    assert (before.jet_power, under.jet_power) == pytest.approx((0.0, 0.02))
+    assert found.reduction_percent == pytest.approx(20.0, abs=0.01)
 
 
-@pytest.mark.parametrize(("settle", "kept"), [(0.0, 4), (0.2, 3), (0.39, 2), (0.6, 1), (0.61, 0), (50.0, 0)])
-def test_settling_ends_with_the_first_sample_at_or_after_it(log_of, settle, kept):
-    under = regimes(log_of(), settle)[1]
-    assert (0.0 if isnan(under.duration) else under.duration) == pytest.approx(0.2 * kept)
+def test_plain_means_would_depend_on_the_cut(shedding):
+    """The same wake with and without control: whole cycles show no change, whatever the settling time."""
+    for settle in (0.0, 1.0, 2.6, 4.0, 8.2):
+        log = shedding(settle=settle)
+        phase = 2.0 * np.pi * 0.2 * log.series["t"] - 1.0
+        log.series["Cl"][:], log.series["Cd"][:] = np.sin(phase), 1.1 + 0.1 * np.sin(phase + 0.5)
+        assert averaged(log).reduction_percent == pytest.approx(0.0, abs=0.02)
+
+
+def test_settling_is_left_out(shedding):
+    log = shedding()
+    log.series["Cd"][60 : 60 + 20] = 99.0
+    # The sample at the request belongs to the lead-in as well, whose last crossing comes before it.
+    assert averaged(log).under.Cd == pytest.approx(0.88)
+    assert not averaged(log).averaged[: 60 + 20].any()
+    assert averaged(log).averaged[-1]
+
+
+def test_a_wake_that_does_not_shed_before_control_has_no_averages(shedding):
+    log = shedding()
+    log.series["Cl"][:61] = 0.3
+    found = averages(log)
+    assert isinstance(found, NoAverages)
+    assert "without control, the lift crosses zero upwards 0 times" in found.why
+
+
+def test_a_run_that_settles_to_its_end_has_no_averages(shedding):
+    for settle in (18.0, 20.0, 500.0):
+        found = averages(shedding(settle=settle))
+        assert isinstance(found, NoAverages)
+        assert "under control, " in found.why
+        assert "a whole cycle of 5.00 t_c" in found.why
+
+
+def test_averages_that_nobody_asked_for(shedding):
+    assert averages(shedding(averages=False)) == NoAverages("No averages were asked for.")
 
 
 def test_latency_is_that_of_the_planned_steps(log_of):
     mode = [Mode.OFF, Mode.WARMUP, Mode.CONTROL, Mode.CONTROL, Mode.CONTROL, Mode.HOLD]
     # The middle one was skipped: it has no time, and the mode of the one before.
-    timing = latency(log_of(mode=mode, step_ms=[50.0, 50.0, 2.0, NAN, 4.0, 50.0]))
-    assert (timing.p50, timing.p99, timing.max, timing.steps) == pytest.approx((3.0, 3.98, 4.0, 2))
+    timing = latency(log_of(mode=mode, step_ms=[50.0, 50.0, 2.0, NAN, 24.0, 50.0]))
+    assert (timing.p50, timing.p90, timing.p99, timing.max) == pytest.approx((13.0, 21.8, 23.78, 24.0))
+    assert (timing.steps, timing.over_budget) == (2, 1)
     none = latency(log_of())
-    assert none.steps == 0
+    assert (none.steps, none.over_budget) == (0, 0)
     assert isnan(none.max)
+
+
+def test_the_actuators_delay_is_part_of_the_way_to_the_jets(shedding):
+    log = shedding()
+    assert sample_to_jets_ms(log) == pytest.approx(8.3)
+    config = replace(log.metadata.config, vehicle=replace(log.metadata.config.vehicle, actuator_delay=4))
+    late = replace(log, metadata=replace(log.metadata, config=config))
+    # Four periods of 20 ms.
+    assert sample_to_jets_ms(late) == pytest.approx(88.3)
+    late.series["age_ms"][:] = NAN
+    assert isnan(sample_to_jets_ms(late))

@@ -1,45 +1,152 @@
-"""The tables and the headline of a run."""
+"""The tables and the headline of a run, and the summary that programs read."""
 
+import json
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from can_bridge.wire.messages import Mode
+from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.summary import summary, whole_summary
 from firmware_sim.runs.tables import drag_rows, headline, service_rows
 
-NAN = float("nan")
+FAULT = {
+    "modes": dict.fromkeys(range(2, 100), Mode.FAULT),
+    "reasons": dict.fromkeys(range(2, 100), Reason.DEADLINE),
+}
 
 
-def test_tables_show_the_figures(log_of):
-    log = log_of(
-        Cd=[1.0, 1.2, 9.0, 9.0, 0.8, 0.9],
-        Cl=[-1.0, 1.0, 9.0, 9.0, 0.1, -0.1],
-        mode=[Mode.CONTROL] * 6,
-        step_ms=[2.0] * 6,
-        age_ms=[NAN, 8.3, 8.4, 8.3, NAN, NAN],
-    )
-    assert ("mean Cd (wall)", "1.1000", "0.8500") in drag_rows(log)
+def late(log, **vehicle):
+    """The same run with other settings of the vehicle."""
+    config = log.metadata.config
+    return replace(log, metadata=replace(log.metadata, config=replace(config, **vehicle)))
+
+
+def test_tables_show_the_figures(shedding):
+    log = shedding()
+    rows = {label: values for label, *values in drag_rows(log)}
+    assert rows["mean Cd (wall)"] == ["1.1000", "0.8800"]
+    assert rows["whole shedding cycles averaged"] == ["2", "3"]
     service = dict(service_rows(log))
     assert (service["plant"], service["control step computed by"]) == ("two numbers", "a test")
-    assert service["frames sent"] == "12"
-    assert service["frames lost"] == "1"
-    assert service["frames rejected"] == "2"
-    assert service["sample to jets in virtual time, max"] == "8.40 ms"
-    assert service["periods in control / in all"] == "6 / 6"
+    assert (service["frames sent"], service["frames lost on the bus"]) == ("320", "1")
+    assert service["frames rejected end to end"] == "2"
+    assert service["steps without usable pressures (the first frame is always one)"] == "2"
+    assert service["periods left out by the ECU (overruns)"] == "1"
+    assert service["CRC errors / bus-off"] == "3 / 4"
+    assert service["sample to jets in virtual time, max"] == "8.30 ms"
+    assert service["ECU fault"] == "none"
+    assert service["cost weights"] == "the bundle's"
+
+
+def test_only_periods_with_a_request_are_counted(shedding):
+    assert dict(service_rows(shedding()))["periods in control / requested"] == "100 / 100"
+    filling = shedding(modes=dict.fromkeys(range(7), Mode.WARMUP))
+    row = dict(service_rows(filling))["periods in control / requested"]
+    assert row == "93 / 100, 7 of them while the window filled"
+
+
+def test_the_budget_is_judged_in_virtual_time_and_on_this_machine(shedding):
+    service = dict(service_rows(shedding()))
+    assert service["virtual compute time"] == "8 ms of a period of 20 ms: fits"
+    assert service["the same against the budget"].startswith("within 20 ms in 100 of 100 steps")
+    ecu = replace(shedding().metadata.config.ecu, compute_time_ms=25.0)
+    assert dict(service_rows(late(shedding(), ecu=ecu)))["virtual compute time"].endswith("20 ms: does not fit")
+
+
+def test_delays_are_in_the_table(shedding):
+    config = shedding().metadata.config
+    log = late(shedding(), vehicle=replace(config.vehicle, actuator_delay=4), ecu=replace(config.ecu, delay_steps=3))
+    service = dict(service_rows(log))
+    assert service["sample to jets in virtual time, max"] == "88.30 ms, 80 ms of it the actuator's delay"
+    assert service["actuator's delay / compensated by the ECU"] == "4 / 3 periods"
+
+
+def test_weights_that_are_not_the_bundles_are_shown(shedding, run_metadata):
+    log = shedding(weights=replace(run_metadata.weights, lift=9.0))
+    assert dict(service_rows(log))["cost weights"] == "not the bundle's: lift 9 (bundle 0.01)"
+    found = whole_summary(log)
+    assert (found["weights"]["lift"], found["weights_changed"]) == (9.0, ["lift"])
 
 
 @pytest.mark.parametrize(
     ("cd", "cl", "contained"),
     [
-        (0.88, 0.1, ["22.7 % less", "side force down"]),
-        (0.88, 2.0, ["22.7 % less", "but the wake is deflected"]),
+        (0.88, 0.1, ["20.0 % less, side force down (mean |Cl| 0.64 to 0.10)"]),
+        # A mean of 0.16 or less is within what the phase of the cycle makes of it.
+        (0.88, 0.2, ["20.0 % less, but the wake is deflected: mean Cl +0.00 to +0.20"]),
         (1.32, 0.1, ["20.0 % more"]),
     ],
 )
-def test_the_headline_judges_whether_a_reduction_counts(log_of, cd, cl, contained):
-    before = 1.1 if cd > 1.0 else 1.138
-    log = log_of(Cd=[before, before, 9.0, 9.0, cd, cd], Cl=[-1.0, 1.0, 9.0, 9.0, cl, cl])
+def test_the_headline_judges_whether_a_reduction_counts(shedding, cd, cl, contained):
     for words in contained:
-        assert words in headline(log)
+        assert words in headline(shedding(cd, cl)).replace("-0.00", "+0.00")
 
 
-def test_a_run_without_controlled_time_has_no_headline(log_of):
-    assert "too short" in headline(log_of(settle=50.0, Cd=[1.0] * 6))
+def test_a_side_force_that_did_not_fall_is_not_a_deflected_wake(shedding):
+    """Newcomers' table A2: mean |Cl| 0.97 with a mean Cl of -0.01 was called deflected."""
+    swinging = 1.2 * np.sin(2.0 * np.pi * np.arange(99) / 25.0)
+    text = headline(shedding(Cl=swinging))
+    assert "but the side force did not fall (mean |Cl| 0.64 to 0.76)" in text
+    assert "deflected" not in text
+
+
+def test_a_fault_comes_first_and_nothing_is_claimed(shedding):
+    log = shedding(**FAULT)
+    text = headline(log)
+    assert text.startswith("ECU FAULT: DEADLINE at t = 12.4 t_c, 2 periods after enable;")
+    assert text.endswith("no reduction is claimed: in control 2 of 100 periods.")
+    assert "% less" not in text
+    assert service_rows(log)[0] == ("ECU fault", "DEADLINE at t = 12.4 t_c, 2 periods after enable")
+
+
+def test_control_lost_while_averaging_claims_nothing(shedding):
+    text = headline(shedding(modes={60: Mode.HOLD}))
+    assert text.startswith("CONTROL NOT HELD: in control 99 of 100 periods (HOLD 1). Wall drag 1.100 to 0.880; no redu")
+
+
+def test_control_lost_while_settling_is_said_and_the_reduction_claimed(shedding):
+    text = headline(shedding(modes={3: Mode.HOLD}))
+    assert text.startswith(
+        "CONTROL NOT HELD: in control 99 of 100 periods (HOLD 1). Wall drag 1.100 to 0.880: 20.0 % l"
+    )
+
+
+def test_jets_that_hardly_move_claim_nothing(shedding):
+    """Newcomers' table A2: command_step = 1e-5 gave a reduction of 1.63 %."""
+    assert "no reduction is claimed: the jets hardly moved (rms action 1e-05)" in headline(shedding(action=1e-5))
+
+
+def test_a_run_without_averages_says_so(shedding):
+    log = shedding(averages=False)
+    assert headline(log) == "No averages were asked for."
+    assert drag_rows(log) == [("No averages were asked for.", "", "")]
+    found = summary(log)
+    assert found["Cd_controlled"] is None
+    assert found["reduction_percent"] is None
+
+
+def test_the_summary_holds_fault_counters_modes_settings_and_origin(shedding):
+    found = json.loads(json.dumps(whole_summary(shedding(**FAULT)), allow_nan=False))
+    assert found["headline"].startswith("ECU FAULT")
+    assert found["fault"]["reason"] == "DEADLINE"
+    assert (found["fault"]["t"], found["fault"]["period"]) == (pytest.approx(12.4), 62)
+    assert found["modes"] == {"CONTROL": 2, "FAULT": 98}
+    assert found["counters"] == {
+        "overruns": 1, "missed": 2, "crc_errors": 3, "bus_off": 4, "frames_lost": 1, "frames_rejected": 2,
+    }  # fmt: skip
+    assert found["reduction_percent"] is None
+    assert found["Cd_controlled"] == pytest.approx(0.88)
+    assert found["settings"]["vehicle"] == {"actuator_delay": 0}
+    assert found["settings"]["ecu"]["delay_steps"] == 0
+    assert found["bundle"]["digest"] == "0123456789abcdef" * 4
+    assert found["started_with"]["command"] == ["stillwake", "run", "a"]
+    assert found["versions"] == {"python": "3.11"}
+
+
+def test_the_summary_of_a_sound_run_has_no_fault(shedding):
+    found = summary(shedding())
+    assert (found["fault"], found["trouble"]) == (None, None)
+    assert found["reduction_percent"] == pytest.approx(20.0, abs=1e-3)
+    assert (found["cycles_uncontrolled"], found["cycles_controlled"]) == (2, 3)
+    assert found["mpc_ms_p90"] == 2.0

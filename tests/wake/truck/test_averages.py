@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract.errors import PlantError
-from wake.truck.averages import Average, over_cycles
+from wake.truck.averages import Average, over_cycles, over_last_cycles
 
 DT = 0.2
 
@@ -73,3 +73,40 @@ def test_the_plain_average() -> None:
     assert average.std(values) == pytest.approx(values.std())
     with pytest.raises(PlantError, match="0 samples"):
         Average.of_all(0)
+
+
+@pytest.mark.parametrize("count", [60, 83, 300])
+def test_the_last_cycles_of_a_known_frequency(count: int) -> None:
+    """The mean of a sine over its whole cycles is zero wherever they begin; a transient at the start is left out."""
+    frequency = 0.2
+    t, lift = series(frequency, 0.37, count)
+    average = over_last_cycles(t, frequency)
+    assert average.cycles == int((count - 1) * DT * frequency)
+    assert average.weights.sum() == pytest.approx(1.0, abs=1e-12)
+    assert average.mean(lift) == pytest.approx(0.0, abs=1e-12)
+    assert average.weights[-1] > 0.0
+    left_out = (count - 1) - round(average.cycles / (frequency * DT))
+    assert not average.weights[:left_out].any()
+
+
+def test_a_cycle_of_no_whole_number_of_samples_is_cut_between_them() -> None:
+    t, _ = series(0.1994, 0.0, 200)
+    average = over_last_cycles(t, 0.1994)
+    # A straight line's mean is its value in the middle of the span, to the bit of the arithmetic.
+    middle = t[-1] - 0.5 * average.cycles / 0.1994
+    assert average.mean(3.0 * t - 1.0) == pytest.approx(3.0 * middle - 1.0, abs=1e-12)
+
+
+def test_noise_that_crosses_zero_marks_no_cycles() -> None:
+    """A controlled wake: little of the shedding is left, and something faster crosses zero in between."""
+    t: np.ndarray = np.linspace(DT, 300 * DT, 300)
+    lift = 0.05 * np.sin(2 * np.pi * 0.2 * t) + 0.1 * np.sin(2 * np.pi * 0.71 * t)
+    drag = 0.8 + 0.02 * np.sin(2 * np.pi * 0.2 * t + 1.0)
+    assert over_cycles(t, lift).cycles > 30
+    assert over_last_cycles(t, 0.2).mean(drag) == pytest.approx(0.8, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [0, 1, 20])
+def test_less_than_a_known_cycle_is_refused(count: int) -> None:
+    with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
+        over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)

@@ -1,0 +1,79 @@
+"""Draw `docs/demo.png` and `docs/pictures/closed_loop.gif` from a run of the shipped release: `make pictures`.
+
+    python docs/release_pictures.py RUN_FOLDER
+
+`docs/pictures/provenance.json` says of which bundle and of which run they are; a test fails when another bundle is
+shipped.
+"""
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+from typing import Final
+
+from contract.config.loading import load_config
+from contract.errors import StillwakeError
+from contract.release import bundle
+from firmware_sim.runs import run_log
+from firmware_sim.runs.pictures import key
+from firmware_sim.runs.report import write_picture
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunLog
+from stillwake.shipped import BUNDLE
+from wake.pictures.animation import animate
+from wake.pictures.drawing import WakePicture
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
+
+DOCS: Final = Path(__file__).resolve().parent
+OVERVIEW: Final = DOCS / "demo.png"
+ANIMATION: Final = DOCS / "pictures" / "closed_loop.gif"
+PROVENANCE: Final = DOCS / "pictures" / "provenance.json"
+
+BEGIN: Final = 20.0
+END: Final = 50.0
+"""t_c: a cycle without control, and what control makes of the wake."""
+EVERY: Final = 3
+WIDTH: Final = 640
+
+
+def main(folder: RunFolder) -> None:
+    """Draw both from one run folder; raises StillwakeError if it is no run of the shipped bundle from its start."""
+    log = run_log.load(folder.series)
+    shipped = bundle.load(BUNDLE).digest
+    if log.metadata.digest != shipped:
+        raise StillwakeError(f"{folder.path}: a run of bundle {log.metadata.digest[:12]}, shipped is {shipped[:12]}")
+    write_picture(folder, OVERVIEW)
+    _animate(log)
+    pictures = {str(path.relative_to(DOCS.parent)): sha256(path) for path in (OVERVIEW, ANIMATION)}
+    content = {"bundle": shipped, "run": log.metadata.origin.day, "summary": sha256(folder.summary), "files": pictures}
+    PROVENANCE.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def sha256(path: Path) -> str:
+    """Of a file, in hex."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _animate(log: RunLog) -> None:
+    config = load_config()
+    wake = TruckWake(config.flow)
+    wake.reset(developed_state())
+    drawn = WakePicture(wake, "vorticity", log.metadata.sensors, WIDTH)
+    # Room for the key below.
+    drawn.figure.set_figheight(3.5)
+    drawn.figure.legend(handles=key(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+    period = config.flow.control_period
+    # Row k holds the action reached at t_k.
+    actions = log.series["action"][1 : round(END / period) + 1]
+    animate(ANIMATION, drawn, wake, actions, skip=round(BEGIN / period), every=EVERY)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("usage: python docs/release_pictures.py RUN_FOLDER")
+    try:
+        main(RunFolder(Path(sys.argv[1])))
+    except StillwakeError as error:
+        sys.exit(f"error: {error}")

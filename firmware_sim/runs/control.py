@@ -1,0 +1,115 @@
+"""Whether the controller was in control while control was requested, and why not."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.statistics import Flags, planned_steps
+
+SKIPPED: Final = "SKIPPED"
+"""Beside the names of the modes: the ECU was still computing, and left the period out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """The first latched fault while control was requested.
+
+    Attributes:
+        reason: name of a `can_bridge.wire.messages.Reason`.
+        t: start of the period, t_c.
+        period: its index in the run's series.
+        after_enable: control periods since control was requested.
+    """
+
+    reason: str
+    t: float
+    period: int
+    after_enable: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control:
+    """How control was held.
+
+    Attributes:
+        requested: control periods in which it was requested.
+        modes: of these, by the name of the ECU's mode, or SKIPPED.
+        warm_up: of these, the first ones, in which the controller's window was still filling.
+        fault: the first one; None if none was latched.
+        shut: share of the requested time in which the jets stood still, 0 to 1.
+    """
+
+    requested: int
+    modes: Mapping[str, int]
+    warm_up: int
+    fault: Fault | None
+    shut: float
+
+    @property
+    def in_control(self) -> int:
+        """Periods in which the controller planned."""
+        return self.modes.get(Mode.CONTROL.name, 0)
+
+    @property
+    def held(self) -> bool:
+        """Whether it was in control from the end of the warm-up on, in every period, and without a fault."""
+        return self.fault is None and self.in_control > 0 and self.in_control + self.warm_up == self.requested
+
+
+def control(log: RunLog) -> Control:
+    """Of a run, from the period in which control is first requested."""
+    modes = log.series["mode"][log.enabled_at :].astype(int)
+    skipped = np.isnan(log.series["step_ms"][log.enabled_at :])
+    names = [SKIPPED if left_out else Mode(mode).name for mode, left_out in zip(modes, skipped, strict=True)]
+    faulted = np.flatnonzero(modes == Mode.FAULT)
+    warm = np.flatnonzero(np.array(names) != Mode.WARMUP.name)
+    still = log.series["action"][log.enabled_at :] == 0.0
+    # The sample at which control is requested comes before the jets can have moved.
+    shut = float(still[1:].mean()) if len(still) > 1 else 1.0
+    return Control(
+        requested=len(names),
+        modes={name: names.count(name) for name in (*Mode.__members__, SKIPPED) if name in names},
+        warm_up=int(warm[0]) if len(warm) else len(names),
+        fault=_fault(log, int(faulted[0])) if len(faulted) else None,
+        shut=shut,
+    )
+
+
+def trouble(log: RunLog) -> str | None:
+    """What a reader must know before any figure of the run, as a sentence; None if control was held throughout."""
+    found = control(log)
+    if found.held:
+        return None
+    if found.fault is not None:
+        return (
+            f"ECU FAULT: {found.fault.reason} at t = {found.fault.t:.1f} t_c, {_periods(found.fault.after_enable)} "
+            f"after enable; the jets were shut for {100 * found.shut:.0f} % of the controlled time."
+        )
+    share = f"in control {found.in_control} of {_periods(found.requested)}"
+    if found.warm_up == found.requested:
+        return f"NOT IN CONTROL: {share}; the controller's window was still filling at the end."
+    others = [f"{name} {count}" for name, count in found.modes.items() if name != Mode.CONTROL.name]
+    return f"CONTROL NOT HELD: {share} ({', '.join(others)})."
+
+
+def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
+    """Whether the controller planned in every period that the controlled averages count, (n,)."""
+    return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
+
+
+def _fault(log: RunLog, after_enable: int) -> Fault:
+    period = log.enabled_at + after_enable
+    return Fault(
+        reason=Reason(int(log.series["reason"][period])).name,
+        t=float(log.series["t"][period]),
+        period=period,
+        after_enable=after_enable,
+    )
+
+
+def _periods(count: int) -> str:
+    return f"{count} period{'' if count == 1 else 's'}"

@@ -1,0 +1,54 @@
+"""The series of a run as CSV, for other programs: one row a control period, units in the header."""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from can_bridge.wire.messages import Mode, Reason
+from contract.atomic import replacing
+from contract.ledger import LEDGER_FIELDS
+from firmware_sim.runs.run_log import COLUMNS, WALL, RunLog
+
+UNITS: Final = {
+    "t": "t_c",
+    **dict.fromkeys(LEDGER_FIELDS, "1"),
+    "Uy_probe": "U_inf",
+    "action": "U_inf W",
+    "base_Cp": "1",
+    "command": "U_inf W",
+    "predicted_Cd": "1",
+    "predicted_Cl": "1",
+    "mode": "name",
+    "reason": "name",
+    "step_ms": "ms",
+    "age_ms": "ms",
+}
+"""Of every column in `COLUMNS`; mode and reason are written by their names."""
+
+
+def write_csv(path: Path, log: RunLog) -> None:
+    """Write the series, whole or not at all; a value that does not exist is an empty field.
+
+    Raises:
+        StillwakeError: if the place cannot be written.
+    """
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(_rows(log))
+
+
+def _rows(log: RunLog) -> Iterator[list[str]]:
+    wall = log.series.get(WALL)
+    names = [] if wall is None else [f"Cp_{name} [1]" for name in log.metadata.sensors]
+    yield [*(f"{name} [{UNITS[name]}]" for name in COLUMNS), *names]
+    for k in range(len(log.series["t"])):
+        row = [_text(name, float(log.series[name][k])) for name in COLUMNS]
+        yield row if wall is None else [*row, *(_text("Cp", float(value)) for value in wall[k])]
+
+
+def _text(name: str, value: float) -> str:
+    if name == "mode":
+        return Mode(int(value)).name
+    if name == "reason":
+        return Reason(int(value)).name
+    return "" if value != value else f"{value:.10g}"

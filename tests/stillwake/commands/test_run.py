@@ -1,0 +1,239 @@
+"""`stillwake run` and `report`: what is refused, what the exit status says, and what is on disk afterwards."""
+
+import csv
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from contract.config.controller import CostWeights
+from contract.config.loading import load
+from contract.errors import ConfigError
+from contract.release import bundle
+from firmware_sim.runs import run_log
+from firmware_sim.runs.run_folder import RunFolder
+from stillwake.commands.run import cost_weights
+
+QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
+"""Long enough for a window of four rows."""
+
+
+@pytest.fixture
+def refused(cli, tmp_path) -> Callable[..., str]:
+    """Run it, see one line and nothing on disk; return the line."""
+
+    def run(*arguments: object) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        outcome = cli("run", tmp_path / "run", *arguments)
+        assert (outcome.code, outcome.err.count("\n")) == (1, 1)
+        assert "closed loop" not in outcome.out  # no empty bar
+        assert sorted(tmp_path.rglob("*")) == before
+        return outcome.err
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        # Newcomers' table E, rows 5 and 6; table A2.
+        (["--controlled", "inf"], "--controlled = inf: must be a number of t_c"),
+        (["--settle", "inf"], "--settle = inf: must be a number of t_c"),
+        (["--lead-in", "inf"], "--lead-in = inf: must be a number of t_c"),
+        (
+            ["--settle", 200, "--controlled", 2],
+            "--controlled = 2 less --settle = 200 leaves -198 t_c: must be at least 10",
+        ),
+        (["--controlled", 6], "leaves -34 t_c: must be at least 10 t_c, 2 shedding cycles, for averages"),
+        (["--lead-in", 5], "--lead-in = 5: must be at least 10 t_c"),
+        ([*QUICK, "--require-reduction", 20], "--require-reduction needs averages"),
+        (["--require-reduction", "nan"], "--require-reduction nan: must be a number of percent"),
+        # Row 22.
+        ([*QUICK, "--set", "bus.interface=socketcan"], "bus.interface = 'socketcan': a run is in virtual time"),
+        # Table A2: accepted and ignored before.
+        (["--set", "mpc.iterations=50"], "mpc.iterations = 50: fixed when the bundle was exported, to 5; make another"),
+        (["--set", "mpc.iterations=5"], "mpc.iterations = 5: fixed when the bundle was exported"),
+        (["--set", "train.epochs=3"], "--set train.epochs: `run` does not use it"),
+        (["--set", "openfoam.refinement=0.5"], "--set openfoam.refinement: `run` does not use it"),
+        (
+            [*QUICK, "--set", "vehicle.actuator_delay=1000"],
+            "vehicle.actuator_delay = 1000: control is requested for 5 pe",
+        ),
+        # Row 21, with a command that works.
+        (
+            [*QUICK, "--set", "flow.reynolds=400"],
+            "the shipped start is of 500; `stillwake develop start.npz --set flow.reynolds=400` makes one, to be given "
+            "with `--start start.npz --set flow.reynolds=400`",
+        ),
+        ([*QUICK, "--start", "nowhere.npz"], "nowhere.npz: not a flow state"),
+        (["--plant", "water-tunnel"], "--plant water-tunnel: must be stillwake or openfoam"),
+    ],
+)
+def test_what_cannot_be_run_is_one_line(refused, short_release, arguments, named):
+    assert named in refused("--bundle", short_release, *arguments)
+
+
+def test_a_bus_that_is_too_slow_is_one_line(cli, tmp_path, short_release):
+    """Row 23. It is found in the first period, so the bar is there."""
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, "--set", "bus.data_bitrate=100")
+    assert outcome.code == 1
+    assert "raise bus.nominal_bitrate or bus.data_bitrate" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_in_the_folders_place_is_named(cli, tmp_path, short_release):
+    """Row 14."""
+    (tmp_path / "my.h5").write_text("")
+    outcome = cli("run", tmp_path / "my.h5", "--bundle", short_release, *QUICK)
+    assert outcome.code == 1
+    assert f"cannot write {tmp_path}/my.h5: it is a file, and a run needs a folder" in outcome.err
+
+
+@pytest.fixture
+def release(random_release) -> bundle.Bundle:
+    return bundle.load(random_release)
+
+
+def test_given_weights_take_the_place_of_the_bundles(release):
+    ours = release.manifest.mpc.weights
+    # The release's settings have other weights than this bundle: they are not what the user gave.
+    assert load().config.mpc.weights != ours
+    assert cost_weights(load(), release) == ours
+    found = cost_weights(load(None, ["mpc.weights.lift=9.0", "mpc.weights.effort=0.5"]), release)
+    assert found == replace(ours, lift=9.0, effort=0.5)
+
+
+def test_a_file_may_name_what_the_bundle_has(release, tmp_path):
+    path = tmp_path / "settings.toml"
+    mpc = release.manifest.mpc
+    path.write_text(f"[mpc]\nhorizon = {mpc.horizon}\n[mpc.weights]\nlift = 3\n")
+    assert cost_weights(load(path), release).lift == 3.0
+    path.write_text("[mpc]\nhorizon = 7\n")
+    with pytest.raises(ConfigError, match=r"mpc\.horizon = 7: fixed when the bundle was exported, to 8; .*horizon=7`"):
+        cost_weights(load(path), release)
+
+
+@pytest.fixture(scope="module")
+def finished(short_release, tmp_path_factory) -> Path:
+    """A short run with other weights, as its own process would leave it."""
+    import stillwake.__main__
+
+    folder = tmp_path_factory.mktemp("finished") / "run"
+    words = [
+        "run",
+        folder,
+        "--bundle",
+        short_release,
+        *QUICK,
+        "--set",
+        "mpc.weights.lift=9",
+        "--json",
+        f"{folder}.json",
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["stillwake", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            stillwake.__main__.main()
+    assert not stop.value.code
+    return folder
+
+
+@pytest.mark.slow
+def test_weights_in_force_are_kept_with_the_run_and_the_bundle_stays(finished, short_release):
+    found = json.loads((finished / "summary.json").read_text())
+    assert found["weights_changed"] == ["lift"]
+    assert found["weights"]["lift"] == 9.0
+    assert found["mpc"]["weights"]["lift"] == CostWeights().lift
+    assert found["bundle"]["digest"] == bundle.load(short_release).digest
+    assert "not the bundle&#39;s: lift 9 (bundle 0.01)" in (finished / "report.html").read_text()
+    facts = json.loads(finished.with_suffix(".json").read_text())["facts"]
+    assert facts["config"]["mpc"]["weights"]["lift"] == 9.0
+    assert found["started_with"]["command"][:2] == ["stillwake", "run"]
+
+
+@pytest.mark.slow
+def test_a_run_is_replaced_only_when_asked(cli, finished, short_release):
+    before = (finished / "series.npz").read_bytes()
+    outcome = cli("run", finished, "--bundle", short_release, *QUICK)
+    assert outcome.code == 1
+    assert "holds a run: give another folder, or --overwrite to replace it" in outcome.err
+    assert (finished / "series.npz").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_the_report_draws_and_writes_csv(cli, finished, tmp_path):
+    outcome = cli("report", finished, "--picture", tmp_path / "a.svg", "--csv", tmp_path / "a.csv")
+    assert (outcome.code, outcome.err) == (0, "")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 11
+    log = run_log.load(RunFolder(finished).series)
+    name = log.metadata.sensors[2]
+    assert float(rows[7][f"Cp_{name} [1]"]) == pytest.approx(log.series[run_log.WALL][7, 2], rel=1e-9)
+    assert rows[-1]["mode [name]"] == "CONTROL"
+
+
+def test_a_picture_of_another_kind_is_refused_before_the_run_is_read(cli, tmp_path):
+    outcome = cli("report", tmp_path, "--picture", tmp_path / "x.xyz")
+    assert outcome.code == 1
+    assert "x.xyz: must be a file ending in .png, .pdf, .svg" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_fault_is_said_first_kept_and_ends_with_status_3(cli, tmp_path, short_release):
+    """Newcomers' table A2 and E, row 24: exit 0, a drag figure, and no word of the fault."""
+    late = ["--set", "ecu.compute_time_ms=25"]
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *late)
+    assert (outcome.code, outcome.err) == (3, "")
+    # Late in the lead-in already, so it is latched when control is requested.
+    assert "ECU FAULT: DEADLINE at t = 1.2 t_c, 0 periods after enable" in outcome.out
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert found["fault"]["reason"] == "DEADLINE"
+    assert found["counters"]["overruns"] > 0
+    assert 'role="alert">ECU FAULT: DEADLINE' in (tmp_path / "run" / "report.html").read_text()
+    assert cli("report", tmp_path / "run").code == 0
+
+
+@pytest.mark.slow
+def test_an_ecu_that_never_answers_is_said_too(cli, tmp_path, short_release):
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, "--set", "ecu.compute_time_ms=1e9")
+    assert outcome.code == 3
+    assert "CONTROL NOT HELD: in control 0 of 5 periods (SKIPPED 5)" in outcome.out
+
+
+@pytest.mark.slow
+def test_a_reduction_that_is_not_reached_ends_with_status_4(cli, tmp_path, short_release):
+    """Nobody trained this controller."""
+    spans = ["--lead-in", 10, "--controlled", 10.2, "--settle", 0]
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *spans, "--require-reduction", 20)
+    assert (outcome.code, outcome.err) == (4, "")
+    assert "--require-reduction 20: not reached, it is " in outcome.out
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["reduction_percent"] < 20.0
+
+
+@pytest.mark.processes
+def test_a_run_stopped_by_sigterm_leaves_nothing(tmp_path, short_release):
+    """Row 56: `.frames.log.PID.part` stayed."""
+    words = ["run", tmp_path / "run", "--bundle", short_release, *QUICK[:2], "--controlled", 1000, "--no-averages"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stillwake", *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        # Drawn when control is requested.
+        deadline = time.monotonic() + 120.0
+        while not any(tmp_path.glob("run/*vorticity_uncontrolled*")):
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.terminate()
+        _, err = process.communicate(timeout=120.0)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (143, "stopped\n")
+    assert list(tmp_path.iterdir()) == []
