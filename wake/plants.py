@@ -31,16 +31,17 @@ def open_plant(
         progress: called with (time, total) while OpenFOAM's start develops.
 
     Raises:
-        PlantError: if OpenFOAM is asked for and not installed, or fails.
+        PlantError: if OpenFOAM is asked for another body than the truck, is not installed, or fails.
     """
     if name == "stillwake":
-        wake = TruckWake(config.flow)
+        wake = TruckWake(config.flow, body=config.body)
         wake.reset(developed_state())
         yield wake
         return
-    from wake.openfoam.develop import developed
+    from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
 
+    require_truck(config.body)
     folder = output / "openfoam"
     start = developed(folder, config.flow, config.openfoam, progress)
     refinement = config.openfoam.refinement

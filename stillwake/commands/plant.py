@@ -24,7 +24,8 @@ def develop(
     from wake.truck.state import save_state
     from wake.truck.truck_wake import TruckWake
 
-    wake = TruckWake(load_config(config_file, overrides).flow)
+    config = load_config(config_file, overrides)
+    wake = TruckWake(config.flow, body=config.body)
     with progress_bar("t_c") as bar:
         task = bar.add_task("developing", total=duration, note="")
         state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
@@ -43,8 +44,8 @@ def steady(
     from wake.truck.steady import TOLERANCE, settle
     from wake.truck.truck_wake import TruckWake
 
-    flow = load_config(config_file, overrides).flow
-    wake = TruckWake(flow)
+    config = load_config(config_file, overrides)
+    wake = TruckWake(config.flow, body=config.body)
     # Rates fall by decades.
     decades = -log10(TOLERANCE)
     with progress_bar("decades") as bar:
@@ -59,7 +60,8 @@ def steady(
     figures = found.figures()
     if json_file is not None:
         facts = {
-            "config": asdict(flow),
+            "config": asdict(config.flow),
+            "body": asdict(config.body),
             "grid": list(wake.grid.shape),
             "versions": versions("numpy", "numba", "scipy"),
         }

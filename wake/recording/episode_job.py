@@ -18,7 +18,7 @@ from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
 from wake.recording.parts_folder import PartsFolder, differing
 from wake.recording.plan import Plan
 from wake.shipped import DEVELOPED
-from wake.solver.grid import truck_grid
+from wake.solver.grid import box_grid
 from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
@@ -71,7 +71,7 @@ class EpisodeJob:
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return
-        wake = TruckWake(self.config.flow) if wake is None else wake
+        wake = TruckWake(self.config.flow, body=self.config.body) if wake is None else wake
         signal, policy = plan.signal(self.config), self.policy()
         first = blocks.finished
         if first:
@@ -105,9 +105,10 @@ class EpisodeJob:
 def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]:
     """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well."""
     return {
+        "body": asdict(config.body),
         "flow": asdict(config.flow),
         "forcing": asdict(config.forcing),
-        "grid": list(truck_grid().shape),
+        "grid": list(box_grid(config.body.length).shape),
         "start": f"wake/data/{DEVELOPED.name}",
         "start_sha256": hashlib.sha256(DEVELOPED.read_bytes()).hexdigest(),
         "versions": {

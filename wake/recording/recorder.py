@@ -104,7 +104,7 @@ def finished_jobs(
     unfinished = [job for job in jobs if job.blocks.finished < job.plan.steps]
     try:
         if scheduler is None and min(workers, len(unfinished)) <= 1:
-            wake = TruckWake(config.flow) if unfinished else None
+            wake = TruckWake(config.flow, body=config.body) if unfinished else None
             for job in unfinished:
                 job.run(wake, progress)
         else:

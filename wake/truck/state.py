@@ -66,9 +66,7 @@ def save_state(path: Path, state: State) -> None:
         {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
     )
     # The truck's files hold nothing about the body, as they always did.
-    shape: dict[str, Any] = (
-        {} if origin.is_truck else {name: getattr(origin, name) for name in _BODY}
-    )
+    shape: dict[str, Any] = {} if origin.is_truck else {name: getattr(origin, name) for name in _BODY}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,

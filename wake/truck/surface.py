@@ -74,7 +74,8 @@ class Surface:
         self._slots = SlotFaces(grid, viscosity, slot_profile)
         self._layout = Layout(grid.shape)
         rows = [
-            self._wall_pressure(x, y, *normal) for (x, y), normal in zip(layout.positions, _normals(layout), strict=True)
+            self._wall_pressure(x, y, *normal)
+            for (x, y), normal in zip(layout.positions, _normals(layout), strict=True)
         ]
         rows += self._wall_force(viscosity)
         rows.append(self._sample(*body.wake_probe, "v"))

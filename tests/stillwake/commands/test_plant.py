@@ -41,6 +41,7 @@ def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> N
     settled = steady.SteadyWake(
         state=plant.state(),
         sample=plant.sample(),
+        base_Cp=-0.2,
         recirculation_length=4.25,
         velocity_rate=1e-7,
         drag_rate=1e-8,
