@@ -128,7 +128,9 @@ def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square: Truck
 
 
 def test_a_state_of_another_body_is_refused_by_name(square: TruckWake, wake: TruckWake, tmp_path: Path) -> None:
-    with pytest.raises(PlantError, match=r"body of length 7\.647 and leading-edge radius 0\.118, this plant has 1 and 0"):
+    with pytest.raises(
+        PlantError, match=r"body of length 7\.647 and leading-edge radius 0\.118, this plant has 1 and 0"
+    ):
         square.reset(developed_state())
     save_state(tmp_path / "square.npz", square.state())
     loaded = load_state(tmp_path / "square.npz")
