@@ -21,7 +21,7 @@ def coarse() -> TruckWake:
 def plant(coarse: TruckWake, monkeypatch: pytest.MonkeyPatch) -> TruckWake:
     """What the commands build."""
     coarse.reset(replace(coarse.state(), flat=np.linspace(0.0, 1.0, coarse.flow.flat.size), substep=0, action=0.0))
-    monkeypatch.setattr(truck_wake, "TruckWake", lambda config: coarse)
+    monkeypatch.setattr(truck_wake, "TruckWake", lambda config, *, body: coarse)
     return coarse
 
 
