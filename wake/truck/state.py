@@ -53,6 +53,16 @@ class State:
     origin: Origin | None = None
 
 
+def check_body(origin: Origin, body: BodyConfig) -> None:
+    """Raise PlantError if a state was made around another body than the plant's."""
+    if not origin.is_of(body):
+        raise PlantError(
+            f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
+            f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
+            "`stillwake develop` with the same body.* makes a start for it"
+        )
+
+
 def save_state(path: Path, state: State) -> None:
     """Write a state, whole or not at all.
 

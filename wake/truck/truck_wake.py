@@ -21,7 +21,7 @@ from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
 from wake.truck.sample import Sample
-from wake.truck.state import Origin, State
+from wake.truck.state import Origin, State, check_body
 from wake.truck.surface import Surface
 
 
@@ -170,13 +170,8 @@ class TruckWake:
         return np.asarray(2.0 * self.flow.cells_p)
 
     def _check_origin(self, origin: Origin, substep: int) -> None:
-        config, body = self.config, self.body
-        if not origin.is_of(body):
-            raise PlantError(
-                f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
-                f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-                "`stillwake develop` makes a start for it"
-            )
+        config = self.config
+        check_body(origin, self.body)
         if origin.shape != self.grid.shape:
             (nx, ny), (mine_x, mine_y) = origin.shape, self.grid.shape
             raise PlantError(f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}")
