@@ -21,7 +21,9 @@ def draw(results: Path) -> Figure:
             counts = [row["iterations"] for row in rows]
             line[0].plot(counts, [row[name] for row in rows], "o-", color=colour, markersize=4, label=start)
             line[0].plot(counts, [row[f"{name}_worst"] for row in rows], ":", color=colour, linewidth=1.0)
-        line[1].plot([row["learning_rate"] for row in rates], [row[name] for row in rates], "ko-", markersize=4)
+        line[1].plot(
+            [row["learning_rate"] for row in rates], [row[name] for row in rates], "ko-", markersize=4, label=label
+        )
         line[0].set_ylabel(label)
         for axes in line:
             axes.set_ylim(bottom=0.0)
@@ -31,9 +33,9 @@ def draw(results: Path) -> Figure:
     grid[0, 0].set_xscale("symlog", linthresh=1.0)
     grid[0, 0].set_xticks((0, 1, 2, 5, 10, 20, 50), labels=("0", "1", "2", "5", "10", "20", "50"))
     grid[0, 0].set_xlim(-0.3, 60.0)
-    figure.legend(
-        *grid[0, 0].get_legend_handles_labels(), title="dotted: largest", loc="outside upper left", ncols=2, fontsize=8
-    )
+    for axes, title in ((grid[0, 0], "mean over situations; dotted: largest"), (grid[0, 1], None)):
+        axes.legend(title=title, loc="upper right", ncols=2, fontsize=8, title_fontsize=8)
+    grid[0, 0].set_ylim(top=140.0)
     grid[1, 1].legend(fontsize=8)
     grid[0, 1].set_xscale("log")
     grid[1, 0].set_xlabel("iterations of Adam")

@@ -1,35 +1,27 @@
-"""The study's figures, in `docs/pictures`: from `results/model.json`, and two from the model and its recording."""
+"""The study's figures that `results/model.json` alone decides."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import read
-from benchmarks.model.study.lab import Lab, scaling, test_rows, training_rows
 from contract import sensors
-from contract.atomic import replacing
-from train.distil import encode_all
-from train.model_store import load
 
-PICTURES: Final = ROOT / "docs" / "pictures"
 DRAG, LIFT, REFERENCE = "#d62728", "#1f77b4", "black"
 FORCES: Final = (("drag", "$C_d$", DRAG), ("lift", "$C_l$", LIFT))
 BAND: Final = (0.05, 0.45)
 """Frequencies of the training waveform (paper, appendix A), 1/t_c."""
 
 
-def draw_all(results: Path, lab: Lab) -> None:
-    """Write every figure."""
+def drawn(results: Path) -> dict[str, Figure]:
+    """Every one of them by its file's name."""
     found = read(results)["figures"]
-    drawn = {
-        "model_forces": forces(lab),
-        "model_latents": latent_pairs(lab),
+    return {
         "model_importance": importance(found["seeds"][0]),
         "model_sensors": error_by_count(found["counts"]),
         "model_growth": growth(found["seeds"], found["unrolls"]),
@@ -37,62 +29,6 @@ def draw_all(results: Path, lab: Lab) -> None:
         "model_noise": noise(found["disturbed"]),
         "model_selection": selection(found),
     }
-    for name, figure in drawn.items():
-        with replacing(PICTURES / f"{name}.png") as temporary:
-            figure.savefig(temporary, format="png")
-
-
-def forces(lab: Lab) -> Figure:
-    """Two stretches of the chirp: recorded forces, and what the release's networks make of 4 pressures."""
-    trained = load(lab.variant("hardened"))
-    rows = test_rows()
-    latents = encode_all(trained.slim, rows.with_sensors(sensors.indices(trained.sensors)))
-    with torch.no_grad():
-        decoded = trained.deployed.decoder(latents)
-    mean, std = np.array(scaling().force_mean), np.array(scaling().force_std)
-    predicted, true = decoded.numpy() * std + mean, rows.forces.numpy() * std + mean
-    t = lab.config.flow.control_period * np.arange(len(true))
-    figure = Figure(figsize=(10.0, 4.6), dpi=100, layout="constrained")
-    grid = figure.subplots(2, 2, sharey="row", sharex="col")
-    for column, (start, stop) in enumerate(((3000, 3400), (9500, 9900))):
-        for row, (_, label, colour) in enumerate(FORCES):
-            axes: Axes = grid[row, column]
-            axes.plot(t[start:stop], true[start:stop, row], color=REFERENCE, linewidth=1.2, label="recorded")
-            axes.plot(t[start:stop], predicted[start:stop, row], "--", color=colour, linewidth=1.2, label="4 sensors")
-            axes.grid(color="0.9")
-            axes.margins(y=0.2)
-            axes.set_ylabel(label if column == 0 else "")
-        frequency = [_chirp_frequency(lab, k, len(true)) for k in (start, stop)]
-        grid[0, column].set_title(f"forcing at {frequency[0]:.2f} to {frequency[1]:.2f} / $t_c$", fontsize=10)
-        grid[1, column].set_xlabel("t / $t_c$")
-    for axes in grid[:, 0]:
-        axes.legend(fontsize=8, loc="upper left", ncols=2)
-    return figure
-
-
-def latent_pairs(lab: Lab) -> Figure:
-    """Every pair of the teacher's latents on training data, upper ones by lift, lower ones by drag (paper, fig. 6)."""
-    trained, rows = lab.model(), training_rows()
-    latents = encode_all(trained.teacher.encoder, rows)
-    seen = torch.nonzero(~latents[:, 0].isnan()).flatten()
-    thin = seen[torch.randperm(len(seen), generator=torch.Generator().manual_seed(0))[:2500]]
-    z, c = latents[thin].numpy(), rows.forces[thin].numpy()
-    size = z.shape[1]
-    figure = Figure(figsize=(11.0, 11.0), dpi=75, layout="constrained")
-    grid = figure.subplots(size, size, sharex="col", squeeze=False)
-    for i in range(size):
-        for j in range(size):
-            axes: Axes = grid[i, j]
-            axes.tick_params(labelleft=False, left=False, labelsize=7)
-            if i == j:
-                axes.hist(z[:, i], bins=50, color="0.5")
-            else:
-                force = c[:, 1] if j > i else c[:, 0]
-                axes.scatter(z[:, j], z[:, i], c=force, s=1, vmin=-2, vmax=2, cmap="RdBu_r" if j > i else "viridis")
-        grid[i, 0].set_ylabel(f"$z_{i + 1}$")
-        grid[-1, i].set_xlabel(f"$z_{i + 1}$")
-    figure.suptitle("upper: by $C_l$ (blue to red), lower: by $C_d$ (dark to light)", fontsize=11)
-    return figure
 
 
 def importance(seed: Mapping[str, Any]) -> Figure:
@@ -152,7 +88,7 @@ def growth(seeds: list[Mapping[str, Any]], unrolls: list[Mapping[str, Any]]) -> 
     for row, (name, label, _) in enumerate(FORCES):
         for seed in seeds:
             for who, colour in (("teacher", "0.45"), ("slim", DRAG)):
-                title = f"{'90' if who == 'teacher' else '4'} sensors" if seed["seed"] == 0 else None
+                title = ("90 sensors" if who == "teacher" else "4 sensors by SHAP") if seed["seed"] == 0 else None
                 curve = seed["growth"][who]
                 grid[row, 0].plot(*_curve(curve, name), color=colour, linewidth=1.2, label=title)
         for item in unrolls:
@@ -167,7 +103,7 @@ def growth(seeds: list[Mapping[str, Any]], unrolls: list[Mapping[str, Any]]) -> 
     for axes in (grid[0, 0], grid[0, 1]):
         axes.legend(fontsize=8)
     for axes in grid[1]:
-        axes.set_xlabel("control steps ahead")
+        axes.set_xlabel("control steps ahead (line at 25: the controller's horizon)")
     return figure
 
 
@@ -243,6 +179,9 @@ def selection(found: Mapping[str, Any]) -> Figure:
     methods.set_ylim(bottom=0)
     methods.grid(axis="y", color="0.92")
     methods.set_title(r"$L_1/\sigma$ of four sensors, by method, three seeds", fontsize=10)
+    keys = [Line2D([], [], color=colour, marker="o", linestyle="", label=label) for _, label, colour in FORCES]
+    methods.legend(handles=keys, fontsize=8, loc="upper right", ncols=2)
+    methods.margins(y=0.2)
     return figure
 
 
@@ -253,8 +192,3 @@ def _ink(value: float) -> str:
 
 def _curve(rollout: list[Mapping[str, Any]], name: str) -> tuple[list[int], list[float]]:
     return [item["horizon"] for item in rollout], [item[name] for item in rollout]
-
-
-def _chirp_frequency(lab: Lab, step: int, steps: int) -> float:
-    forcing = lab.config.forcing
-    return forcing.chirp_start + (forcing.chirp_end - forcing.chirp_start) * step / steps

@@ -15,7 +15,8 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks.common.command_line import Parts, progress, save
-from benchmarks.model.study import figures
+from benchmarks.common.pictures import draw
+from benchmarks.model.study import figures, network_figures
 from benchmarks.model.study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model.study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
 from contract.config.loading import load_config, to_tree
@@ -47,7 +48,7 @@ def main(
                 future.result()
                 bar.update(task, advance=1, description=running[future].name)
     save(json_file, figures=collected(lab), facts=facts(lab))
-    figures.draw_all(json_file, lab)
+    draw({**figures.drawn(json_file), **network_figures.drawn(lab)})
 
 
 def collected(lab: Lab) -> dict[str, Any]:
