@@ -24,8 +24,8 @@ def test_naive_feedback_compares_with_and_without(monkeypatch, capsys):
 
 def test_a_recording_as_csv_is_what_another_solver_would_give(tmp_path, capsys):
     rng, layout = np.random.default_rng(3), layout_of(BodyConfig())
-    series = {name: rng.normal(size=6) for name in UNITS if name != "Cp"} | {"Cp": rng.normal(size=(6, len(layout)))}
-    series |= {"t": 0.2 * np.arange(6), "action": 0.01 * np.arange(6)}
+    series = {name: rng.normal(size=(6, len(layout)) if name == "Cp" else 6) for name in UNITS}
+    series["t"], series["action"] = 0.2 * np.arange(6.0), 0.01 * np.arange(6.0)
     episode = Episode(name="one", role="train", series=series, initial_action=0.0, provenance={})
     write(tmp_path / "truck.h5", Dataset(episodes=(episode,)))
     as_csv = runpy.run_path(str(EXAMPLES / "square_cylinder" / "as_csv.py"))
