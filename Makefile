@@ -69,6 +69,7 @@ full: test
 		--json results/controller_loop.json
 	$(BIN)/python -m benchmarks truncation --model runs/model --json results/truncation.json
 	$(BIN)/python -m benchmarks mcu --json results/mcu.json
+	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
 	$(BIN)/python -m benchmarks model --json results/model.json
 	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \

@@ -1,4 +1,6 @@
-"""The truck and its domain, in lengths of the body width W (paper, section 2.1).
+"""The truck and the domain, in lengths of the body width W (paper, section 2.1).
+
+`contract.config.body` describes another body in the same domain; its width is 1, and its slots are the truck's.
 
 The front of the body is at x = 0, its axis of symmetry at y = 0. Velocities are in U_inf, times in
 t_c = W / U_inf, pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).
@@ -17,4 +19,4 @@ DOMAIN_X: Final = (-7.0, 23.0)
 DOMAIN_Y: Final = (-7.5, 7.5)
 
 WAKE_PROBE: Final = (10.0, 0.0)
-"""Where the paper watches the transverse velocity U_y."""
+"""Where the paper watches the transverse velocity U_y behind the truck."""

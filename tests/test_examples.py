@@ -1,6 +1,15 @@
+import csv
 import runpy
 import sys
 from pathlib import Path
+
+import numpy as np
+
+from contract.body_sensors import layout_of
+from contract.config.body import BodyConfig
+from contract.config.loading import load_config
+from contract.recording.dataset import UNITS, Dataset, Episode, read, write
+from wake.truck.truck_wake import TruckWake
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -11,3 +20,29 @@ def test_naive_feedback_compares_with_and_without(monkeypatch, capsys):
     drag = [float(line.split()[3].rstrip(",")) for line in capsys.readouterr().out.splitlines()]
     assert len(drag) == 3
     assert len(set(drag)) > 1 and all(0.8 < value < 1.2 for value in drag)
+
+
+def test_a_recording_as_csv_is_what_another_solver_would_give(tmp_path, capsys):
+    rng, layout = np.random.default_rng(3), layout_of(BodyConfig())
+    series = {name: rng.normal(size=(6, len(layout)) if name == "Cp" else 6) for name in UNITS}
+    series["t"], series["action"] = 0.2 * np.arange(6.0), 0.01 * np.arange(6.0)
+    episode = Episode(name="one", role="train", series=series, initial_action=0.0, provenance={})
+    write(tmp_path / "truck.h5", Dataset(episodes=(episode,)))
+    as_csv = runpy.run_path(str(EXAMPLES / "square_cylinder" / "as_csv.py"))
+    as_csv["main"](tmp_path / "truck.h5", tmp_path / "csv")
+    sensors = list(csv.DictReader((tmp_path / "csv" / "sensors.csv").open(encoding="utf-8")))
+    assert [row["name"] for row in sensors] == list(layout.names)
+    assert [[float(row["x"]), float(row["y"])] for row in sensors] == layout.positions.tolist()
+    assert [k for k, row in enumerate(sensors) if row["base"] == "1"] == layout.base.tolist()
+    rows = list(csv.DictReader((tmp_path / "csv" / "train_one.csv").open(encoding="utf-8")))
+    stored = read(tmp_path / "truck.h5").episodes[0].series
+    for name in ("t", "action", "Cd", "Cl"):
+        assert [float(row[name]) for row in rows] == stored[name].tolist()
+    assert [float(row["base_3"]) for row in rows] == stored["Cp"][:, layout.names.index("base_3")].tolist()
+
+
+def test_the_squares_settings_are_a_square_whose_time_step_holds():
+    config = load_config(EXAMPLES / "square_cylinder" / "square.toml", [])
+    assert (config.body.length, config.body.leading_edge_radius) == (1.0, 0.0)
+    assert len(layout_of(config.body)) == 50
+    TruckWake(config.flow, body=config.body)

@@ -7,7 +7,8 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from contract import sensors
+from contract.body_sensors import layout_of
+from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from contract.ledger import LEDGER_FIELDS
@@ -19,7 +20,7 @@ from wake.truck.truck_wake import TruckWake
 Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""What `info` holds of a `wake.truck.sample.Sample`: all but the 90 pressures."""
+"""What `info` holds of a `wake.truck.sample.Sample`: all but the pressures."""
 
 
 class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -42,39 +43,43 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     - `start`: a `wake.truck.state.State` to start from instead, at a control period's start.
 
     Args:
-        sensor_names: the observed sensors; all 90 by default.
+        sensor_names: the observed sensors; all by default, the truck's 90.
         episode_steps: control steps until truncation.
         config: flow settings.
         max_phase_steps: 25 are about one shedding cycle. A phase takes 1.8 MB.
-        start: instead of the shipped developed state, for other flow settings.
+        start: instead of the shipped developed state, for other flow settings or another body.
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
+        body: the truck by default; another body needs a `start` of its own.
 
     Raises:
         ConfigError: for a sensor that does not exist or is named twice, or a setting out of its range.
-        PlantError: for a start inside a control period, or flow settings whose time step would diverge.
+        PlantError: for a start of another plant or inside a control period, or flow settings whose time step would
+            diverge.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
 
     def __init__(
         self,
-        sensor_names: Sequence[str] = sensors.NAMES,
+        sensor_names: Sequence[str] | None = None,
         episode_steps: int = 500,
         config: FlowConfig | None = None,
         max_phase_steps: int = 25,
         start: State | None = None,
         render_mode: str | None = None,
+        body: BodyConfig = TRUCK_BODY,
     ) -> None:
         for name, value, least in (("episode_steps", episode_steps, 1), ("max_phase_steps", max_phase_steps, 0)):
             if value < least:
                 raise ConfigError(f"{name} = {value}: must be at least {least}")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
-        self._names = tuple(sensor_names)
-        self._columns = sensors.indices(self._names)
+        layout = layout_of(body)
+        self._names = layout.names if sensor_names is None else tuple(sensor_names)
+        self._columns = layout.indices(self._names)
         if not self._names:
             raise ConfigError("sensor_names is empty: observe at least one sensor")
-        self._wake = TruckWake(config)
+        self._wake = TruckWake(config, body=body)
         self._episode_steps = episode_steps
         self._phases = [developed_state() if start is None else self._checked_start(start)]
         self._max_phase_steps = max_phase_steps

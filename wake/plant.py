@@ -1,9 +1,11 @@
-"""What others need of a flow around the truck; the own solver and OpenFOAM both give it."""
+"""What others need of a flow around a body; the own solver and OpenFOAM both give it."""
 
 from typing import Protocol
 
 from contract.arrays import Array
+from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
+from contract.sensor_layout import SensorLayout
 from wake.solver.grid import Grid
 from wake.truck.sample import Sample
 
@@ -25,6 +27,12 @@ class Drawable(Protocol):
     def grid(self) -> Grid: ...
     @property
     def config(self) -> FlowConfig: ...
+    @property
+    def body(self) -> BodyConfig: ...
+    @property
+    def layout(self) -> SensorLayout:
+        """Of the sensors in a sample's Cp."""
+
     @property
     def t(self) -> float:
         """Time in t_c."""

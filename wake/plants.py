@@ -9,7 +9,7 @@ from typing import Literal
 from contract.config.tree import Config
 from contract.errors import PlantError
 from wake.plant import LivePlant
-from wake.truck.state import State, developed_state, load_state
+from wake.truck.state import State, check_body, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 
 PlantName = Literal["stillwake", "openfoam"]
@@ -36,18 +36,20 @@ def open_plant(
         start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
 
     Raises:
-        PlantError: if the start does not fit, or OpenFOAM is asked for and not installed, or fails.
+        PlantError: if the start does not fit, or OpenFOAM is asked for another body than the truck, is not installed,
+            or fails.
     """
     if name == "stillwake":
-        wake = TruckWake(config.flow)
+        wake = TruckWake(config.flow, body=config.body)
         wake.reset(_start(start, config))
         yield wake
         return
     if start is not None:
         raise PlantError(f"start {start}: OpenFOAM develops its own; only the own solver begins from a state file")
-    from wake.openfoam.develop import developed
+    from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
 
+    require_truck(config.body)
     folder = output / "openfoam"
     begin = developed(folder, config.flow, config.openfoam, progress)
     refinement = config.openfoam.refinement
@@ -58,6 +60,8 @@ def open_plant(
 def _start(path: Path | None, config: Config) -> State:
     """The state to begin from, its clock at zero and its jets shut; raises PlantError for another Reynolds number."""
     state = developed_state() if path is None else load_state(path)
+    if state.origin is not None:
+        check_body(state.origin, config.body)
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:
         name = "the shipped start" if path is None else f"start {path}"

@@ -20,7 +20,6 @@ from rich.progress import Progress
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
-from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.plant import FlowConfig
@@ -77,7 +76,7 @@ def _study(
     began = time.process_time()
     develop(wake, develop_time, lambda t, _: bar.update(task, completed=t))
     cpu = {"cpu_s_per_t_c": (time.process_time() - began) / develop_time}
-    free = _average(wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=develop_time + t))
+    free = cycle_average(wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=develop_time + t))
     limit, settled = wake.config.action_limit, average_time
 
     def sine(t: float) -> float:
@@ -86,7 +85,7 @@ def _study(
     while wake.t < settled + settle_time:
         wake.advance(sine(wake.t))
         bar.update(task, completed=develop_time + wake.t)
-    forced = _average(wake, average_time, sine, lambda t: bar.update(task, completed=develop_time + t))
+    forced = cycle_average(wake, average_time, sine, lambda t: bar.update(task, completed=develop_time + t))
     return {
         "case": f"{nx} x {ny}, dt 1/{5 * substeps}",
         "refinement": refinement,
@@ -98,10 +97,17 @@ def _study(
     }
 
 
-def _average(
+def cycle_average(
     wake: TruckWake, duration: float, signal: Callable[[float], float], progress: Callable[[float], None]
 ) -> dict[str, Any]:
-    """Averages over whole cycles of the lift."""
+    """Averages over whole cycles of the lift.
+
+    Args:
+        wake: the plant, run on from its present state.
+        duration: in t_c.
+        signal: action to command at a time.
+        progress: called with the time.
+    """
     samples: list[Sample] = []
     balance: list[float] = []
     for _ in range(round(duration / wake.config.control_period)):
@@ -120,7 +126,7 @@ def _average(
         "Cl_std": float(average.std(series("Cl"))),
         "Cl_mean": float(average.mean(series("Cl"))),
         "St": average.frequency,
-        "base_Cp": float(average.mean(Cp[:, sensors.BASE].mean(axis=1))),
+        "base_Cp": float(average.mean(Cp[:, wake.layout.base].mean(axis=1))),
         "Uy": float(average.std(series("Uy_probe"))),
         "Cp_mean": average.mean(Cp).tolist(),
         "Cp_std": average.std(Cp).tolist(),

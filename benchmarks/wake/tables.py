@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.common.markdown import read, table
-from benchmarks.wake import openfoam_tables
+from benchmarks.wake import openfoam_tables, square
 
 REFERENCE: Final = Path(__file__).with_name("reference") / "openfoam_uncontrolled.json"
 
@@ -26,6 +26,7 @@ def tables(results: Path) -> dict[str, str]:
         "forced": _forced(results),
         "steps": _steps(results),
         "open_loop": _open_loop(results),
+        "square": _square(results),
         "plants": openfoam_tables.plants(results),
     }
 
@@ -47,6 +48,16 @@ def _grids(results: Path) -> str:
     rows.append(("OpenFOAM 33k cells, icoFoam, dt 0.01", *(reference[name] for name in names), None))
     rows += [(*row, None) for row in _OTHER_ROWS]
     heads = ("", "wall Cd", "slots", "std Cl", "Strouhal", "base Cp", "std Uy at (10, 0)", "rms Cp difference")
+    return table(heads, rows)
+
+
+def _square(results: Path) -> str:
+    names = ("St", "Cd_all_faces", "Cd", "Cd_slot", "Cd_momentum_balance", "Cl_std", "base_Cp")
+    rows: list[tuple[object, ...]] = [
+        (f"stillwake {row['case']}", *(row[name] for name in names)) for row in read(results / "square.json")["figures"]
+    ]
+    rows += [(name, *figures, *[None] * 3, lift, None) for name, *figures, lift in square.LITERATURE]
+    heads = ("", "Strouhal", "Cd all faces", "wall Cd", "slots", "Cd from the momentum balance", "std Cl", "base Cp")
     return table(heads, rows)
 
 

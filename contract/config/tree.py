@@ -8,6 +8,7 @@ that exists is valid (`contract.config.rules`). `contract.config.loading` reads 
 
 from dataclasses import dataclass, field
 
+from contract.config.body import BodyConfig
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.plant import FlowConfig, ForcingConfig, OpenFoamConfig
@@ -20,6 +21,7 @@ class Config:
     """All settings. Sub-trees are named as in TOML."""
 
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
+    body: BodyConfig = field(default_factory=BodyConfig)
     flow: FlowConfig = field(default_factory=FlowConfig)
     forcing: ForcingConfig = field(default_factory=ForcingConfig)
     model: ModelConfig = field(default_factory=ModelConfig)

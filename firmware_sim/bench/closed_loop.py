@@ -74,7 +74,6 @@ def run_closed_loop(
     controller = OnnxController.of(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config, weights=weights)
-    node = VehicleNode(bundle.manifest.sensors, config)
     folder, rows = RunFolder(output), list[Row]()
     with ExitStack() as stack:
         # Whole runs only: every file appears when the block has succeeded, and none before.
@@ -85,6 +84,7 @@ def run_closed_loop(
         capture = stack.enter_context(frame_log.recording(folder.frames))
         bus = SimulatedBus(config.bus, capture)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
+        node = VehicleNode(bundle.manifest.sensors, config, wake.layout)
         loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
         ready(total)
         for k in range(total):
@@ -104,7 +104,7 @@ def run_closed_loop(
             origin=RunOrigin.on(date.today()) if origin is None else origin,
             weights=weights,
         )
-        log = RunLog.of(rows, lead_in_periods, loop.totals(), metadata)
+        log = RunLog.of(rows, lead_in_periods, loop.totals(), metadata, wake.layout)
         run_log.save(series, log)
         figures.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
     return log

@@ -15,6 +15,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
+from contract.sensor_layout import SensorLayout
 from firmware_sim.runs.metadata import RunMetadata
 from wake.truck.sample import Sample
 
@@ -48,15 +49,14 @@ class Row:
     step_ms: float
     age_ms: float
 
-    @property
-    def base_Cp(self) -> float:
-        """Mean over the base sensors."""
-        return float(np.mean(self.sample.Cp[sensors.BASE]))
-
-    def columns(self) -> dict[str, float]:
-        """The row in numbers, by the names in `COLUMNS`."""
+    def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
+        """The row in numbers, by the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
         sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
-        return {**sampled, "base_Cp": self.base_Cp, **{name: getattr(self, name) for name in _EXCHANGED}}
+        return {
+            **sampled,
+            "base_Cp": float(np.mean(self.sample.Cp[layout.base])),
+            **{name: getattr(self, name) for name in _EXCHANGED},
+        }
 
 
 _SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
@@ -91,10 +91,17 @@ class RunLog:
     metadata: RunMetadata
 
     @classmethod
-    def of(cls, rows: list[Row], enabled_at: int, bus: BusTotals, metadata: RunMetadata) -> "RunLog":
-        columns = [row.columns() for row in rows]
+    def of(
+        cls,
+        rows: list[Row],
+        enabled_at: int,
+        bus: BusTotals,
+        metadata: RunMetadata,
+        layout: SensorLayout = sensors.TRUCK,
+    ) -> "RunLog":
+        columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
-        mounted = sensors.indices(metadata.sensors)
+        mounted = layout.indices(metadata.sensors)
         series[WALL] = np.array([row.sample.Cp[mounted] for row in rows], dtype=float)
         return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata)
 

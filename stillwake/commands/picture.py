@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 USUAL_DURATION: Final = 25.0
 """t_c: five shedding cycles."""
 
-STILL: Final = ("flow",)
+STILL: Final = ("body", "flow")
 """Settings that a picture of one state uses."""
-MOVING: Final = ("flow", "forcing")
+MOVING: Final = ("body", "flow", "forcing")
 """Settings that a run uses."""
 
 picture = typer.Typer(no_args_is_help=True, help="Draw the flow: vorticity, pressure, or a mean over time.")
@@ -105,7 +105,7 @@ def mean(
     with progress_bar("steps") as bar:
         task = bar.add_task("mean flow", total=len(actions), note="")
         flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
-    save_figure(output, mean_figure(wake.grid, flow, _time(config, len(actions) - skip)))
+    save_figure(output, mean_figure(wake.grid, wake.body, flow, _time(config, len(actions) - skip)))
     measured = wake.surface.measure(flow)
     length = recirculation_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
@@ -181,7 +181,7 @@ def _start(config: Config, state: Path | None) -> "TruckWake":
     from wake.truck.truck_wake import TruckWake
 
     start = developed_state() if state is None else load_state(state)
-    wake = TruckWake(config.flow)
+    wake = TruckWake(config.flow, body=config.body)
     wake.reset(start)
     return wake
 

@@ -14,7 +14,7 @@ from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
-USES: Final = ("flow",)
+USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""
 
 
@@ -30,15 +30,15 @@ def develop(
     `record --start` and `picture --state` begin with such a file. Another
     Reynolds number needs one: --set flow.reynolds=1000 here and there.
     """
-    flow = settings("develop", config_file, overrides, uses=USES).config.flow
-    steps_of("--duration", duration, flow.control_period)
+    config = settings("develop", config_file, overrides, uses=USES).config
+    steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
 
     from wake.truck.develop import develop as develop_wake
     from wake.truck.state import save_state
     from wake.truck.truck_wake import TruckWake
 
-    wake = TruckWake(flow)
+    wake = TruckWake(config.flow, body=config.body)
     with progress_bar("t_c") as bar:
         task = bar.add_task("developing", total=duration, note="")
         state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
@@ -54,7 +54,7 @@ def steady(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
-    flow = settings("steady", config_file, overrides, uses=USES).config.flow
+    config = settings("steady", config_file, overrides, uses=USES).config
     check_output(output, overwrite=overwrite)
     check_json(json_file)
 
@@ -62,7 +62,7 @@ def steady(
     from wake.truck.steady import TOLERANCE, settle
     from wake.truck.truck_wake import TruckWake
 
-    wake = TruckWake(flow)
+    wake = TruckWake(config.flow, body=config.body)
     # Rates fall by decades.
     decades = -log10(TOLERANCE)
     with progress_bar("decades") as bar:
@@ -77,7 +77,8 @@ def steady(
     figures = found.figures()
     if json_file is not None:
         facts = {
-            "config": asdict(flow),
+            "config": asdict(config.flow),
+            "body": asdict(config.body),
             "grid": list(wake.grid.shape),
             "versions": versions("numpy", "numba", "scipy"),
         }

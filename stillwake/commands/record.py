@@ -11,6 +11,7 @@ import typer
 from rich.progress import TaskID
 
 from contract.atomic import check_writable
+from contract.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import OutputError, StillwakeError
 from stillwake.outputs import Overwrite
@@ -79,7 +80,7 @@ def record(
     episodes. It can be stopped at any time. The same command continues where
     it was, and leaves a finished recording as it is.
     """
-    uses = ("flow", "forcing") if under is None else ("flow", "forcing.exploration_time")
+    uses = ("body", "flow", "forcing" if under is None else "forcing.exploration_time")
     config = settings("record", config_file, overrides, uses=uses).config
     check_writable(output)
     if output.suffix.lower() not in SUFFIXES:
@@ -154,7 +155,9 @@ def _record_round(
     BundlePolicy(release)
     console.print(*describe(release), sep="\n", soft_wrap=True)
     with _continued(output), _progress(planned.episodes) as shown:
-        number = record_round(output, planned, config, partial(BundlePolicy, release), **recording, **shown)
+        number = record_round(
+            output, planned, config, partial(BundlePolicy, release, layout=layout_of(config.body)), **recording, **shown
+        )
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
         f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",

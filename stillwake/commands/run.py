@@ -30,7 +30,7 @@ NOT_IN_CONTROL: Final = 3
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a run that is whole, but did not reach the reduction that was asked for."""
 
-_USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
+_USES: Final = ("body", "operating_point", "flow", "bus", "ecu", "vehicle")
 _STARTING: Final = "starting (first run: compiles)"
 
 

@@ -26,7 +26,7 @@ def wake(shared_wake: TruckWake) -> TruckWake:
 class Oscillator:
     """A plant of two numbers whose samples tell every state and action apart."""
 
-    def __init__(self, config: object = None) -> None:
+    def __init__(self, config: object = None, *, body: object = None) -> None:
         self.config = FlowConfig()
         self._flat, self._step, self._action = np.array([1.0, 0.0]), 0, 0.0
 

@@ -8,9 +8,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from contract import sensors
+from contract.config.body import BodyConfig
+from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from wake.env import TruckWakeEnv
-from wake.truck.state import developed_state
+from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 
 WATCHED = ("base_0", "upper_39")
@@ -200,3 +202,22 @@ def test_a_vector_of_environments_is_each_of_them(env: TruckWakeEnv, mode: str) 
         assert np.array_equal(observations[k], observation) and rewards[k] == reward
         assert (info["Cd_net"][k], info["clipped_count"][k]) == (alone["Cd_net"], alone["clipped_count"])
     assert truncated.tolist() == [True, True]
+
+
+def test_another_body_shows_its_own_sensors_and_needs_its_own_start(square_start: State) -> None:
+    body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=3, sensors_on_base=2)
+    config = FlowConfig(reynolds=150.0)
+    env = TruckWakeEnv(config=config, body=body, start=square_start, max_phase_steps=0)
+    observation, _ = env.reset(seed=1)
+    assert observation.shape == env.observation_space.shape == (8,)
+    with pytest.raises(ConfigError, match="unknown sensor 'upper_39'"):
+        TruckWakeEnv(("upper_39",), config=config, body=body, start=square_start)
+    with pytest.raises(PlantError, match=r"flow state is of a body of length 7\.647"):
+        TruckWakeEnv(config=config, body=body).reset()
+
+
+@pytest.fixture
+def square_start() -> State:
+    """Uniform flow around a square, projected: what `develop` begins from."""
+    wake = TruckWake(FlowConfig(reynolds=150.0), body=BodyConfig(length=1.0, leading_edge_radius=0.0))
+    return dataclasses.replace(wake.state(), flat=wake.solver.start().flat)

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from contract.arrays import Array
+from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.plant import FlowConfig, OpenFoamConfig
+from contract.errors import PlantError
 from wake.openfoam import case, fields, jets
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed
@@ -19,6 +21,14 @@ Progress = Callable[[float, float], None]
 
 _CHECKPOINT: Final = 5.0  # longest time between states written, t_c
 _LOOK_S: Final = 0.5
+
+
+def require_truck(body: BodyConfig) -> None:
+    """Raises PlantError for another body: this plant's mesh is the truck's."""
+    for name in ("length", "leading_edge_radius", "sensors_per_side", "sensors_on_base"):
+        value, truck = getattr(body, name), getattr(TRUCK_BODY, name)
+        if value != truck:
+            raise PlantError(f"body.{name} = {value}: OpenFOAM's mesh is the truck's, with {truck}; leave body.* out")
 
 
 def settle(

@@ -11,7 +11,9 @@ from typing import Self
 
 import numpy as np
 
+from contract import sensors
 from contract.arrays import Array
+from contract.config.body import TRUCK_BODY
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.openfoam import case, fields, jets
@@ -52,6 +54,7 @@ class OpenFoamWake:
     ) -> None:
         require_installed()
         self.config = FlowConfig() if config is None else config
+        self.body, self.layout = TRUCK_BODY, sensors.TRUCK
         self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
         """Where `vorticity` is given: the own solver's grid, so that pictures compare."""

@@ -1,4 +1,4 @@
-"""Pictures of the flow around the truck, its jets and its sensors."""
+"""Pictures of the flow around the truck or another body, its jets and its sensors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
 
-from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
+from contract.config.body import BodyConfig
 from contract.errors import ConfigError
-from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.pictures.fields import Raster, View, velocity
 from wake.plant import Drawable
 from wake.solver.flow import Flow
@@ -27,7 +27,8 @@ from wake.truck.recirculation import recirculation_length
 Kind = Literal["vorticity", "pressure"]
 
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
-NEAR_WAKE: Final[View] = (6.8, 12.0, -1.2, 1.2)
+_NEAR_WAKE: Final = (-0.847, 4.353, -1.2, 1.2)
+"""Seen from the base."""
 
 FIELD_COLOURS: Final = "RdBu_r"
 """Diverging and symmetric about zero."""
@@ -50,7 +51,7 @@ _SUFFIXES: Final = (".png", ".pdf", ".svg")
 class WakePicture:
     """One figure of fixed size that shows a plant as it is now, drawn again and again.
 
-    A field in colour, the truck, arrows where the jets blow or suck, and the sensors' Cp. The colour scales stay.
+    A field in colour, the body, arrows where the jets blow or suck, and the sensors' Cp. The colour scales stay.
 
     Args:
         wake: the plant.
@@ -66,27 +67,28 @@ class WakePicture:
         self._kind: Kind = kind
         if kind == "pressure" and wake.pressure() is None:
             raise ConfigError("the pressure in the flow can be drawn of the project's own solver only")
-        self._chosen = sensors.indices(sensors.NAMES if sensor_names is None else sensor_names)
+        layout = wake.layout
+        self._chosen = layout.indices(layout.names if sensor_names is None else sensor_names)
         grid, level = wake.grid, _LEVEL[kind]
         nodes = (grid.xf[1:-1], grid.yf[1:-1]) if kind == "vorticity" else (grid.xc, grid.yc)
         self._raster = Raster.of(*nodes, VIEW, width)
         # In the pressure picture one scale serves the flow and its sensors.
         colours, limits = (FIELD_COLOURS, (-level, level)) if kind == "pressure" else (SENSOR_COLOURS, SENSOR_RANGE)
-        dots = 4.0 if len(self._chosen) > sensors.COUNT // 2 else 6.0
+        dots = 4.0 if len(self._chosen) > len(layout) // 2 else 6.0
         self.figure, axes = _figure(10.0, 3.1, width / 10.0, VIEW)
         self._image = axes.imshow(
             np.zeros((len(self._raster.y), width)), cmap=FIELD_COLOURS, vmin=-level, vmax=level, extent=VIEW,
             origin="lower", interpolation="bilinear",
         )  # fmt: skip
-        _add_truck(axes)
-        places = sensors.positions()
+        _add_body(axes, wake.body)
+        places = layout.positions
         axes.plot(*places.T, ".", color="0.35", markersize=1.5, zorder=4)
         self._dots = axes.scatter(
             places[self._chosen, 0], places[self._chosen, 1], c=np.zeros(len(self._chosen)), s=dots**2, cmap=colours,
             norm=Normalize(*limits), edgecolors="black", linewidths=0.4, zorder=5, clip_on=False,
         )  # fmt: skip
         self._jets = {
-            side: Polygon(jet_arrow(0.0, side), closed=True, edgecolor="black", linewidth=0.5, zorder=6)
+            side: Polygon(self._arrow(0.0, side), closed=True, edgecolor="black", linewidth=0.5, zorder=6)
             for side in (1, -1)
         }
         for arrow in self._jets.values():
@@ -105,12 +107,15 @@ class WakePicture:
         self._dots.set_array(sample.Cp[self._chosen])
         for side, arrow in self._jets.items():
             share = side * sample.action / self._wake.config.action_limit
-            arrow.set_xy(jet_arrow(share, side))
+            arrow.set_xy(self._arrow(share, side))
             arrow.set_facecolor(BLOWING if share > 0 else SUCKING)
             arrow.set_visible(abs(share) > 1e-3)
         numbers = f"t = {sample.t:.1f} W/U∞".ljust(18) + f"Cd = {sample.Cd:.3f}  action = {sample.action:+.3f}"
         self._title.set_text(numbers if title is None else title)
         return self.figure
+
+    def _arrow(self, share: float, side: int) -> Array:
+        return jet_arrow(share, side, self._wake.body.length)
 
     def pixels(self, title: str | None = None) -> npt.NDArray[np.uint8]:
         """The present state as (height, width, 3)."""
@@ -123,35 +128,37 @@ class WakePicture:
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Vorticity around the truck now, with these sensors or all of them coloured by Cp."""
+    """Vorticity around the body now, with these sensors or all of them coloured by Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
-def mean_figure(grid: Grid, mean: Flow, duration: float) -> Figure:
-    """A mean flow behind the truck: u in colour, streamlines, the edge of backward flow, and the bubble's length.
+def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
+    """A mean flow behind the body: u in colour, streamlines, the edge of backward flow, and the bubble's length.
 
     Args:
-        grid: of the plant that the mean is of.
+        grid, body: of the plant that the mean is of.
         mean: from `wake.pictures.fields.TimeMean`.
         duration: that it was taken over, t_c; for the title.
     """
-    figure, axes = _figure(10.0, 4.6, 110.0, NEAR_WAKE)
-    raster = Raster.of(grid.xc, grid.yc, NEAR_WAKE, 900)
+    left, right, low, high = _NEAR_WAKE
+    # Rounded, so that the truck's view is 6.8 to 12.
+    view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
+    figure, axes = _figure(10.0, 4.6, 110.0, view)
+    raster = Raster.of(grid.xc, grid.yc, view, 900)
     u, v = (raster(component) for component in velocity(mean))
-    inside = (raster.x < LENGTH)[None, :] & (np.abs(raster.y) < HALF_WIDTH)[:, None]
+    x, y = np.meshgrid(raster.x, raster.y)
+    inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)
     u[inside] = v[inside] = np.nan
-    image = axes.imshow(
-        u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=NEAR_WAKE, origin="lower", interpolation="bilinear"
-    )
+    image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", interpolation="bilinear")
     axes.streamplot(
         raster.x, raster.y, u, v, color=(1.0, 1.0, 1.0, 0.75), linewidth=0.7, arrowsize=0.7, density=(2.0, 1.5)
     )
     axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
-    _add_truck(axes)
+    _add_body(axes, body)
     length = recirculation_length(grid, mean)
     if length > 0.0:
         axes.annotate(
-            "", xy=(LENGTH, 0.0), xytext=(LENGTH + length, 0.0), zorder=6,
+            "", xy=(body.length, 0.0), xytext=(body.length + length, 0.0), zorder=6,
             arrowprops={"arrowstyle": "<->", "color": "white", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0},
         )  # fmt: skip
     axes.set_title(f"mean over {duration:.0f} $W/U_\\infty$:  bubble {length:.2f} W   (red: $u = 0$)")
@@ -172,24 +179,24 @@ def save_figure(path: Path, figure: Figure) -> None:
         figure.savefig(temporary, format=path.suffix[1:].lower())
 
 
-def outline() -> Array:
-    """Points of the truck's outline, (n, 2)."""
+def outline(body: BodyConfig) -> Array:
+    """Points of the body's outline, (n, 2)."""
     angle = np.linspace(np.pi, 0.5 * np.pi, 16)
-    r = LEADING_EDGE_RADIUS
+    r = body.leading_edge_radius
     arc = np.column_stack([r + r * np.cos(angle), HALF_WIDTH - r + r * np.sin(angle)])
-    upper = np.vstack([arc, [[LENGTH, HALF_WIDTH]]])
+    upper = np.vstack([arc, [[body.length, HALF_WIDTH]]])
     return np.vstack([upper, upper[::-1] * (1.0, -1.0)])
 
 
-def jet_arrow(share: float, side: int) -> Array:
-    """Outline of the arrow at the upper (side 1) or lower (-1) slot, (7, 2): away from the base for blowing
-    (share > 0), towards it for sucking; its length is the share of the action's bound.
+def jet_arrow(share: float, side: int, base: float) -> Array:
+    """Outline of the arrow at the upper (side 1) or lower (-1) slot of a base at x = `base`, (7, 2): away from it for
+    blowing (share > 0), towards it for sucking; its length is the share of the action's bound.
     """
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])
     y = np.array([shaft, shaft, head, 0.0, -head, -shaft, -shaft])
-    return np.column_stack([LENGTH + (x if share >= 0 else length - x), side * (HALF_WIDTH - 0.5 * JET_WIDTH) + y])
+    return np.column_stack([base + (x if share >= 0 else length - x), side * (HALF_WIDTH - 0.5 * JET_WIDTH) + y])
 
 
 def _figure(width: float, height: float, dpi: float, view: View) -> tuple[Figure, Axes]:
@@ -200,8 +207,8 @@ def _figure(width: float, height: float, dpi: float, view: View) -> tuple[Figure
     return figure, axes
 
 
-def _add_truck(axes: Axes) -> None:
-    axes.add_patch(Polygon(outline(), closed=True, facecolor="0.82", edgecolor="0.15", linewidth=0.8, zorder=3))
+def _add_body(axes: Axes, body: BodyConfig) -> None:
+    axes.add_patch(Polygon(outline(body), closed=True, facecolor="0.82", edgecolor="0.15", linewidth=0.8, zorder=3))
     for side in (1.0, -1.0):
         slot = side * np.array([HALF_WIDTH - JET_WIDTH, HALF_WIDTH])
-        axes.plot([LENGTH, LENGTH], slot, color=BLOWING, linewidth=2.0, solid_capstyle="butt", zorder=4)
+        axes.plot([body.length, body.length], slot, color=BLOWING, linewidth=2.0, solid_capstyle="butt", zorder=4)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from contract.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.recording.appending import append, read_to_append
 from contract.recording.dataset import Episode
@@ -54,7 +55,8 @@ def record_round(
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in FACTS}
-    there = read_to_append(output, facts)
+    layout = layout_of(config.body)
+    there = read_to_append(output, facts, layout)
     number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1
     before = jobs(planned.plans(number - 1))
     if _added(before, there):
@@ -67,7 +69,7 @@ def record_round(
         progress=progress,
         notice=notice,
     ) as finished:
-        append(output, tuple(job.episode() for job in finished), facts)
+        append(output, tuple(job.episode() for job in finished), facts, layout)
     return number
 
 

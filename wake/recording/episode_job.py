@@ -19,9 +19,9 @@ from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
 from wake.recording.parts_folder import PartsFolder, differing
 from wake.recording.plan import Plan
 from wake.shipped import developed
-from wake.solver.grid import truck_grid
+from wake.solver.grid import box_grid
 from wake.truck.sample import Sample
-from wake.truck.state import State, check_reynolds, developed_state, load_state
+from wake.truck.state import State, check_body, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 
 Progress = Callable[[str, int, int], None]
@@ -74,7 +74,7 @@ class EpisodeJob:
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return
-        wake = TruckWake(self.config.flow) if wake is None else wake
+        wake = TruckWake(self.config.flow, body=self.config.body) if wake is None else wake
         signal, policy = plan.signal(self.config), self.policy()
         first = blocks.finished
         if first:
@@ -116,9 +116,10 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
     Raises PlantError if the file of the start cannot be read.
     """
     return {
+        "body": asdict(config.body),
         "flow": asdict(config.flow),
         "forcing": asdict(config.forcing),
-        "grid": list(truck_grid().shape),
+        "grid": list(box_grid(config.body.length).shape),
         # The path is of one machine: name and hash tell which state it was.
         "start": "wake/data/developed.npz" if start is None else start.name,
         "start_sha256": _sha256(developed() if start is None else start),
@@ -133,6 +134,7 @@ def check_start(config: Config, start: Path | None) -> None:
     """Raise PlantError if a plant of this configuration cannot begin in that state; known before a plant is built."""
     origin = _state_in(start).origin
     if origin is not None:
+        check_body(origin, config.body)
         check_reynolds(origin, config.flow.reynolds)
 
 

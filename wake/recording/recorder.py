@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from contract.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, write
 from wake.recording.episode_job import EpisodeJob, Progress, check_start, setting_of
@@ -73,7 +74,7 @@ def record(
         progress=progress,
         notice=notice,
     ) as jobs:
-        write(output, Dataset(episodes=tuple(job.episode() for job in jobs)))
+        write(output, Dataset(episodes=tuple(job.episode() for job in jobs), layout=layout_of(config.body)))
     return True
 
 
@@ -131,7 +132,7 @@ def finished_jobs(
             progress(job.plan.name, job.blocks.finished, job.plan.steps)
         unfinished = [job for job in jobs if job.blocks.finished < job.plan.steps]
         if scheduler is None and min(workers, len(unfinished)) <= 1:
-            wake = TruckWake(config.flow) if unfinished else None
+            wake = TruckWake(config.flow, body=config.body) if unfinished else None
             for job in unfinished:
                 job.run(wake, progress)
         else:

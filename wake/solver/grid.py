@@ -1,4 +1,4 @@
-"""Stretched tensor grid around the truck, with faces on every straight wall and slot edge.
+"""Stretched tensor grid around a box such as the truck, with faces on every straight wall and slot edge.
 
 Staggered arrangement: p in cell centres (nx, ny), u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1). The grid is
 symmetric in y and has an even number of rows, so that the flow splits into exact even and odd halves.
@@ -17,13 +17,19 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 
 Component = Literal["u", "v", "p"]
 
-# The spacing to aim at, at a few stations; between them it varies linearly. The wall cell matches the body-fitted
-# reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as its finest regions.
-_SPACING_X: tuple[tuple[float, float], ...] = (
+Spacing = tuple[tuple[float, float], ...]
+"""The spacing to aim at, at a few stations; between them it varies linearly, beyond them it stays."""
+
+# The wall cell matches the body-fitted reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as
+# its finest regions. Along x one table follows the nose, the other the base; on the body the finer of them holds.
+_FROM_NOSE: Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
-    (7.0, 0.05), (7.6, 0.016), (7.75, 0.016), (8.2, 0.03), (9.0, 0.045), (12.0, 0.06), (23.0, 0.12),
 )  # fmt: skip
-_SPACING_Y: tuple[tuple[float, float], ...] = (
+_FROM_BASE: Spacing = (
+    (-3.147, 0.09), (-0.647, 0.05), (-0.047, 0.016), (0.103, 0.016), (0.553, 0.03), (1.353, 0.045), (4.353, 0.06),
+    (15.353, 0.12),
+)  # fmt: skip
+_SPACING_Y: Spacing = (
     (0.0, 0.03), (0.42, 0.0125), (0.58, 0.0125), (1.5, 0.075), (3.0, 0.2), (7.5, 0.8),
 )  # fmt: skip
 
@@ -67,14 +73,24 @@ class Grid:
 
 
 def truck_grid(refinement: float = 1.0) -> Grid:
-    """The grid of the truck; every spacing is divided by `refinement`.
+    """The grid of the truck; as `box_grid`."""
+    return box_grid(LENGTH, refinement)
+
+
+def box_grid(length: float, refinement: float = 1.0) -> Grid:
+    """The grid around a box of width 1 from x = 0 to `length`; every spacing is divided by `refinement`.
+
+    Nose and base of every box are resolved alike, at the same distance from them.
 
     Raises:
         ConfigError: if the grid would be too coarse to give each slot two cells.
     """
-    front, rear = DOMAIN_X[0], DOMAIN_X[1]
+    # Rounded, so that the truck's stations are those of its table to the bit.
+    base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)
     x_parts = [
-        graded_faces(_SPACING_X, start, end, refinement) for start, end in ((front, 0.0), (0.0, LENGTH), (LENGTH, rear))
+        graded_faces(_FROM_NOSE, DOMAIN_X[0], 0.0, refinement),
+        graded_faces(_FROM_NOSE, 0.0, length, refinement, base),
+        graded_faces(base, length, DOMAIN_X[1], refinement),
     ]
     slot = HALF_WIDTH - JET_WIDTH
     y_parts = [
@@ -120,12 +136,12 @@ def from_faces(xf: Array, yf: Array) -> Grid:
     )
 
 
-def graded_faces(spacing: Sequence[tuple[float, float]], start: float, end: float, refinement: float) -> Array:
-    """Faces from start to end whose local spacing follows (station, spacing) pairs, linear between them, divided by
-    `refinement` and scaled to a whole number of cells."""
-    stations, sizes = np.array(spacing).T
+def graded_faces(spacing: Spacing, start: float, end: float, refinement: float, *others: Spacing) -> Array:
+    """Faces from start to end whose local spacing follows the table, the finest of them if there are others, divided
+    by `refinement` and scaled to a whole number of cells."""
     x = np.linspace(start, end, 4001)
-    cells = cumulative_trapezoid(refinement / np.interp(x, stations, sizes), x, initial=0.0)
+    sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
+    cells = cumulative_trapezoid(refinement / sizes, x, initial=0.0)
     count = max(1, round(float(cells[-1])))
     faces = np.interp(np.linspace(0.0, cells[-1], count + 1), cells, x)
     faces[0], faces[-1] = start, end

@@ -1,8 +1,7 @@
-"""How far the recirculation bubble behind the truck reaches."""
+"""How far the recirculation bubble behind the body reaches."""
 
 import numpy as np
 
-from contract.geometry import LENGTH
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 
@@ -13,7 +12,7 @@ def recirculation_length(grid: Grid, flow: Flow) -> float:
     # The axis is a row of faces; u stands half a cell below and above it.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
-    x = grid.xf[grid.rear :] - LENGTH
+    x = grid.xf[grid.rear :] - grid.xf[grid.rear]
     upstream = np.flatnonzero(speed < 0.0)
     if len(upstream) == 0:
         return 0.0

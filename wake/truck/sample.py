@@ -12,8 +12,8 @@ class Sample(DragLedger[float]):
 
     Attributes:
         t: time in t_c.
-        Cp: at the 90 sensors, relative to the outlet.
-        Uy_probe: transverse velocity at (10, 0).
+        Cp: at the sensors, (n,), relative to the outlet.
+        Uy_probe: transverse velocity at the wake probe, (10, 0) behind the truck.
         action: jet flow rate in force at this instant.
     """
 

@@ -10,20 +10,35 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.atomic import replacing
+from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.errors import PlantError
 from wake.shipped import developed
 
 STATE_SCHEMA: Final = "stillwake-flow/2"
+_BODY: Final = ("body_length", "leading_edge_radius")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant a state was made on; the clock is None if an old file lacks it."""
+    """The plant a state was made on; the clock is None if an old file lacks it.
+
+    Of the body its shape counts: where its sensors are does not matter to the flow.
+    """
 
     shape: tuple[int, int]
     reynolds: float
     control_period: float | None = None
     substeps: int | None = None
+    body_length: float = TRUCK_BODY.length
+    leading_edge_radius: float = TRUCK_BODY.leading_edge_radius
+
+    @property
+    def is_truck(self) -> bool:
+        return self.is_of(TRUCK_BODY)
+
+    def is_of(self, body: BodyConfig) -> bool:
+        """Whether the flow is around this body."""
+        return (self.body_length, self.leading_edge_radius) == (body.length, body.leading_edge_radius)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +64,16 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
         )
 
 
+def check_body(origin: Origin, body: BodyConfig) -> None:
+    """Raise PlantError if a state was made around another body than the plant's."""
+    if not origin.is_of(body):
+        raise PlantError(
+            f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
+            f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
+            "`stillwake develop` with the same body.* makes a start for it"
+        )
+
+
 def save_state(path: Path, state: State) -> None:
     """Write a state, whole or not at all.
 
@@ -61,6 +86,8 @@ def save_state(path: Path, state: State) -> None:
     clock: dict[str, Any] = (
         {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
     )
+    # The truck's files hold nothing about the body, as they always did.
+    shape: dict[str, Any] = {} if origin.is_truck else {name: getattr(origin, name) for name in _BODY}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
@@ -71,6 +98,7 @@ def save_state(path: Path, state: State) -> None:
             shape=origin.shape,
             reynolds=origin.reynolds,
             **clock,
+            **shape,
         )
 
 
@@ -95,6 +123,7 @@ def load_state(path: Path) -> State:
                     reynolds=float(data["reynolds"]),
                     control_period=float(data["control_period"]) if clocked else None,
                     substeps=int(data["substeps"]) if clocked else None,
+                    **{name: float(data[name]) for name in _BODY if name in data.files},
                 ),
             )
     except OSError as error:
@@ -107,5 +136,5 @@ def load_state(path: Path) -> State:
 
 
 def developed_state() -> State:
-    """The shipped start: shedding established, no action."""
+    """The truck's shipped start: shedding established, no action."""
     return load_state(developed())

@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from contract import sensors
 from contract.errors import PlantError
 from wake.solver.flow import Flow
 from wake.truck.develop import start_from_rest
@@ -31,6 +30,7 @@ class SteadyWake:
     Attributes:
         state: the flow, its clock set to zero; the plant is left in it.
         sample: what the plant shows in it.
+        base_Cp: mean over the sensors on the base.
         recirculation_length: from the base to where the velocity on the axis turns downstream, in W.
         velocity_rate: max |du/dt| and |dv/dt| over the last control period, in U_inf / t_c.
         drag_rate: |dCd/dt| over it, wall and slots, in 1 / t_c.
@@ -39,6 +39,7 @@ class SteadyWake:
 
     state: State
     sample: Sample
+    base_Cp: float
     recirculation_length: float
     velocity_rate: float
     drag_rate: float
@@ -50,7 +51,7 @@ class SteadyWake:
         return {
             "Cd": sample.Cd,
             "Cd_slot": sample.Cd_slot,
-            "base_Cp": float(sample.Cp[sensors.BASE].mean()),
+            "base_Cp": self.base_Cp,
             "recirculation_length": self.recirculation_length,
             "velocity_rate": self.velocity_rate,
             "drag_rate": self.drag_rate,
@@ -95,9 +96,11 @@ def settle(
         )
     time = wake.t
     state = replace(wake.state(), substep=0, action=0.0)
+    sample = wake.reset(state)
     return SteadyWake(
         state=state,
-        sample=wake.reset(state),
+        sample=sample,
+        base_Cp=float(sample.Cp[wake.layout.base].mean()),
         recirculation_length=recirculation_length(wake.grid, wake.flow),
         velocity_rate=velocity_rate,
         drag_rate=drag_rate,

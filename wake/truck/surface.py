@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 from scipy.sparse import csr_array
 
-from contract import sensors
 from contract.arrays import Array
-from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH, WAKE_PROBE
+from contract.config.body import BodyConfig
+from contract.geometry import HALF_WIDTH, JET_WIDTH
+from contract.sensor_layout import SensorLayout
 from wake.solver.boundary import Boundary
 from wake.solver.flow import Flow, Layout
 from wake.solver.grid import Component, Grid, bilinear
@@ -33,7 +34,7 @@ class Measured:
     """Functionals of a flow at one instant.
 
     Attributes:
-        Cp: at the 90 sensors.
+        Cp: at the sensors.
         Cd, Cl: wall force, pressure and viscous, without the slot faces.
         slots: what the flow does to the slot faces.
         Uy_probe: transverse velocity at the wake probe.
@@ -47,25 +48,44 @@ class Measured:
 
 
 class Surface:
-    """The functionals of one grid."""
+    """The functionals of one grid.
 
-    def __init__(self, grid: Grid, boundary: Boundary, viscosity: float, slot_profile: Array) -> None:
+    Args:
+        grid, boundary: of the body.
+        viscosity: 1 / Re.
+        slot_profile: velocity on the faces of the base per unit action, (ny,).
+        body: its outline.
+        layout: the sensors on it: sides and base, none on the front.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        boundary: Boundary,
+        viscosity: float,
+        slot_profile: Array,
+        body: BodyConfig,
+        layout: SensorLayout,
+    ) -> None:
         self._grid = grid
+        self._body = body
         self._boundary = boundary
         self._viscosity = viscosity
         self._slots = SlotFaces(grid, viscosity, slot_profile)
         self._layout = Layout(grid.shape)
         rows = [
-            self._wall_pressure(x, y, *normal) for (x, y), normal in zip(sensors.positions(), _normals(), strict=True)
+            self._wall_pressure(x, y, *normal)
+            for (x, y), normal in zip(layout.positions, _normals(layout), strict=True)
         ]
         rows += self._wall_force(viscosity)
-        rows.append(self._sample(WAKE_PROBE[0], WAKE_PROBE[1], "v"))
+        rows.append(self._sample(*body.wake_probe, "v"))
+        self._sensors = len(layout)
         self._matrix = _sparse(rows, self._layout.size)
 
     def measure(self, flow: Flow) -> Measured:
         """Evaluate on a flow."""
         values = self._matrix @ flow.flat
-        cp, rest = values[: sensors.COUNT], values[sensors.COUNT :]
+        cp, rest = values[: self._sensors], values[self._sensors :]
         return Measured(
             Cp=cp,
             Cd=float(rest[0]),
@@ -141,15 +161,17 @@ class Surface:
 
     def _wall_elements(self) -> list[tuple[float, float, float, float, float]]:
         """(x, y, nx, ny, length) over the outline without the slots."""
-        grid, r = self._grid, LEADING_EDGE_RADIUS
+        grid, r, length = self._grid, self._body.leading_edge_radius, self._body.length
         flat = HALF_WIDTH - r
         elements = []
         for y, dy in _strips(grid.yf, -flat, flat):
             elements.append((0.0, y, -1.0, 0.0, dy))
         for y, dy in _strips(grid.yf, -HALF_WIDTH + JET_WIDTH, HALF_WIDTH - JET_WIDTH):
-            elements.append((LENGTH, y, 1.0, 0.0, dy))
-        for x, dx in _strips(grid.xf, r, LENGTH):
+            elements.append((length, y, 1.0, 0.0, dy))
+        for x, dx in _strips(grid.xf, r, length):
             elements += [(x, HALF_WIDTH, 0.0, 1.0, dx), (x, -HALF_WIDTH, 0.0, -1.0, dx)]
+        if r == 0.0:
+            return elements
         step = 0.5 * np.pi / _ARC_POINTS
         for angle in (np.arange(_ARC_POINTS) + 0.5) * step:
             nx, ny = -float(np.cos(angle)), float(np.sin(angle))
@@ -157,8 +179,9 @@ class Surface:
         return elements
 
 
-def _normals() -> list[tuple[float, float]]:
-    return [(0.0, 1.0)] * sensors.PER_SIDE + [(0.0, -1.0)] * sensors.PER_SIDE + [(1.0, 0.0)] * sensors.ON_BASE
+def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
+    base = set(layout.base.tolist())
+    return [(1.0, 0.0) if k in base else (0.0, float(np.sign(y))) for k, (_, y) in enumerate(layout.positions)]
 
 
 def _cell_size(faces: Array, at: float) -> float:

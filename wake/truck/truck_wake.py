@@ -1,41 +1,52 @@
-"""The plant: the truck's wake with its jets, stepped one control period at a time.
+"""The plant: the wake of the truck, or of another box, with its jets, stepped one control period at a time.
 
 Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
 force to the newly commanded one until t_{k+1}. A command that arrives late starts its ramp late and still ends at
 t_{k+1}; with `advance_to` a co-simulation sets when it arrives.
 """
 
+from functools import partial
+
 import numpy as np
 
 from contract.arrays import Array
+from contract.body_sensors import layout_of
+from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.solver import boundary, stability
 from wake.solver.flow import Flow
-from wake.solver.grid import truck_grid
+from wake.solver.grid import box_grid
 from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
 from wake.truck.sample import Sample
-from wake.truck.state import Origin, State, check_reynolds
+from wake.truck.state import Origin, State, check_body, check_reynolds
 from wake.truck.surface import Surface
 
 
 class TruckWake:
-    """The flow around the truck.
+    """The flow around the truck, or around another body.
 
     Args:
         config: Reynolds number, control period, substeps and action bound.
         refinement: divides every grid spacing; 1 is the grid all shipped data was recorded on.
+        body: the truck by default.
+
+    Attributes:
+        layout: the sensors, in the order of a sample's Cp.
 
     Raises:
         PlantError: if the time step is bound to diverge on this grid.
     """
 
-    def __init__(self, config: FlowConfig | None = None, refinement: float = 1.0) -> None:
+    def __init__(
+        self, config: FlowConfig | None = None, refinement: float = 1.0, *, body: BodyConfig = TRUCK_BODY
+    ) -> None:
         self.config = FlowConfig() if config is None else config
-        self.grid = truck_grid(refinement)
-        self.boundary = boundary.build(self.grid, signed_distance)
+        self.body, self.layout = body, layout_of(body)
+        self.grid = box_grid(body.length, refinement)
+        self.boundary = boundary.build(self.grid, partial(signed_distance, body=body))
         profile = jets.slot_profile(self.grid)
         viscosity = 1.0 / self.config.reynolds
         stability.check_step(
@@ -47,7 +58,7 @@ class TruckWake:
             substeps=self.config.substeps,
         )
         self.solver = FlowSolver(self.grid, self.boundary, viscosity, slot_profile=profile)
-        self.surface = Surface(self.grid, self.boundary, viscosity, profile)
+        self.surface = Surface(self.grid, self.boundary, viscosity, profile, body, self.layout)
         self.flow = Flow.zeros(self.grid.shape)
         self._substep = 0
         self._action = 0.0
@@ -76,7 +87,7 @@ class TruckWake:
         """Continue from a state, bit for bit.
 
         Raises:
-            PlantError: if it belongs to another grid, Reynolds number or clock, or is not finite.
+            PlantError: if it belongs to another body, grid, Reynolds number or clock, or is not finite.
         """
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
@@ -101,6 +112,8 @@ class TruckWake:
                 reynolds=self.config.reynolds,
                 control_period=self.config.control_period,
                 substeps=self.config.substeps,
+                body_length=self.body.length,
+                leading_edge_radius=self.body.leading_edge_radius,
             ),
         )
 
@@ -158,6 +171,7 @@ class TruckWake:
 
     def _check_origin(self, origin: Origin, substep: int) -> None:
         config = self.config
+        check_body(origin, self.body)
         if origin.shape != self.grid.shape:
             (nx, ny), (mine_x, mine_y) = origin.shape, self.grid.shape
             raise PlantError(f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}")

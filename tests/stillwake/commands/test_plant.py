@@ -21,7 +21,7 @@ def coarse() -> TruckWake:
 def plant(coarse: TruckWake, monkeypatch: pytest.MonkeyPatch) -> TruckWake:
     """What the commands build."""
     coarse.reset(replace(coarse.state(), flat=np.linspace(0.0, 1.0, coarse.flow.flat.size), substep=0, action=0.0))
-    monkeypatch.setattr(truck_wake, "TruckWake", lambda config: coarse)
+    monkeypatch.setattr(truck_wake, "TruckWake", lambda config, *, body: coarse)
     return coarse
 
 
@@ -48,6 +48,7 @@ def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> N
     settled = steady.SteadyWake(
         state=plant.state(),
         sample=plant.sample(),
+        base_Cp=-0.2,
         recirculation_length=4.25,
         velocity_rate=1e-7,
         drag_rate=1e-8,

@@ -97,7 +97,7 @@ def test_blowing_and_sucking_differ_and_grow_with_the_action(wake: TruckWake) ->
 
 
 def test_arrows_start_at_the_base_when_blowing_and_end_there_when_sucking() -> None:
-    blowing, sucking = jet_arrow(0.5, 1), jet_arrow(-0.5, -1)
+    blowing, sucking = jet_arrow(0.5, 1, LENGTH), jet_arrow(-0.5, -1, LENGTH)
     assert blowing[3] == pytest.approx((LENGTH + 0.5, 0.475))
     assert sucking[3] == pytest.approx((LENGTH, -0.475))
     for arrow in (blowing, sucking):
@@ -123,7 +123,7 @@ def test_figures_are_written_in_the_format_they_are_named_after(wake: TruckWake,
 
 def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake: TruckWake, tmp_path: Path) -> None:
     wake.flow.faces_u[:] = wake.grid.xf[:, None] - LENGTH - 1.25
-    figure = mean_figure(wake.grid, wake.flow, 10.0)
+    figure = mean_figure(wake.grid, wake.body, wake.flow, 10.0)
     assert "bubble 1.25 W" in figure.axes[0].get_title()
     save_figure(tmp_path / "a.png", figure)
     assert Image.open(tmp_path / "a.png").size == (1100, 506)

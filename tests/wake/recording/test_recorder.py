@@ -46,7 +46,7 @@ def equal(a: Dataset, b: Dataset) -> bool:
 
 def test_samples_follow_the_timing_convention(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wake: TruckWake) -> None:
     monkeypatch.undo()
-    monkeypatch.setattr(recorder, "TruckWake", lambda config: wake)
+    monkeypatch.setattr(recorder, "TruckWake", lambda config, *, body: wake)
     first = wake.sample()
     episode = recorded(tmp_path / "a.h5", [EpisodePlan(forcing="training", steps=5, seed=5)]).episodes[0]
     series = episode.series

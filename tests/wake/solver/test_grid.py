@@ -1,9 +1,13 @@
+import hashlib
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from contract import geometry
 from contract.errors import ConfigError
-from wake.solver.grid import bilinear, truck_grid
+from wake.solver.grid import bilinear, box_grid, truck_grid
 
 
 @pytest.mark.parametrize("refinement", [0.5, 1.0, 1.7])
@@ -26,6 +30,32 @@ def test_grid_is_symmetric_and_smooth() -> None:
     for sizes in (grid.dx, grid.dy):
         ratio = sizes[1:] / sizes[:-1]
         assert ratio.max() < 1.15 and ratio.min() > 1 / 1.15
+
+
+def test_the_trucks_grid_is_the_one_all_shipped_data_was_recorded_on() -> None:
+    """Hash of the faces from before other bodies had grids."""
+    grid = truck_grid()
+    faces = hashlib.sha256(grid.xf.tobytes() + grid.yf.tobytes()).hexdigest()
+    assert grid.shape == (443, 164)
+    assert faces.startswith("613a94ecb14d5ad5")
+
+
+@given(length=st.floats(0.5, 15.0), refinement=st.sampled_from([0.7, 1.0, 1.4]))
+def test_every_box_has_faces_on_its_walls_and_is_resolved_as_the_truck(length: float, refinement: float) -> None:
+    grid, truck = box_grid(length, refinement), truck_grid(refinement)
+    assert (grid.xf[grid.front], grid.xf[grid.rear]) == (0.0, length)
+    assert (grid.xf[0], grid.xf[-1]) == geometry.DOMAIN_X
+    assert np.array_equal(grid.yf, truck.yf)
+    assert (grid.lower, grid.upper, grid.slot_cells) == (truck.lower, truck.upper, truck.slot_cells)
+    assert np.array_equal(grid.dx[: grid.front], truck.dx[: truck.front])
+    # Counts are whole on either side of a wall: a part is stretched by half a cell at the most.
+    rounding = 1.0 + 0.6 / min(grid.rear - grid.front, grid.shape[0] - grid.rear)
+    near_nose, near_base = slice(grid.front, grid.front + 6), slice(grid.rear - 2, grid.rear + 4)
+    assert (grid.dx[near_nose] < 0.0135 / refinement * rounding).all()
+    assert (grid.dx[near_base] < 0.0175 / refinement * rounding).all()
+    ratio = grid.dx[1:] / grid.dx[:-1]
+    # A coarser grid has fewer cells for the same change; the truck's own bound at refinement 1 is 1.15.
+    assert max(ratio.max(), 1 / ratio.min()) < 1.0 + 0.15 / min(1.0, refinement) * rounding
 
 
 def test_too_coarse_for_the_slots_is_refused() -> None:

@@ -57,7 +57,8 @@ def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypat
     coarse = wake.surface.measure(wake.flow)
     monkeypatch.setattr(surface, "_ARC_POINTS", 2 * surface._ARC_POINTS)
     viscosity = 1.0 / wake.config.reynolds
-    finer = surface.Surface(wake.grid, wake.boundary, viscosity, jets.slot_profile(wake.grid))
+    profile = jets.slot_profile(wake.grid)
+    finer = surface.Surface(wake.grid, wake.boundary, viscosity, profile, wake.body, wake.layout)
     fine = finer.measure(wake.flow)
     # Far below what the grid itself leaves open.
     assert fine.Cd == pytest.approx(coarse.Cd, abs=1e-4)

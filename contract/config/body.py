@@ -1,0 +1,54 @@
+"""The body in the project's own solver, and the sensors on it.
+
+Not in the paper: every value but the truck's.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from contract.config.rules import AtLeastOne, Rule, Settings, require
+from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+
+_LENGTH: Final = Rule(
+    wording="in 0.5..15: shorter, the grid cannot pass from the nose to the base; longer, too little of the wake is "
+    "left in the domain",
+    holds=lambda value: 0.5 <= value <= 15.0,
+)
+_RADIUS: Final = Rule(
+    wording=f"in 0..{HALF_WIDTH}: 0 is a sharp edge, half the width a round nose",
+    holds=lambda value: 0.0 <= value <= HALF_WIDTH,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyConfig(Settings):
+    """The body: a box of width 1 with its front at x = 0, two jets at the edges of its base, and pressure sensors.
+
+    The defaults are the truck's. Every other body is for the project's own solver, and needs a start of its own from
+    `stillwake develop`.
+    """
+
+    length: Annotated[float, _LENGTH] = LENGTH
+    """In widths W. 1 is a square cylinder."""
+    leading_edge_radius: Annotated[float, _RADIUS] = LEADING_EDGE_RADIUS
+    """Of the two front corners; 0 leaves them sharp."""
+    sensors_per_side: AtLeastOne[int] = 40
+    """Evenly spaced between the rounded edge and the base, on the upper and on the lower side."""
+    sensors_on_base: AtLeastOne[int] = 10
+    """Evenly spaced between the two slots."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.leading_edge_radius <= 0.5 * self.length, self, "leading_edge_radius", "at most half the length")
+
+    @property
+    def wake_probe(self) -> tuple[float, float]:
+        """Where the transverse velocity is watched: as far behind the base as the truck's probe at (10, 0)."""
+        # Rounded, so that the truck's is 10 to the bit.
+        return round(self.length + _PROBE_DISTANCE, 9), 0.0
+
+
+_PROBE_DISTANCE: Final = 2.353
+
+TRUCK_BODY: Final = BodyConfig()
+"""The truck with its 90 sensors."""

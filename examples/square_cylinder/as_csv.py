@@ -1,0 +1,67 @@
+"""Write a recording of the project's own solver as another solver would: plain CSV files and a table of its sensors.
+
+    python examples/square_cylinder/as_csv.py square.h5 csv
+
+makes `csv/sensors.csv` (name, x, y, base) and one file an episode, `csv/ROLE_NAME.csv`, whose columns are t, action,
+Cd, Cl and the sensors by name.
+"""
+
+import csv
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich import print
+
+from contract.body_sensors import layout_of
+from contract.config.body import BodyConfig
+from contract.recording.dataset import Episode, read
+from contract.sensor_layout import SensorLayout
+
+
+def write_sensors(path: Path, layout: SensorLayout) -> None:
+    """One line a sensor; base is 1 on the base and 0 elsewhere."""
+    base = set(layout.base.tolist())
+    rows = (
+        (name, *place, int(k in base))
+        for k, (name, place) in enumerate(zip(layout.names, _places(layout), strict=True))
+    )
+    _write(path, ("name", "x", "y", "base"), rows)
+
+
+def write_episode(path: Path, episode: Episode, layout: SensorLayout) -> None:
+    """One line a control step."""
+    series = [episode.series[name] for name in ("t", "action", "Cd", "Cl")]
+    _write(path, ("t", "action", "Cd", "Cl", *layout.names), np.column_stack([*series, episode.series["Cp"]]).tolist())
+
+
+def _places(layout: SensorLayout) -> list[list[float]]:
+    places: list[list[float]] = layout.positions.tolist()
+    return places
+
+
+def _write(path: Path, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(heads)
+        writer.writerows(rows)
+
+
+def main(recording: Path, folder: Path) -> None:
+    """Write the files of one recording."""
+    episodes = read(recording).episodes
+    # A recording from before there were other bodies is the truck's.
+    layout = layout_of(BodyConfig(**episodes[0].provenance.get("body", {})))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_sensors(folder / "sensors.csv", layout)
+    for episode in episodes:
+        path = folder / f"{episode.role}_{episode.name}.csv"
+        write_episode(path, episode, layout)
+        print(f"wrote {path}: {len(episode)} control steps")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: as_csv.py RECORDING.h5 FOLDER")
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

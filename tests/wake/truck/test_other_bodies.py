@@ -1,0 +1,182 @@
+"""A square cylinder and other boxes in the same solver, and the truck's plant as it was before there were others."""
+
+import dataclasses
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.errors import PlantError
+from contract.geometry import HALF_WIDTH, JET_WIDTH
+from wake.plants import open_plant
+from wake.solver.flow import Flow
+from wake.truck import steady
+from wake.truck.body import signed_distance
+from wake.truck.state import Origin, developed_state, load_state, save_state
+from wake.truck.truck_wake import TruckWake
+
+SQUARE = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=6, sensors_on_base=4)
+ROUND_NOSE = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3, sensors_on_base=1)
+
+
+@pytest.fixture(scope="module")
+def square_plant() -> TruckWake:
+    return TruckWake(FlowConfig(reynolds=100.0, substeps=15), 0.5, body=SQUARE)
+
+
+@pytest.fixture
+def square(square_plant: TruckWake) -> TruckWake:
+    """At rest in uniform flow."""
+    square_plant.reset(dataclasses.replace(square_plant.state(), flat=square_plant.solver.start().flat, substep=0))
+    return square_plant
+
+
+def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake: TruckWake) -> None:
+    for action in (0.02, 0.07, -0.05):
+        sample = wake.advance(action)
+    # The last bit depends on the processor's linear algebra.
+    assert sample.Cd == pytest.approx(0.9973759647024201, rel=1e-12)
+    assert sample.Cl == pytest.approx(2.106641897948373, rel=1e-12)
+    assert sample.Uy_probe == pytest.approx(-0.5623716000360626, rel=1e-12)
+
+
+def test_distance_to_a_square() -> None:
+    distance = partial(signed_distance, body=SQUARE)
+    assert distance(-0.3, 0.2) == pytest.approx(0.3)
+    assert distance(0.5, 0.9) == pytest.approx(0.4)
+    assert distance(-0.3, -0.9) == pytest.approx(0.5)  # from the sharp corner
+    assert distance(0.5, 0.0) == pytest.approx(-0.5)
+    # A round nose: from the centre of its half circle.
+    assert signed_distance(-0.1, 0.0, ROUND_NOSE) == pytest.approx(0.1)
+    assert signed_distance(0.5 - np.sqrt(0.5), np.sqrt(0.5), ROUND_NOSE) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("body", "area"), [(SQUARE, 1.0), (ROUND_NOSE, 2.0 - 2 * (1 - np.pi / 4) * 0.25)], ids=["square", "round nose"]
+)
+def test_pressure_gradients_give_archimedes_force(body: BodyConfig, area: float) -> None:
+    """Gauss's theorem on the outline, as for the truck: -integral p n dS = -grad p * area."""
+    wake = TruckWake(FlowConfig(reynolds=100.0, substeps=50), body=body)
+    grid, flow, balance = wake.grid, Flow.zeros(wake.grid.shape), 50.0
+    for slope_x, slope_y in ((1.0, 0.0), (0.0, 1.0)):
+        flow.cells_p[:] = slope_x * grid.xc[:, None] + slope_y * grid.yc
+        flow.faces_u[:] = balance * slope_x * signed_distance(grid.xf[:, None], grid.yc, body) ** 2
+        flow.faces_v[:] = balance * slope_y * signed_distance(grid.xc[:, None], grid.yf, body) ** 2
+        measured = wake.surface.measure(flow)
+        assert measured.Cd + measured.slots.Cd_pressure == pytest.approx(-2 * area * slope_x, rel=2e-3, abs=1e-9)
+        assert measured.Cl == pytest.approx(-2 * area * slope_y, rel=1e-3, abs=1e-9)
+        # A pressure without curvature is met exactly on a straight wall.
+        x, y = wake.layout.positions.T
+        assert measured.Cp == pytest.approx(2 * (slope_x * x + slope_y * y), abs=2e-3)
+
+
+def test_a_constant_pressure_acts_on_the_slots_alone(square: TruckWake) -> None:
+    flow = Flow.zeros(square.grid.shape)
+    flow.cells_p[:] = 1.0
+    measured = square.surface.measure(flow)
+    # Front less base is what the slots leave open, to the bit of a quadrature that is exact on straight walls.
+    assert measured.Cd == pytest.approx(2.0 * 2 * JET_WIDTH, abs=1e-12)
+    assert measured.slots.Cd_pressure == pytest.approx(-measured.Cd, abs=1e-12)
+    assert measured.Cp == pytest.approx(2.0, abs=1e-12)
+
+
+def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square: TruckWake) -> None:
+    square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
+    sample = square.advance(0.0)
+    u, v, p = square.flow.u, square.flow.v, square.flow.p
+    assert np.abs(u - u[:, ::-1]).max() < 1e-12
+    assert np.abs(v + v[:, ::-1]).max() < 1e-12
+    assert np.abs(p - p[:, ::-1]).max() < 1e-11
+    assert square.layout.mirror is not None
+    assert sample.Cp == pytest.approx(sample.Cp[square.layout.mirror], abs=1e-12)
+    assert sample.Cl == pytest.approx(0.0, abs=1e-12)
+
+
+def test_opposite_jets_give_mirror_images(square: TruckWake) -> None:
+    square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
+    start = square.state()
+    up = square.advance(0.05)
+    square.reset(start)
+    down = square.advance(-0.05)
+    assert abs(up.Cl) > 1e-3
+    assert (up.Cd, up.Cl) == pytest.approx((down.Cd, -down.Cl), abs=1e-10)
+    assert square.layout.mirror is not None
+    assert up.Cp == pytest.approx(down.Cp[square.layout.mirror], abs=1e-10)
+
+
+@pytest.mark.slow
+def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square: TruckWake) -> None:
+    """Of the steady wake: no time derivative, and no formula in common with the wall's."""
+    settled = steady.settle(square, tolerance=3e-3)
+    grid, flow = square.grid, square.flow
+
+    def flux(x: float) -> float:
+        i = int(np.searchsorted(grid.xf, x))
+        u, p = flow.faces_u[i], 0.5 * (flow.cells_p[i - 1] + flow.cells_p[i])
+        stress = 0.02 * (flow.faces_u[i + 1] - flow.faces_u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
+        return float(2.0 * np.sum((p + u * u - stress) * grid.dy))
+
+    force = settled.sample.Cd + settled.sample.Cd_slot
+    assert force == pytest.approx(flux(-3.0) - flux(8.0), rel=0.03)
+    # Symmetric and steady: below the 1.5 that everyone finds with shedding.
+    assert 1.0 < force < 1.5
+    assert settled.recirculation_length > 3.0
+
+
+def test_a_state_of_another_body_is_refused_by_name(square: TruckWake, wake: TruckWake, tmp_path: Path) -> None:
+    with pytest.raises(
+        PlantError, match=r"body of length 7\.647 and leading-edge radius 0\.118, this plant has 1 and 0"
+    ):
+        square.reset(developed_state())
+    save_state(tmp_path / "square.npz", square.state())
+    loaded = load_state(tmp_path / "square.npz")
+    assert loaded.origin is not None and loaded.origin.is_of(SQUARE)
+    with pytest.raises(PlantError, match="of a body of length 1 and leading-edge radius 0"):
+        wake.reset(loaded)
+    square.reset(loaded)
+
+
+def test_sensors_do_not_matter_to_a_state(square: TruckWake) -> None:
+    more = TruckWake(square.config, 0.5, body=dataclasses.replace(SQUARE, sensors_per_side=9))
+    more.reset(square.state())
+    assert len(more.sample().Cp) == 22
+
+
+def test_the_trucks_state_files_are_as_they_were(wake: TruckWake, tmp_path: Path) -> None:
+    save_state(tmp_path / "truck.npz", wake.state())
+    with np.load(tmp_path / "truck.npz") as data:
+        assert set(data.files) == {
+            "schema", "flat", "substep", "action", "shape", "reynolds", "control_period", "substeps"
+        }  # fmt: skip
+    origin = load_state(tmp_path / "truck.npz").origin
+    assert origin is not None and origin.is_of(TRUCK_BODY)
+    assert Origin(shape=(3, 2), reynolds=1.0).is_truck
+
+
+def test_openfoam_refuses_another_body_by_name(tmp_path: Path) -> None:
+    config = Config(body=SQUARE)
+    with (
+        pytest.raises(PlantError, match=r"body\.length = 1\.0: OpenFOAM's mesh is the truck's, with 7\.647"),
+        open_plant("openfoam", tmp_path, config),
+    ):
+        pass
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_slots_lie_at_the_edges_of_the_base(square: TruckWake) -> None:
+    grid = square.grid
+    upper = slice(grid.upper - grid.slot_cells, grid.upper)
+    square.flow.flat[:] = 0.0
+    # A control step with full jets moves the fluid right behind the slots.
+    square.solver.run(square.flow, dt=1e-4, steps=1, action_from=0.05, action_to=0.05)
+    on_base = square.flow.faces_u[grid.rear]
+    assert grid.xf[grid.rear] == SQUARE.length
+    assert (grid.yf[upper.start], grid.yf[upper.stop]) == pytest.approx((HALF_WIDTH - JET_WIDTH, HALF_WIDTH))
+    assert float(on_base[upper] @ grid.dy[upper]) == pytest.approx(0.05, rel=1e-12)
+    base = slice(grid.lower, grid.upper)
+    assert float(on_base[base] @ grid.dy[base]) == pytest.approx(0.0, abs=1e-15)
+    assert (on_base[grid.lower + grid.slot_cells : upper.start] == 0.0).all()
