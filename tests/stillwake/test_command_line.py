@@ -172,7 +172,7 @@ def test_nothing_to_record(refused, tmp_path):
         (["--exploration", -0.1], "exploration = -0.1: must be finite and at least 0"),
         (["--set", "flow.action_limit=0.05"], "built for another action limit: 0.075, the flow has 0.05"),
         (["--set", "flow.control_period=0.1"], "built for another control period: 0.2, the flow has 0.1"),
-        (["--set", "forcing.exploration_time=0.0"], "ForcingConfig.exploration_time = 0.0: must be positive"),
+        (["--set", "forcing.exploration_time=0.0"], "forcing.exploration_time = 0.0: must be positive"),
     ],
 )
 def test_a_recording_under_a_controller_that_makes_no_sense(refused, tmp_path, random_release, arguments, named):
@@ -224,7 +224,7 @@ def test_rounds_under_a_controller_are_added(cli, tmp_path, random_release):
         ("nonsense.key=1", "nonsense"),
         ("ecu.nonsense=1", "nonsense"),
         ("ecu", "section.key=value"),
-        ("ecu.hold_periods=-1", "EcuConfig.hold_periods = -1: must be non-negative"),
+        ("ecu.hold_periods=-1", "ecu.hold_periods = -1: must be non-negative"),
     ],
 )
 def test_a_setting_that_does_not_exist(refused, tmp_path, verb, setting, named):
