@@ -13,6 +13,7 @@ from rich.console import Console
 
 from contract.errors import StillwakeError
 from stillwake.commands.bundle import bundle
+from stillwake.commands.config import config
 from stillwake.commands.export import export, mcu
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
@@ -30,7 +31,7 @@ def _root() -> None:
     """A learned flow controller for truck wakes, from wall pressures to an ECU on the CAN bus."""
 
 
-for command in (record, train, export, mcu, run, report, develop, steady, animate):
+for command in (record, train, export, mcu, run, report, develop, steady, animate, config):
     app.command()(command)
 for name, group in {"bundle": bundle, "picture": picture}.items():
     app.add_typer(group, name=name)

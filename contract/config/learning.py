@@ -59,7 +59,7 @@ class FinishConfig(Settings, section="train.finish"):
     """Last passes of the joint fit, with a longer unroll. Started with it, training stalls on the mean forces; from
     a model that already predicts 5 steps it brings the error at the controller's horizon down.
 
-    A field replaces that of the same name in `TrainConfig`.
+    A field replaces that of the same name in `train`.
     """
 
     epochs: Annotated[NonNegative[float], PASSES] = 0.0
