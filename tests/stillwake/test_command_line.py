@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import h5py
@@ -42,12 +43,30 @@ def test_the_verbs_are_there():
     assert {"record", "train", "export", "run", "report"} <= set(VERBS)
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_explains_itself(cli, verb):
-    outcome = cli(verb, "--help")
+@pytest.mark.parametrize("option", ["-h", "--help"])
+@pytest.mark.parametrize("verb", [*VERBS, "bundle", "bundle verify", "picture", "picture mean"])
+def test_every_verb_explains_itself(cli, verb, option):
+    outcome = cli(*verb.split(), option)
     assert outcome.code == 0
     assert f"stillwake {verb}" in outcome.out
     assert outcome.err == ""
+
+
+def test_the_first_page_says_what_the_letters_mean(cli):
+    text = " ".join(cli("--help").out.split())
+    assert all(
+        word in text for word in ("W, the truck's width", "t_c = W / U_inf", "Cp that of pressure", "An action is")
+    )
+
+
+def test_the_version_is_the_installed_one(cli):
+    assert cli("--version").out == f"stillwake {version('stillwake')}\n"
+
+
+def test_a_misspelt_verb_is_answered_with_the_nearest(cli):
+    outcome = cli("runn")
+    assert outcome.code == 2
+    assert "Did you mean 'run'?" in outcome.err
 
 
 def test_openfoam_that_is_not_installed_is_named(refused, tmp_path, monkeypatch):
@@ -72,7 +91,8 @@ def test_without_a_verb_it_lists_them(cli):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["run"], ["run", "x", "--nonsense"], ["nonsense"], ["run", "x", "--lead-in", "0"]]
+    "arguments",
+    [["run"], ["run", "x", "y"], ["run", "x", "--nonsense"], ["nonsense"], ["run", "x", "--lead-in", "0"]],
 )
 def test_a_wrong_call_is_explained_without_a_traceback(cli, arguments):
     outcome = cli(*arguments)
@@ -224,12 +244,34 @@ def test_rounds_under_a_controller_are_added(cli, tmp_path, random_release):
         ("nonsense.key=1", "nonsense"),
         ("ecu.nonsense=1", "nonsense"),
         ("ecu", "section.key=value"),
+        ("ecu=3", "ecu is a section: write ecu.key=value"),
+        ("ecu.compute_time=0", "ecu has no 'compute_time': did you mean compute_time_ms?"),
+        ("ecu.compute_time_ms=abc", "ecu.compute_time_ms = 'abc': must be a number"),
         ("ecu.hold_periods=-1", "ecu.hold_periods = -1: must be non-negative"),
     ],
 )
 def test_a_setting_that_does_not_exist(refused, tmp_path, verb, setting, named):
     outputs = [tmp_path / "in", tmp_path / "out"] if verb == "export" else [tmp_path / "out"]
     assert named in refused(verb, *outputs, "--set", setting)
+
+
+@pytest.mark.parametrize("verb", ["run", "record", "config"])
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (None, "No such file or directory"),
+        (b"\x00\xff", "no text in UTF-8"),
+        (b"[ecu", "Expected ']'"),
+        (b"x=1", "no section"),
+    ],
+)
+def test_a_file_of_settings_that_is_none(refused, tmp_path, verb, content, line):
+    path = tmp_path / "mine.toml"
+    if content is not None:
+        path.write_bytes(content)
+    outputs = [] if verb == "config" else [tmp_path / "out"]
+    assert line in (said := refused(verb, *outputs, "--config", path))
+    assert f"configuration {path}: " in said
 
 
 def test_a_folder_without_a_run(refused, tmp_path):
