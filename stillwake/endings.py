@@ -24,7 +24,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
-REPORT: Final = "this is a fault of stillwake, not of your input: please report it with the lines above"
+REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
 errors = make_console(stderr=True)
 

@@ -45,7 +45,11 @@ class ProgressBar(Progress):
 
 
 class ProgressLines(Progress):
-    """A line of text at the first update of a task, at least every `interval` seconds, and at the end."""
+    """Lines of text: one at the first update, at least one every `interval` seconds, and one at the end of each task.
+
+    A task has a line only where it has moved since its last one. If none has moved for an interval, the latest task
+    has another line, which shows that the work goes on.
+    """
 
     def __init__(
         self,
@@ -58,8 +62,8 @@ class ProgressLines(Progress):
     ) -> None:
         super().__init__(console=console, speed_estimate_period=estimate_over, get_time=clock, disable=True)
         self._unit, self._interval = unit, interval
-        self._printed: dict[TaskID, _Line] = {}
-        self._touched: set[TaskID] = set()
+        self._lines: dict[TaskID, _Line] = {}
+        self._latest: TaskID | None = None
         self._ended = Event()
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
@@ -71,36 +75,42 @@ class ProgressLines(Progress):
         """Print where each task stands, unless its last line says so."""
         self._ended.set()
         self._heart.join()
-        self._print(due=0.0)
+        with self._lock:
+            for task in self._tasks.values():
+                if task.id in self._lines and task.completed != self._lines[task.id].completed:
+                    self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """As rich's; prints a line if one is due or the task is done."""
         super().update(task_id, **changes)
-        self._touched.add(task_id)
-        self._print(due=self._interval)
+        with self._lock:
+            task, last = self._tasks[task_id], self._lines.get(task_id)
+            if last is None:
+                # Of tasks that start together the first one speaks for all.
+                if task.completed > 0 or not self._lines:
+                    self._print(task)
+            elif task.completed != last.completed:
+                self._latest = task_id
+                if task.finished or self.get_time() - last.at >= self._interval:
+                    self._print(task)
 
     def _beat(self) -> None:
         while not self._ended.wait(self._interval / 4.0):
-            self._print(due=self._interval)
+            with self._lock:
+                at = max((line.at for line in self._lines.values()), default=inf)
+                if self._latest is not None and self.get_time() - at >= self._interval:
+                    self._print(self._tasks[self._latest])
 
-    def _print(self, *, due: float) -> None:
-        """A line for every task that has none since `due` seconds, or whose end has none."""
-        with self._lock:
-            now = self.get_time()
-            for task in self._tasks.values():
-                if task.id not in self._touched:
-                    continue
-                last = self._printed.get(task.id, _Line(-inf, "", False))
-                line = _Line(now, line_of(task, self._unit), task.finished)
-                if line.text != last.text and (now - last.at >= due or (line.is_end and not last.is_end)):
-                    self._printed[task.id] = line
-                    self.console.print(line.text, markup=False, highlight=False, soft_wrap=True)
+    def _print(self, task: Task) -> None:
+        self._latest = task.id
+        self._lines[task.id] = _Line(self.get_time(), task.completed)
+        self.console.print(line_of(task, self._unit), markup=False, highlight=False, soft_wrap=True)
 
 
 def line_of(task: Task, unit: str) -> str:
     """One line on a task: how much of it is done, how fast it goes, how long it will take, and its note."""
-    total = "" if task.total is None else f"/{task.total:g}"
-    done = f"{task.description}: {task.completed:g}{total} {unit}"
+    total = "" if task.total is None else f"/{_count(task.total)}"
+    done = f"{task.description}: {_count(task.completed)}{total} {unit}"
     parts = [done if task.total is None else f"{done} ({task.percentage:.0f} %)"]
     if task.finished:
         parts.append(f"done in {span(task.finished_time or 0.0)}")
@@ -115,7 +125,9 @@ def line_of(task: Task, unit: str) -> str:
 
 
 def span(seconds: float) -> str:
-    """A time for people: 45 s, 3 min 20 s, 2 h 5 min."""
+    """A time for people: 45 s, 3 min 20 s, 2 h 5 min, 12 days."""
+    if seconds >= _DAYS:
+        return f"{seconds / 86400.0:.3g} days"
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -124,13 +136,20 @@ def span(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
+_DAYS: Final = 100.0 * 3600.0
+"""Seconds from which on hours say little."""
+
+
+def _count(number: float) -> str:
+    return f"{number:.0f}" if abs(number) < 1e15 and number == round(number) else f"{number:g}"
+
+
 @dataclass(frozen=True)
 class _Line:
-    """A line on a task: when it was printed, and whether it says that the task is done."""
+    """When a task's last line was printed, and what was done then."""
 
     at: float
-    text: str
-    is_end: bool
+    completed: float
 
 
 class _Words(ProgressColumn):

@@ -69,7 +69,8 @@ def verbs_of(app: typer.Typer, above: tuple[str, ...] = ()) -> Iterator[Verb]:
 def calls(draw: st.DrawFn, verb: Verb) -> list[str]:
     """The words behind `stillwake`: usual ones, but for one to three that are odd."""
     odd = draw(st.sets(st.sampled_from([one.name for one in verb.parameters]), min_size=1, max_size=3))
-    arguments, options = [], []
+    arguments: list[str] = []
+    options: list[str] = []
     for one in verb.parameters:
         if one.name not in odd and not one.is_required:
             continue

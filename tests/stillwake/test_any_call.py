@@ -25,10 +25,11 @@ from contract.release import signing
 from tests.stillwake.calls import Verb, calls, verbs_of
 
 VERBS = list(verbs_of(stillwake.__main__.app))
-EXAMPLES = int(os.environ.get("STILLWAKE_CALLS", "12"))
-"""Of each verb; many more find more."""
-RUNS = 30
-"""Calls of the flow solver until the work counts as begun: a start from rest takes some before its checks."""
+ASKED = os.environ.get("STILLWAKE_CALLS")
+EXAMPLES, DERANDOMIZE = (12, True) if ASKED is None else (int(ASKED), False)
+"""Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 looks at as many others."""
+RUNS = 12
+"""Calls of the flow solver until the work counts as begun: a start from rest takes some of them."""
 CONTINUED = (".parts", ".checkpoints")
 """What a stopped command keeps, to go on from."""
 BEGINNINGS = (
@@ -55,7 +56,8 @@ def no_work() -> Iterator[Callable[[], None]]:
     """Let no command get to its work; returns what sets the count of solver runs back."""
     count = [0]
 
-    def run(*_arguments: object, **_named: object) -> None:
+    def run(_solver: object, flow: Any, **_named: object) -> None:
+        flow.velocities[:] *= 1.01
         count[0] += 1
         if count[0] > RUNS:
             begins()
@@ -126,7 +128,13 @@ def call(words: list[str]) -> tuple[int, str, str]:
 @pytest.mark.slow  # a dozen calls of every verb
 @pytest.mark.parametrize("verb", VERBS, ids=str)
 def test_any_call_ends_well(verb: Verb, random_release, no_work) -> None:
-    @settings(max_examples=EXAMPLES, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=EXAMPLES,
+        deadline=None,
+        database=None,
+        derandomize=DERANDOMIZE,
+        suppress_health_check=list(HealthCheck),
+    )
     @given(st.data())
     def check(data: st.DataObject) -> None:
         words = data.draw(calls(verb), label="stillwake")

@@ -110,6 +110,20 @@ def test_tasks_that_do_not_change_have_no_line():
     assert text(console).splitlines() == ["running: 2/5 steps (40 %), 0 s so far"]
 
 
+def test_of_many_tasks_those_that_move_have_lines():
+    console, clock = log(), Clock()
+    with progress_bar("steps", console=console, clock=clock) as bar:
+        tasks = [bar.add_task(f"episode {number}", total=2_000_000, note="") for number in range(4)]
+        for clock.now, moving in ((0.0, 0), (40.0, 1), (80.0, 1)):
+            for number, task in enumerate(tasks):
+                bar.update(task, completed=1_500_000 * (clock.now / 80.0) if number == moving else 0)
+    assert [line.partition(" (")[0] for line in text(console).splitlines()] == [
+        "episode 0: 0/2000000 steps",
+        "episode 1: 750000/2000000 steps",
+        "episode 1: 1500000/2000000 steps",
+    ]
+
+
 def test_a_stop_says_how_far_it_was():
     console, clock = log(), Clock()
     with pytest.raises(KeyboardInterrupt), progress_bar("steps", console=console, clock=clock) as bar:
@@ -135,7 +149,8 @@ def test_one_long_step_is_no_silence():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"), [(0.4, "0 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (7500, "2 h 5 min")]
+    ("seconds", "words"),
+    [(0.4, "0 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (1e6, "11.6 days")],
 )
 def test_times_are_written_for_people(seconds, words):
     assert span(seconds) == words
