@@ -11,6 +11,7 @@ from stillwake import own_rooms  # noqa: F401  (refuses to go on where a file hi
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
+from inspect import getdoc
 from typing import Annotated, Final
 
 import typer
@@ -74,6 +75,19 @@ for panel, commands in PANELS.items():
         app.command(rich_help_panel=panel)(command)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
 app.add_typer(picture, name="picture", rich_help_panel=WAKE)
+
+
+def _let_paragraphs_flow(group: typer.Typer) -> None:
+    """Let the terminal's width break the lines of every command's help, not the source's."""
+    for info in group.registered_commands:
+        paragraphs = (getdoc(info.callback) or "").split("\n\n")
+        info.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    for inner in group.registered_groups:
+        if inner.typer_instance is not None:
+            _let_paragraphs_flow(inner.typer_instance)
+
+
+_let_paragraphs_flow(app)
 
 
 def main() -> None:

@@ -52,8 +52,8 @@ Overrides = Annotated[
     list[str],
     typer.Option(
         "--set",
-        help="One setting, e.g. ecu.delay_steps=2 (repeatable); `stillwake config` lists them.",
-        metavar="SECTION.KEY=VALUE",
+        help="One setting, section.key=value (repeatable); `stillwake config` lists them.",
+        metavar="KEY=VALUE",
     ),
 ]
 

@@ -1,6 +1,7 @@
 """The command line as a user meets it: what goes wrong is one line, a non-zero exit, and nothing half-written."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -57,6 +58,14 @@ def test_the_first_page_says_what_the_letters_mean(cli):
     assert all(
         word in text for word in ("W, the truck's width", "t_c = W / U_inf", "Cp that of pressure", "An action is")
     )
+
+
+def test_the_lines_of_a_help_fill_the_terminal(cli, monkeypatch):
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 80)
+    about = cli("train", "--help").out.partition("Arguments")[0].rpartition("\n")[0]
+    for paragraph in re.split(r"\n +\n", about)[2:]:
+        *full, _last = paragraph.rstrip().splitlines()
+        assert all(len(line.rstrip()) > 60 for line in full), paragraph
 
 
 def test_the_version_is_the_installed_one(cli):
