@@ -13,7 +13,7 @@ from contract.errors import StillwakeError
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
 
-    The folder is made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
+    The folders are made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
     directory is kept until the new one is in its place.
     Raises StillwakeError if the place cannot be written.
     """
@@ -21,7 +21,8 @@ def replacing(path: Path) -> Iterator[Path]:
     aside = path.with_name(f".{path.name}.{os.getpid()}.old")
     made_parent = False
     try:
-        made_parent = not path.parent.exists()
+        missing = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
+        made_parent = bool(missing)
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         try:
@@ -44,6 +45,7 @@ def replacing(path: Path) -> Iterator[Path]:
                 with suppress(OSError):
                     leftover.unlink()
         if made_parent:
-            # Stays unless it is empty.
+            # Each stays unless it is empty.
             with suppress(OSError):
-                path.parent.rmdir()
+                for folder in missing:
+                    folder.rmdir()
