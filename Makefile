@@ -30,9 +30,12 @@ coverage: $(VENV)/dev.stamp
 
 # What a vehicle installs, alone: every module of its rooms, and an ECU in control with the shipped release.
 pristine:
-	rm -rf build/pristine build/lib
+	rm -rf build/pristine build/lib build/wheel
 	$(PYTHON) -m venv build/pristine
-	build/pristine/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt .
+	build/pristine/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/wheel .
+	build/pristine/bin/python -I tests/install/check_wheel.py build/wheel
+	build/pristine/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+		build/wheel/stillwake-*.whl
 	build/pristine/bin/python -I tests/install/step_an_ecu.py
 	build/pristine/bin/stillwake bundle verify
 	build/pristine/bin/stillwake --help > build/pristine/help.txt
@@ -48,28 +51,28 @@ lint: $(VENV)/dev.stamp
 
 # From the shipped recording to a bundle of the shipped kind, then the loop with it.
 retrain: $(VENV)/dev.stamp
-	$(BIN)/stillwake train runs/model
-	$(BIN)/stillwake export runs/model runs/bundle
+	$(BIN)/stillwake train runs/model --overwrite
+	$(BIN)/stillwake export runs/model runs/bundle --overwrite
 	$(BIN)/stillwake run runs/retrained --bundle runs/bundle
 
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --json results/demo.json
 	$(BIN)/stillwake run runs/limits --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
-	$(BIN)/stillwake train runs/model
-	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15
+	$(BIN)/stillwake train runs/model --overwrite
+	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15 --overwrite
 	$(BIN)/stillwake run runs/limits --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json
-	$(BIN)/python -m benchmarks controller-loop --model runs/model --dataset wake/data/recording.h5 \
+	$(BIN)/python -m benchmarks controller-loop --model runs/model --dataset data/stillwake_data/recording.h5 \
 		--json results/controller_loop.json
 	$(BIN)/python -m benchmarks truncation --model runs/model --json results/truncation.json
 	$(BIN)/python -m benchmarks mcu --json results/mcu.json
 	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
 	$(BIN)/python -m benchmarks model --json results/model.json
 	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \
-		--dataset wake/data/recording.h5 --json results/controller_loop_narrow.json
+		--dataset data/stillwake_data/recording.h5 --json results/controller_loop_narrow.json
 	$(BIN)/python -m benchmarks rounding --model runs/model --model runs/model_study/*/variant_128_64 \
 		--json results/rounding.json
 	$(BIN)/python -m benchmarks rounds --json results/rounds.json
@@ -94,14 +97,14 @@ docs: tables
 	$(BIN)/python docs/rooms.py
 	$(BIN)/python docs/settings.py
 
-$(VENV)/run.stamp: pyproject.toml constraints.txt
+$(VENV)/run.stamp: pyproject.toml data/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable ".[sim]"
+	$(PIP) --editable ".[sim]" --editable ./data
 	touch $@
 
-$(VENV)/dev.stamp: pyproject.toml constraints.txt
+$(VENV)/dev.stamp: pyproject.toml data/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable ".[dev]"
+	$(PIP) --editable ".[dev]" --editable ./data
 	touch $@ $(VENV)/run.stamp
 
 clean:

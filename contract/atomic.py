@@ -9,6 +9,38 @@ from pathlib import Path
 from contract.errors import StillwakeError
 
 
+def check_writable(path: Path, *, folder: bool = False) -> None:
+    """Find out before the work whether its result can be written: a file is made next to `path` and removed again.
+
+    Folders that are missing on the way are not made; the test is then done in the nearest one that is there.
+
+    Args:
+        path: where the result will be.
+        folder: whether the result is a folder; otherwise it is a file.
+
+    Raises:
+        StillwakeError: `path` is of the other kind or has no name of its own, or nothing can be written there.
+    """
+    if not folder and path.is_dir():
+        raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
+    if folder and path.is_file():
+        raise StillwakeError(f"cannot write {path}: it is a file, must be a directory")
+    if path.exists() and not (path.is_dir() or path.is_file()):
+        # A device would be replaced, not written to.
+        raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
+    if path.name in ("", ".."):
+        raise StillwakeError(f"cannot write {path}: name a new folder in it")
+    place = path.parent
+    while not os.path.lexists(place) and place != place.parent:
+        place = place.parent
+    trial = place / _temporary(path, "part").name
+    try:
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
@@ -17,8 +49,7 @@ def replacing(path: Path) -> Iterator[Path]:
     directory is kept until the new one is in its place.
     Raises StillwakeError if the place cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    aside = path.with_name(f".{path.name}.{os.getpid()}.old")
+    temporary, aside = _temporary(path, "part"), _temporary(path, "old")
     made_parent = False
     try:
         missing = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
@@ -49,3 +80,7 @@ def replacing(path: Path) -> Iterator[Path]:
             with suppress(OSError):
                 for folder in missing:
                     folder.rmdir()
+
+
+def _temporary(path: Path, kind: str) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.{kind}")

@@ -9,8 +9,16 @@ class ConfigError(StillwakeError):
     """A configuration value outside its range, or a key that does not exist."""
 
 
+class OutputError(StillwakeError):
+    """Something is in the place of a result, and the user did not ask to replace it."""
+
+
 class DatasetError(StillwakeError):
     """A dataset that does not follow the schema."""
+
+
+class TrainingError(StillwakeError):
+    """A training that does not converge with its settings."""
 
 
 class ModelError(StillwakeError):
@@ -31,6 +39,10 @@ class BundleManifestError(BundleError):
 
 class BundleFileError(BundleError):
     """A file that is missing, altered, or not in the manifest, or a DBC that is not this version's."""
+
+
+class BundleControllerError(BundleError):
+    """A `controller.onnx` that is not run: no graph of a control step, other inputs or outputs, or too slow."""
 
 
 class BundleSignatureError(BundleError):

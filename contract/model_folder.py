@@ -5,10 +5,12 @@
 `model.json` holds what they assume and where they come from:
 
     schema, config (all settings), scaling (contract.release.manifest.Scaling),
+    layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
     sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
-Tensors are arrays here: `train` makes networks of them, `export` a controller program.
+A model of the first schema has no layout: it is the truck's. Tensors are arrays here: `train` makes networks of them,
+`export` a controller program.
 """
 
 import hashlib
@@ -22,14 +24,17 @@ import dacite
 import numpy as np
 import numpy.typing as npt
 
-from contract import sensors as sensor_facts
 from contract.atomic import replacing
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.release.manifest import Scaling
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
 
-SCHEMA: Final = "stillwake-model/1"
+SCHEMA: Final = "stillwake-model/2"
+SCHEMA_1: Final = "stillwake-model/1"
+"""Still read: a model of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
@@ -38,12 +43,6 @@ PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
 
 _NETWORKS: Final = (TEACHER, SLIM, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
-_LENGTHS: Final = {
-    "pressure_mean": sensor_facts.COUNT,
-    "pressure_std": sensor_facts.COUNT,
-    "force_mean": 2,
-    "force_std": 2,
-}
 
 Tensors = Mapping[str, npt.NDArray[Any]]
 """Arrays by name, `network.layer`."""
@@ -55,7 +54,8 @@ class Description:
 
     Attributes:
         config: all settings of the training.
-        scaling: of all 90 pressures, the action and the forces.
+        layout: of all sensors, in the order of the scaling.
+        scaling: of all pressures, the action and the forces.
         sensors: names, in the order of the slim encoder's inputs.
         dataset_sha256: of the recording that the model was fitted to.
         metrics: "teacher", "slim" and with narrower networks "deployed" (`train.evaluate.EncoderMetrics`), and
@@ -71,10 +71,12 @@ class Description:
     metrics: Mapping[str, Any]
     ranking: Mapping[str, Any]
     versions: Mapping[str, str]
+    layout: SensorLayout = TRUCK
 
     def __post_init__(self) -> None:
-        sensor_facts.indices(self.sensors)
-        for name, count in _LENGTHS.items():
+        self.layout.indices(self.sensors)
+        sensors = len(self.layout)
+        for name, count in {"pressure_mean": sensors, "pressure_std": sensors, "force_mean": 2, "force_std": 2}.items():
             if len(getattr(self.scaling, name)) != count:
                 raise ModelError(f"scaling.{name} has {len(getattr(self.scaling, name))} values, must have {count}")
 
@@ -149,6 +151,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
         "schema": SCHEMA,
         "config": to_tree(description.config),
         "scaling": asdict(description.scaling),
+        "layout": _layout_tree(description.layout),
         "sensors": description.sensors,
         "dataset_sha256": description.dataset_sha256,
         "weights_sha256": hashlib.sha256(weights).hexdigest(),
@@ -196,12 +199,30 @@ def read_description(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
     schema = body.get("schema") if isinstance(body, dict) else None
-    if not isinstance(body, dict) or schema != SCHEMA:
+    if not isinstance(body, dict) or schema not in (SCHEMA, SCHEMA_1):
         raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {SCHEMA!r}")
     for name in (*Description.__dataclass_fields__, "weights_sha256"):
-        if name not in body:
+        if name not in body and not (name == "layout" and schema == SCHEMA_1):
             raise ModelError(f"model {path}: {DESCRIPTION} lacks {name!r}")
     return body
+
+
+def _layout_tree(layout: SensorLayout) -> dict[str, Any]:
+    return {
+        "names": layout.names,
+        "positions": layout.positions.tolist(),
+        "base": layout.base.tolist(),
+        "mirror": None if layout.mirror is None else layout.mirror.tolist(),
+    }
+
+
+def _layout_of(tree: Mapping[str, Any]) -> SensorLayout:
+    return SensorLayout(
+        names=tuple(tree["names"]),
+        positions=np.array(tree["positions"], dtype=np.float64),
+        base=np.array(tree["base"], dtype=np.intp),
+        mirror=None if tree["mirror"] is None else np.array(tree["mirror"], dtype=np.intp),
+    )
 
 
 def _read_bytes(path: Path, name: str) -> bytes:
@@ -221,8 +242,9 @@ def _describe(path: Path, body: Mapping[str, Any]) -> Description:
             metrics=body["metrics"],
             ranking=body["ranking"],
             versions=body["versions"],
+            layout=_layout_of(body["layout"]) if "layout" in body else TRUCK,
         )
-    except (dacite.DaciteError, ConfigError, ModelError, TypeError, AttributeError) as error:
+    except (dacite.DaciteError, ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
 
 

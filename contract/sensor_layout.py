@@ -48,7 +48,7 @@ class SensorLayout:
             raise ConfigError(f"sensor positions of shape {self.positions.shape}: must be ({count}, 2) finite numbers")
         if self.base.size and not (self.base.min() >= 0 and self.base.max() < count):
             raise ConfigError(f"base sensors {self.base.tolist()}: must be columns from 0 to {count - 1}")
-        if self.mirror is not None and not np.array_equal(self.mirror[self.mirror], np.arange(count)):
+        if self.mirror is not None and not _is_involution(self.mirror, count):
             raise ConfigError("mirror images of the sensors: the mirror image of a mirror image must be the sensor")
 
     def __len__(self) -> int:
@@ -84,15 +84,36 @@ class SensorLayout:
             raise ConfigError(f"sensor named twice in {list(names)}")
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
+    def only(self, columns: Index) -> "SensorLayout":
+        """The layout of those columns, in that order; without mirror images, which need not be among them."""
+        return SensorLayout(
+            names=tuple(self.names[column] for column in columns),
+            positions=self.positions[columns],
+            base=np.flatnonzero(np.isin(columns, self.base)),
+            mirror=None,
+        )
+
     def same_as(self, other: "SensorLayout") -> bool:
         """Whether names, order, places, base and mirror images are the same."""
-        return (
-            self.names == other.names
-            and bool((np.abs(self.positions - other.positions) < _SAME).all())
-            and np.array_equal(self.base, other.base)
-            and (self.mirror is None) == (other.mirror is None)
-            and (self.mirror is None or other.mirror is None or np.array_equal(self.mirror, other.mirror))
-        )
+        return self.difference(other) is None
+
+    def difference(self, other: "SensorLayout") -> str | None:
+        """The first thing in which two layouts differ, in words; None if they are the same."""
+        if self.names != other.names:
+            return f"names: {_listed(self.names)}, and {_listed(other.names)}"
+        for name, here, there in zip(self.names, self.positions, other.positions, strict=True):
+            if not (np.abs(here - there) < _SAME).all():
+                return f"the position of {name}: {tuple(here.tolist())}, and {tuple(there.tolist())}"
+        if not np.array_equal(self.base, other.base):
+            return "the sensors on the base"
+        if self.mirror is None or other.mirror is None:
+            return None if self.mirror is other.mirror else "the mirror images"
+        return None if np.array_equal(self.mirror, other.mirror) else "the mirror images"
+
+
+def _is_involution(mirror: Index, count: int) -> bool:
+    inside = mirror.shape == (count,) and bool(((mirror >= 0) & (mirror < count)).all())
+    return inside and np.array_equal(mirror[mirror], np.arange(count))
 
 
 def _mirror(positions: Array) -> Index | None:

@@ -18,6 +18,7 @@ import typer
 
 from stillwake.commands.bundle import bundle
 from stillwake.commands.config import config
+from stillwake.commands.dataset import dataset
 from stillwake.commands.export import export, mcu
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
@@ -74,6 +75,7 @@ for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
+app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
 app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 
 

@@ -16,8 +16,8 @@ from stillwake.terminal import make_console, visible
 
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "sim": (
-        *("numba", "llvmlite", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
-        "jinja2",
+        *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
+        *("jinja2", "llvmlite"),
     ),
     "train": ("torch", "shap", "onnx", "safetensors"),
     "bus": ("serial", "msgpack"),

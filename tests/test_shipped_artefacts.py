@@ -14,7 +14,7 @@ from contract.recording import dataset
 from contract.release import bundle, signing
 
 ROOT = Path(__file__).resolve().parent.parent
-DATA = ROOT / "wake" / "data"
+DATA = ROOT / "data" / "stillwake_data"
 RELEASE = ROOT / "firmware_sim" / "data" / "bundle"
 
 

@@ -1,8 +1,9 @@
 """Training state on disk: written whole or not at all, and read back only into the run it came from."""
 
+import io
+import os
 import pickle
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,21 +11,10 @@ import torch
 
 from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError, StillwakeError
+from train.unfinished import Identity as Identity
 
 SCHEMA: Final = "stillwake-checkpoint/1"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Identity:
-    """What a checkpoint belongs to.
-
-    Attributes:
-        settings: canonical text of the configuration that decides the result.
-        dataset_sha256: of the recording.
-    """
-
-    settings: str
-    dataset_sha256: str
+_WAYS: Final = "delete it, or start over with --restart"
 
 
 def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
@@ -35,8 +25,13 @@ def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
         "dataset_sha256": identity.dataset_sha256,
         "state": dict(state),
     }
-    with replacing(path) as temporary:
-        torch.save(body, temporary)
+    # Packed in memory: torch does not say of a full disk what it is.
+    image = io.BytesIO()
+    torch.save(body, image)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(image.getbuffer())
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load(path: Path, identity: Identity) -> dict[str, Any] | None:
@@ -54,11 +49,11 @@ def load(path: Path, identity: Identity) -> dict[str, Any] | None:
         body = torch.load(path, map_location="cpu", weights_only=True)
         schema, state = body["schema"], dict(body["state"])
     except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
-        raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); delete it to start over") from error
+        raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_WAYS}") from error
     if schema != SCHEMA:
-        raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {SCHEMA!r}")
+        raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {SCHEMA!r}; {_WAYS}")
     if body["settings"] != identity.settings:
-        raise ConfigError(f"checkpoint {path}: made with other settings; delete it to start over")
+        raise ConfigError(f"checkpoint {path}: made with other settings; {_WAYS}")
     if body["dataset_sha256"] != identity.dataset_sha256:
-        raise DatasetError(f"checkpoint {path}: made from another recording; delete it to start over")
+        raise DatasetError(f"checkpoint {path}: made from another recording; {_WAYS}")
     return state

@@ -6,7 +6,7 @@ episodes; sigma is the reference signal's. Neither depends on the scaling, so sc
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any
 
 import dacite
 import torch
@@ -14,12 +14,10 @@ from torch import Tensor
 
 from contract.arrays import Index
 from contract.errors import DatasetError
+from contract.recording.needs import HORIZONS as HORIZONS
 from train.distil import encode_all
 from train.model import Encoder, Predictor, WakeModel
 from train.rows import Rows
-
-HORIZONS: Final = (5, 10, 25)
-"""Control steps ahead at which open-loop prediction is judged; 25 is one shedding cycle, the MPC's horizon."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +60,7 @@ class ModelMetrics:
     """How a trained model does on the test episodes.
 
     Attributes:
-        teacher: the encoder on all 90 sensors.
+        teacher: the encoder on all sensors.
         slim: the encoder on the chosen ones, with the teacher's dynamics and decoder.
         slim_latent: L1/sigma of its latents against the teacher's.
         deployed: the slim encoder with the narrower dynamics and decoder; None where there are none.

@@ -17,13 +17,14 @@ from torch import Tensor, nn
 
 from contract.config.learning import TrainConfig
 from contract.config.tree import Config
-from contract.errors import ConfigError
-from train import checkpoint
+from contract.errors import ConfigError, TrainingError
+from train import checkpoint, unfinished
 from train.loss import joint_loss
 from train.model import WakeModel
 from train.progress import Phase, Progress, silent
 from train.rows import Rows
 from train.sampler import SegmentSampler
+from train.unfinished import Reached
 
 REPORT_EVERY = 10
 """Steps between progress reports: reading the loss waits for the device."""
@@ -90,6 +91,7 @@ def optimise(
 
     Raises:
         ConfigError, DatasetError, StillwakeError: from a checkpoint that does not fit (`train.checkpoint`).
+        TrainingError: as soon as loss or weights are not finite; no checkpoint is left then.
     """
     optimiser = torch.optim.Adam(module.parameters(), lr=schedule.learning_rate)
     rate = _rate(optimiser, schedule)
@@ -105,14 +107,20 @@ def optimise(
     module.train()
     for step in range(first, schedule.steps):
         terms = loss(step)
+        done = step + 1
+        is_kept = checkpoints is not None and (done % checkpoints.every == 0 or done == schedule.steps)
+        # To read the loss of a GPU is to wait for it.
+        if terms["total"].device.type == "cpu" or done % REPORT_EVERY == 0 or is_kept:
+            _check_finite(terms["total"], phase, step, schedule, checkpoints)
         optimiser.zero_grad()
         torch.autograd.backward(terms["total"])
         optimiser.step()
         rate.step()
-        done = step + 1
         if done % REPORT_EVERY == 0 or done == schedule.steps:
             progress(phase, done, schedule.steps, {name: value.item() for name, value in terms.items()})
-        if checkpoints is not None and (done % checkpoints.every == 0 or done == schedule.steps):
+        if checkpoints is not None and is_kept:
+            for parameter in module.parameters():
+                _check_finite(parameter, phase, done, schedule, checkpoints)
             state = {
                 "module": module.state_dict(),
                 "optimiser": optimiser.state_dict(),
@@ -121,7 +129,21 @@ def optimise(
                 "step": done,
             }
             checkpoint.save(checkpoints.path(phase), checkpoints.identity, state)
+            unfinished.note(
+                checkpoints.folder, checkpoints.identity, Reached(phase=phase, step=done, total=schedule.steps)
+            )
     module.eval()
+
+
+def _check_finite(value: Tensor, phase: Phase, step: int, schedule: Schedule, checkpoints: Checkpoints | None) -> None:
+    if not torch.isfinite(value).all():
+        if checkpoints is not None:
+            # The same settings would end here again.
+            unfinished.clear(checkpoints.folder)
+        raise TrainingError(
+            f"{phase.label}: the loss is not finite after {step} of {schedule.steps} iterations with "
+            f"train.learning_rate = {schedule.learning_rate:g}: choose a lower one, the paper's is 0.001"
+        )
 
 
 def fit_joint(

@@ -8,11 +8,13 @@ import dacite
 import torch
 from torch import nn
 
-from contract import model_folder, sensors
+from contract import model_folder
 from contract.config.tree import Config
 from contract.errors import ModelError
 from contract.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
 from contract.release.manifest import Scaling
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
 from train.evaluate import ModelMetrics
 from train.model import Encoder, Predictor, WakeModel
 from train.selection.choice import SensorChoice
@@ -23,14 +25,15 @@ class TrainedModel:
     """Networks on the CPU in evaluation mode, and their provenance.
 
     Attributes:
-        teacher: encoder on all 90 sensors, dynamics and decoder.
+        teacher: encoder on all sensors, dynamics and decoder.
         slim: encoder on `sensors`.
         predictor: narrower dynamics and decoder for the vehicle; None where the teacher's serve there.
         sensors: names, in the order of the slim encoder's inputs.
-        scaling: of all 90 pressures, the action and the forces.
+        scaling: of all pressures, the action and the forces.
         dataset_sha256, versions: as in `contract.model_folder.Description`.
         metrics: on the test episodes.
         ranking: how the sensors were chosen.
+        layout: of all sensors, in the order of the scaling and of the teacher's inputs.
     """
 
     config: Config
@@ -43,6 +46,7 @@ class TrainedModel:
     metrics: ModelMetrics
     ranking: SensorChoice
     versions: Mapping[str, str]
+    layout: SensorLayout = TRUCK
 
     @property
     def deployed(self) -> Predictor | WakeModel:
@@ -64,6 +68,7 @@ def save(path: Path, model: TrainedModel) -> None:
         metrics=model.metrics.as_tree(),
         ranking=model.ranking.as_tree(),
         versions=model.versions,
+        layout=model.layout,
     )
     model_folder.write(path, description, _tensors(model))
 
@@ -78,7 +83,7 @@ def load(path: Path) -> TrainedModel:
     folder = model_folder.read(path)
     about = folder.description
     config = about.config
-    teacher, slim = WakeModel(sensors.COUNT, config.model), Encoder(len(about.sensors), config.model)
+    teacher, slim = WakeModel(len(about.layout), config.model), Encoder(len(about.sensors), config.model)
     predictor = Predictor(config.model.slim) if config.model.is_slimmed else None
     _fill(path, _parts(teacher, slim, predictor), folder.tensors)
     try:
@@ -96,6 +101,7 @@ def load(path: Path) -> TrainedModel:
         metrics=metrics,
         ranking=ranking,
         versions=about.versions,
+        layout=about.layout,
     )
 
 

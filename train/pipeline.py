@@ -1,24 +1,23 @@
 """From a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
 
 import hashlib
-import json
 import platform
 import shutil
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import torch
 
-from contract import model_folder, sensors
+from contract import model_folder
 from contract.config.tree import Config
-from contract.errors import DatasetError, StillwakeError
 from contract.recording import dataset
-from train import checkpoint, model_store
+from contract.recording.findings import findings, left_out, refuse_unfit, trainable
+from contract.sensor_layout import SensorLayout
+from train import checkpoint, model_store, unfinished
 from train.distil import distil
 from train.distil_predictor import distil_predictor
-from train.evaluate import HORIZONS, evaluate_model, rollout_starts
+from train.evaluate import evaluate_model
 from train.fit import Checkpoints, device_named, fit_joint
 from train.model import Encoder
 from train.model_store import TrainedModel
@@ -27,9 +26,11 @@ from train.rows import Rows, prepare
 from train.scaling import fit_scaling
 from train.selection.budget import check_count
 from train.selection.choice import GIVEN, SensorChoice
+from train.selection.hand_choice import select_by_hand
 from train.selection.methods import select
 from train.selection.ranking import Ranking
 from train.selection.shap_ranking import ShapRanker, rank
+from train.unfinished import Identity
 
 
 def train_all(
@@ -39,38 +40,49 @@ def train_all(
     *,
     progress: Progress = silent,
     device: str = "cpu",
-    resume: bool = False,
+    resume: bool = True,
     chosen: Sequence[str] | None = None,
+    notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
     """Train on the recording's "train" episodes, judge on its "test" episodes, store at `output`.
 
-    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored.
+    Episodes and their mirror images are learned from, where the recording's sensors have such; else the episodes alone.
+
+    State is kept in `<output>.checkpoints` beside it while the run lasts, and removed when the model is stored. A model
+    that is at `output` is replaced when the new one is whole.
 
     Args:
         progress: called from every phase; see `train.progress.Progress`.
         device: "cpu" or "cuda".
-        resume: continue an interrupted run of the same settings and recording; without one, start.
+        resume: continue an interrupted run of the same settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
+        notice: called with a line for every training episode that is left out because it is too short.
 
     Returns:
         The stored model, on the CPU.
 
     Raises:
-        DatasetError: unreadable or unsuitable recording (too short, constant signal), or another one's checkpoint.
+        DatasetError: unreadable or unsuitable recording (`contract.recording.findings`: too short, constant signal,
+            another control period, action limit or Reynolds number than `config.flow`), or another one's checkpoint.
         ConfigError: unknown device, CUDA absent, unknown or repeated sensor, or another configuration's checkpoint.
+        TrainingError: if the loss does not stay finite.
         StillwakeError: if `output` cannot be written.
     """
     where = device_named(device)
-    if chosen is not None:
-        sensors.indices(chosen)
     model_folder.check_free(output)
     recording = dataset.read(dataset_path)
+    layout = recording.layout
+    # Whatever the later phases would refuse is refused before the first one has cost minutes.
+    _check_selection(config, layout, chosen)
+    refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
+    for line in left_out(recording, config):
+        notice(line)
     digest = hashlib.sha256(dataset_path.read_bytes()).hexdigest()
-    scaling = fit_scaling(recording.with_role("train"))
-    train_rows = prepare(recording.with_role("train"), scaling, mirrored=True)
-    test_rows = prepare(recording.with_role("test"), scaling, mirrored=False)
-    _check(config, train_rows, test_rows)
-    checkpoints = Checkpoints(folder=_folder(output), identity=_identity(config, digest, device, chosen), resume=resume)
+    episodes = trainable(recording, config)
+    scaling = fit_scaling(episodes, layout)
+    train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
+    test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
+    checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen), resume)
 
     rows = train_rows.to(where)
     teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
@@ -78,7 +90,7 @@ def train_all(
         names, choice = _choice(teacher.encoder, rows, config, checkpoints, progress)
     else:
         names, choice = tuple(chosen), SensorChoice(method=GIVEN, order=tuple(chosen))
-    indices = sensors.indices(names)
+    indices = layout.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     predictor = None
     if config.model.is_slimmed:
@@ -96,40 +108,28 @@ def train_all(
         metrics=evaluate_model(teacher, slim, predictor, test_rows, indices),
         ranking=choice,
         versions=_versions(),
+        layout=layout,
     )
     model_store.save(output, trained)
     shutil.rmtree(checkpoints.folder, ignore_errors=True)
     return trained
 
 
-def _check(config: Config, train_rows: Rows, test_rows: Rows) -> None:
-    """Whatever the later phases would refuse is refused before the first one has cost minutes."""
-    check_count(config.train.sensors)
-    rollout_starts(test_rows, config.model.window, max(HORIZONS))
-    windows = sum(max(0, length - config.model.window + 1) for length in train_rows.lengths)
-    wanted = max(config.train.shap_background, config.train.shap_explained)
-    if config.train.selection == "shap" and windows < wanted:
-        raise DatasetError(f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking")
+def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str] | None) -> None:
+    if chosen is not None:
+        layout.indices(chosen)
+        return
+    check_count(config.train.sensors, len(layout))
+    if config.train.selection == "hand":
+        select_by_hand(config.train.sensors, layout)
 
 
-def _folder(output: Path) -> Path:
-    folder = output.with_name(f"{output.name}.checkpoints")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StillwakeError(f"cannot write {folder}: {error.strerror or error}") from error
-    return folder
-
-
-def _identity(config: Config, digest: str, device: str, chosen: Sequence[str] | None) -> checkpoint.Identity:
-    settings = {
-        "model": asdict(config.model),
-        "train": asdict(config.train),
-        "horizon": config.mpc.horizon,
-        "device": device,
-        "chosen": None if chosen is None else list(chosen),
-    }
-    return checkpoint.Identity(settings=json.dumps(settings, sort_keys=True), dataset_sha256=digest)
+def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
+    folder = unfinished.folder_of(output)
+    if not resume:
+        unfinished.clear(folder)
+    unfinished.check(folder, identity)
+    return Checkpoints(folder=folder, identity=identity, resume=True)
 
 
 def _choice(
@@ -144,9 +144,9 @@ def _choice(
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
         # Kept although it costs little: mirror images tie but for rounding, and a resumed run may round otherwise.
-        checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(sensors.indices(names))})
+        checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
-        names = tuple(sensors.NAMES[index] for index in state["order"].tolist())
+        names = tuple(rows.layout.names[index] for index in state["order"].tolist())
     return names, SensorChoice(method=settings.selection, order=names)
 
 
@@ -154,7 +154,7 @@ def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoi
     settings, path = config.train, checkpoints.path(Phase.RANK)
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is not None:
-        return Ranking(scores=state["scores"].numpy())
+        return Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
     ranking = rank(
         ShapRanker.of(settings), encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress
     )

@@ -45,8 +45,8 @@ class SegmentSampler:
         for number, length in enumerate(rows.lengths):
             if length < needed:
                 raise DatasetError(
-                    f"episode {number} has {length} steps, too short: a window of {window}, {ahead} steps ahead "
-                    f"and segments of {segment} need {needed}"
+                    f"episode {rows.name_of(number)} has {length} steps, too short: a window of {window}, "
+                    f"{ahead} steps ahead and segments of {segment} need {needed}"
                 )
         self.samples = sum(length - needed + segment for length in rows.lengths)
         self._segments = max(1, batch_size // segment)

@@ -12,15 +12,13 @@ import torch
 from torch import Tensor
 
 from contract.config.tree import Config
+from contract.recording.needs import STRETCH as STRETCH
 from train.fit import Checkpoints, Schedule, optimise
 from train.loss import prediction_loss
 from train.model import Encoder
 from train.progress import Phase, Progress, silent
 from train.rows import Rows
 from train.sampler import SegmentSampler, add_sensor_noise
-
-STRETCH = 64
-"""Latents learned from in one pass over a stretch."""
 
 _MORE = 8
 """Times the batch of windowed training: neighbouring latents resemble each other, and here they are nearly free."""

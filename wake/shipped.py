@@ -1,12 +1,43 @@
-"""Where the room's shipped files lie."""
+"""Where the data lie that the laboratory starts from: the distribution `stillwake-data`, which a vehicle leaves out.
 
-from importlib.resources import files
+A checkout has them in `data/`, whether or not they are installed.
+"""
+
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-_DATA: Final = Path(str(files("wake").joinpath("data")))
+from contract.errors import StillwakeError
+
+PACKAGE: Final = "stillwake_data"
+
+
+def _folder() -> Path:
+    spec = find_spec(PACKAGE)
+    if spec is not None and spec.origin is not None:
+        return Path(spec.origin).parent
+    return Path(__file__).resolve().parents[1] / "data" / PACKAGE
+
+
+_DATA: Final = _folder()
 
 DEVELOPED: Final = _DATA / "developed.npz"
-"""A flow state with shedding established and no action: where episodes begin."""
+"""A flow state with shedding established and no action: where episodes begin. `developed` says if it is missing."""
 RECORDING: Final = _DATA / "recording.h5"
-"""The data set that the shipped bundle was trained on."""
+"""The data set that the shipped bundle was trained on. `recording` says if it is missing."""
+
+
+def developed() -> Path:
+    """The developed flow; raises StillwakeError where the data are not installed."""
+    return _present(DEVELOPED, "the developed flow that runs begin from")
+
+
+def recording() -> Path:
+    """The recording; raises StillwakeError where the data are not installed."""
+    return _present(RECORDING, "the shipped recording")
+
+
+def _present(path: Path, what: str) -> Path:
+    if not path.is_file():
+        raise StillwakeError(f"{what} is not installed: pip install ./data in a checkout of stillwake")
+    return path

@@ -46,7 +46,9 @@ def main(
         bundle, library = folder / f"bundle_{precision}", folder / f"c_{precision}"
         # The bundle is written last.
         if not bundle.exists():
-            stillwake("export", model, bundle, "--c", library, "--precision", precision, "--dataset", dataset)
+            # An interrupted export may have left the library.
+            options = ("--c", library, "--precision", precision, "--dataset", dataset, "--overwrite")
+            stillwake("export", model, bundle, *options)
     spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
     rows = compared([_run(folder, lowering, precision, spans) for lowering, precision in CASES])
     _print(rows)

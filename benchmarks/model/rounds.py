@@ -71,7 +71,7 @@ def _release(parts: Path, number: int, data: Path) -> Path:
     if not (model / DESCRIPTION).is_file():
         # Sensors are drilled into the body once: later rounds keep the first one's.
         fixed = ("--sensors", ",".join(model_store.load(parts / "model_0").sensors)) if number else ()
-        stillwake("train", model, "--dataset", data, "--resume", *fixed)
+        stillwake("train", model, "--dataset", data, *fixed)
     if not bundle.exists():
         stillwake("export", model, bundle, "--dataset", data, "--name", f"truck-wake-round-{number}")
     if not run.with_suffix(".json").exists():

@@ -102,7 +102,8 @@ def _sections(prefix: str, tree: Any, paper: Any) -> Iterator[Section]:
 
 
 def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
-    hints, meanings = get_type_hints(type(group), include_extras=True), _meanings(type(group))
+    kind: type = type(group)
+    hints, meanings = get_type_hints(kind, include_extras=True), _meanings(kind)
     for item in fields(group):
         value = getattr(group, item.name)
         if not is_dataclass(value):

@@ -2,7 +2,8 @@
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. `stillwake.h` in it describes the calls.
 Every folder has the same file names, whatever the program and the precision: sources that are the same for every
-program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.txt` for the example program `replay.c`.
+program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.txt` and `expected.txt` for the example
+program `replay.c`. Folders of older versions have no `expected.txt` and no documents; nothing here needs them.
 """
 
 import re
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from contract.atomic import replacing
 from contract.errors import LibraryError
+from contract.release.printable import quoted, shown
 
 SETTINGS: Final = "sw_settings.h"
 """Sizes and settings of one program, and the hashes of the program and of the DBC it was built beside."""
@@ -24,19 +26,31 @@ REPLAY: Final = "replay.c"
 """Example program: runs control steps from recorded rows on a host; not part of the library."""
 RECORDED: Final = "recorded.txt"
 """Rows for the example program: pressures, then the action commanded one step before."""
+EXPECTED: Final = "expected.txt"
+"""What the example program answers to those rows."""
+DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE")
+"""What is not compiled: for people, for CMake, and for lawyers."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Flags for editors (clangd), one a line; only in sample folders."""
 
 Rows = npt.NDArray[np.float32]
 
+MAX_BYTES: Final = 64 * 2**20
+"""Of all sources of a folder: the paper's weights are a few megabytes of text."""
+
+_NUMBER: Final = re.compile("[0-9]{1,9}")
+_ESCAPED: Final = re.compile(r"\\(.)")
 _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
 class Settings:
-    """The definitions of a generated header; raises LibraryError for one that is missing."""
+    """The definitions of a generated header; raises LibraryError for one that is missing or makes no sense."""
 
     def __init__(self, header: bytes) -> None:
-        self._found: dict[str, str] = dict(_DEFINITION.findall(header.decode()))
+        try:
+            self._found: dict[str, str] = dict(_DEFINITION.findall(header.decode("utf-8")))
+        except UnicodeDecodeError as error:
+            raise LibraryError(f"{SETTINGS}: is no text ({error})") from error
 
     @classmethod
     def of(cls, contents: Mapping[str, bytes]) -> "Settings":
@@ -48,10 +62,14 @@ class Settings:
     def text(self, name: str) -> str:
         if name not in self._found:
             raise LibraryError(f"{SETTINGS}: {name} is missing")
-        return self._found[name].strip('"')
+        value = self._found[name]
+        return _ESCAPED.sub(r"\1", value[1:-1]) if len(value) > 1 and value[0] == value[-1] == '"' else value
 
     def number(self, name: str) -> int:
-        return int(self.text(name))
+        value = self.text(name)
+        if not _NUMBER.fullmatch(value):
+            raise LibraryError(f"{SETTINGS}: {name} is {quoted(value)}: must be a whole number of at most nine digits")
+        return int(value)
 
     def multiply_accumulates(self) -> int:
         """Products of weights in a control step, by the networks' sizes: one forward pass more than adjoints."""
@@ -79,7 +97,8 @@ def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
 def _literal(value: int | str | np.float32) -> str:
     if isinstance(value, np.float32):
         return float_literal(value)
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    # A question mark could begin a trigraph, which C99 reads as another character.
+    return '"' + re.sub(r'(["\\?])', r"\\\1", value) + '"' if isinstance(value, str) else str(value)
 
 
 def float_literal(value: np.float32) -> str:
@@ -93,9 +112,15 @@ def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def read_sources(folder: Path) -> dict[str, bytes]:
-    """All sources and headers of a folder by name; raises LibraryError if it cannot be read."""
+    """All sources and headers of a folder by name; raises LibraryError if it cannot be read or is too large."""
     try:
-        return {item.name: item.read_bytes() for item in folder.iterdir() if item.suffix in (".c", ".h")}
+        found = [item for item in folder.iterdir() if item.suffix in (".c", ".h")]
+        for item in found:
+            if not item.is_file():
+                raise LibraryError(f"library {folder}: {quoted(item.name)} is not a plain file")
+        if sum(item.stat().st_size for item in found) > MAX_BYTES:
+            raise LibraryError(f"library {folder}: its sources have more than {MAX_BYTES} bytes")
+        return {item.name: item.read_bytes() for item in found}
     except OSError as error:
         raise LibraryError(f"library {folder}: {error.strerror or error}") from error
 
@@ -108,11 +133,16 @@ def read_recorded(folder: Path) -> Rows:
     """
     path = folder / RECORDED
     try:
-        return rows_from_text(path.read_text())
+        if path.stat().st_size > MAX_BYTES:
+            raise LibraryError(f"{path}: has more than {MAX_BYTES} bytes")
+        text = path.read_text(encoding="utf-8")
+        if not text.strip():
+            raise ValueError("holds no rows")
+        return rows_from_text(text)
     except OSError as error:
         raise LibraryError(f"{path}: {error.strerror or error}") from error
     except ValueError as error:
-        raise LibraryError(f"{path}: {error}") from error
+        raise LibraryError(f"{path}: {shown(error)}") from error
 
 
 def rows_text(rows: npt.NDArray[np.floating]) -> str:

@@ -1,44 +1,52 @@
 """Adding episodes to a data set that is already there."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from contract.errors import DatasetError
-from contract.recording.dataset import SCHEMA, Dataset, Episode, read, write
+from contract.recording.dataset import SCHEMA, SCHEMA_1, Dataset, Episode, read, schema_of, write
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
 
 
-def read_to_append(path: Path, facts: Mapping[str, Any]) -> tuple[Episode, ...]:
+def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
     """The episodes that are there, none if there is no file.
 
     Args:
         path: of the data set.
         facts: provenance that every episode must share with what will be added, such as the flow's settings.
+        layout: of the sensors of what will be added.
 
     Raises:
-        DatasetError: if the file is no data set, of an earlier schema, or has an episode with other facts; the message
-            names the first difference.
+        DatasetError: if the file is no data set, of the first schema, of other sensors, or has an episode with other
+            facts; the message names the first difference.
     """
+    return _to_append(path, facts, layout).episodes
+
+
+def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Dataset:
     if not path.exists():
-        return ()
-    episodes = read(path).episodes
-    with h5py.File(path, "r") as file:
-        schema = file.attrs["schema"]
-    if schema != SCHEMA:
-        raise DatasetError(f"{path}: schema {schema!r}, episodes can only be added to {SCHEMA!r}")
-    for episode in episodes:
+        return Dataset(episodes=(), layout=layout)
+    there = read(path)
+    schema = schema_of(path)
+    if schema == SCHEMA_1:
+        raise DatasetError(f"{path}: schema {schema!r}, episodes can only be added to {SCHEMA!r} and the one before")
+    difference = there.layout.difference(layout)
+    if difference is not None:
+        raise DatasetError(f"{path}: its sensors differ from those of what would be added, in {difference}")
+    for episode in there.episodes:
         found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
         for name, there, here in _differences(found, facts):
             raise DatasetError(
                 f"{path}: episode {episode.name} was recorded with {name} = {there}, what would be added has {here}: "
                 f"name another file"
             )
-    return episodes
+    return there
 
 
-def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any]) -> None:
+def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
     """Add episodes at the end, or make the data set of them if there is none; the old file stays until the new one is
     whole, and its episodes keep their values to the bit.
 
@@ -48,7 +56,8 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any]) ->
         DatasetError: as `read_to_append` and `contract.recording.dataset.write` do, or if a name is taken.
         StillwakeError: if the file cannot be written.
     """
-    write(path, Dataset(episodes=(*read_to_append(path, facts), *episodes)))
+    there = _to_append(path, facts, layout)
+    write(path, replace(there, episodes=(*there.episodes, *episodes)))
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:

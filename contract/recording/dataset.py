@@ -1,47 +1,37 @@
-"""The recording format: HDF5, one group an episode (docs/reference/data-set.md).
-
-Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1}
-to a_k over [t_k, t_{k+1}]. Cd and Cl are the wall's: pressure and viscous force without the slot faces.
-"""
+"""The recording format: HDF5, one group an episode, and the sensors' layout (docs/reference/data-set.md)."""
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final
 
 import h5py
 import numpy as np
 import numpy.typing as npt
 
-from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
-from contract.errors import DatasetError
-from contract.ledger import DragLedger, ledger_of
+from contract.errors import ConfigError, DatasetError
+from contract.recording.episode import REQUIRED as REQUIRED
+from contract.recording.episode import ROLES as ROLES
+from contract.recording.episode import UNITS as UNITS
+from contract.recording.episode import Episode as Episode
+from contract.recording.episode import Role as Role
+from contract.recording.episode import problems_of
+from contract.recording.facts import FACTS, PlantFacts, facts_in, first_known
 from contract.recording.int16_series import pack, unpack
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
 
-SCHEMA: Final = "stillwake-dataset/2"
+SCHEMA: Final = "stillwake-dataset/3"
+SCHEMA_2: Final = "stillwake-dataset/2"
+"""Still read: the truck's 90 sensors by name alone, all ten series, facts in the episodes' provenance."""
 SCHEMA_1: Final = "stillwake-dataset/1"
 """Still read: float32 series, and one `Cd_slot` where pressure and viscous force now stand apart."""
-Role = Literal["train", "test", "extended", "controlled"]
-"""The model is fitted to "train" and judged on "test"; "extended" asks for more than it was trained for; "controlled"
-is held out like them, and recorded while a controller drove the jets."""
-
-UNITS: Final[Mapping[str, str]] = {
-    "t": "W/U_inf",
-    "action": "U_inf W",
-    "Cp": "1",
-    "Cd": "1",
-    "Cl": "1",
-    "Cd_slot_pressure": "1",
-    "Cd_slot_viscous": "1",
-    "Cd_momentum": "1",
-    "jet_power": "rho U_inf^3 W / 2",
-    "Uy_probe": "U_inf",
-}
-"""Arrays of an episode and their units; all have one row a control step, Cp has 90 columns."""
+SCHEMAS: Final = (SCHEMA, SCHEMA_2, SCHEMA_1)
 
 EXACT: Final = frozenset({"t", "action"})
 """Stored in double precision: they are set, not measured."""
@@ -56,51 +46,28 @@ _CHUNK: Final = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Episode:
-    """One uninterrupted recording of n control steps.
+class Dataset:
+    """Episodes in recorded order, and the plant that they are of.
 
     Attributes:
-        name: unique within the dataset.
-        role: what the model may use it for.
-        series: the arrays of `UNITS`; Cp is (n, 90), the others (n,).
-        initial_action: a_{-1}, the action in force before the first sample.
-        provenance: forcing parameters, seed, solver settings, software versions.
+        episodes: with different names; every Cp has a column a sensor of the layout.
+        layout: of the sensors; the truck's if none is given.
+        facts: of the plant. Without them, the episodes' provenance and times are asked; see `plant`.
+
+    Raises DatasetError for episodes that do not fit each other or the layout.
     """
 
-    name: str
-    role: Role
-    series: Mapping[str, Array]
-    initial_action: float
-    provenance: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        _check(self)
-
-    def __len__(self) -> int:
-        return len(self.series["t"])
-
-    @property
-    def previous_action(self) -> Array:
-        """a_{k-1} for every k, shape (n,): the encoder's input next to Cp_k."""
-        return np.concatenate([[self.initial_action], self.series["action"][:-1]])
-
-    @property
-    def ledger(self) -> DragLedger[Array]:
-        """The drag ledger, every entry of shape (n,)."""
-        return ledger_of(self.series)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Dataset:
-    """Episodes in recorded order."""
-
     episodes: tuple[Episode, ...]
+    layout: SensorLayout = TRUCK
+    facts: PlantFacts | None = None
 
     def __post_init__(self) -> None:
         names = [episode.name for episode in self.episodes]
-        for name in names:
-            if names.count(name) > 1:
-                raise DatasetError(f"episode {name}: named twice")
+        for episode in self.episodes:
+            if names.count(episode.name) > 1:
+                raise DatasetError(f"episode {episode.name}: named twice")
+            for problem in _column_problems(episode, self.layout):
+                raise DatasetError(problem)
 
     def with_role(self, role: Role) -> tuple[Episode, ...]:
         """The episodes of that role; raises DatasetError if there is none."""
@@ -108,6 +75,12 @@ class Dataset:
         if not found:
             raise DatasetError(f"dataset has no episode with role {role!r}")
         return found
+
+    @property
+    def plant(self) -> PlantFacts:
+        """The facts, and where they say nothing, what the episodes tell: their provenance, then the step of t."""
+        given = () if self.facts is None else (self.facts,)
+        return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
 
 def read(path: Path) -> Dataset:
@@ -117,22 +90,32 @@ def read(path: Path) -> Dataset:
         DatasetError: if the file is missing, truncated, of another schema, or a field does not fit; the
             message names the episode and the field.
     """
-    if not path.is_file():
-        raise DatasetError(f"{path}: no such dataset")
+    dataset, problems = survey(path)
+    if dataset is None or problems:
+        raise DatasetError(problems[0])
+    return dataset
+
+
+def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
+    """The episodes that can be read, and everything that stands against the file, one line each.
+
+    None in place of the data set if no episode can be read.
+    """
+    problems: list[str] = []
+    dataset = None
     try:
-        with h5py.File(path, "r") as file:
-            schema = file.attrs.get("schema")
-            if schema not in (SCHEMA, SCHEMA_1):
-                raise DatasetError(f"{path}: schema {schema!r}, this version reads {SCHEMA!r}")
-            if json.loads(file.attrs["sensors"]) != list(sensors.NAMES):
-                raise DatasetError(f"{path}: recorded with other sensors, or in another order")
-            reader = _read_episode if schema == SCHEMA else _read_episode_1
-            episodes = tuple(reader(name, file["episodes"][name]) for name in file["episodes"])
+        dataset = _surveyed(path, problems)
+    except DatasetError as error:
+        problems.append(str(error))
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        raise DatasetError(f"{path}: damaged or not an HDF5 dataset ({error})") from error
-    if not episodes:
-        raise DatasetError(f"{path}: holds no episode")
-    return Dataset(episodes=episodes)
+        problems.append(f"{path}: damaged or not an HDF5 dataset ({error})")
+    return dataset, tuple(problems)
+
+
+def schema_of(path: Path) -> str:
+    """The schema that a data set's file names; raises DatasetError if it is none that this version reads."""
+    with _opened(path) as file:
+        return _schema(path, file)
 
 
 def write(path: Path, dataset: Dataset) -> None:
@@ -149,7 +132,10 @@ def write(path: Path, dataset: Dataset) -> None:
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = SCHEMA
-        file.attrs["sensors"] = json.dumps(sensors.NAMES)
+        for name, value in dataset.plant.as_dict().items():
+            if value is not None:
+                file.attrs[name] = value
+        _write_layout(file.create_group("layout", track_order=True), dataset.layout)
         group = file.create_group("episodes", track_order=True)
         for episode in dataset.episodes:
             _write_episode(group.create_group(episode.name), episode)
@@ -157,11 +143,97 @@ def write(path: Path, dataset: Dataset) -> None:
         temporary.write_bytes(image.getbuffer())
 
 
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such dataset")
+    with h5py.File(path, "r") as file:
+        yield file
+
+
+def _schema(path: Path, file: h5py.File) -> str:
+    schema = file.attrs.get("schema")
+    if schema not in SCHEMAS:
+        raise DatasetError(f"{path}: schema {schema!r}, this version reads {SCHEMA!r}")
+    return str(schema)
+
+
+def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
+    with _opened(path) as file:
+        schema = _schema(path, file)
+        layout, facts = TRUCK, None
+        if schema == SCHEMA:
+            layout, facts = _read_layout(path, file), _read_facts(path, file)
+        elif json.loads(file.attrs["sensors"]) != list(TRUCK.names):
+            raise DatasetError(f"{path}: recorded with other sensors, or in another order")
+        found = [_read_episode(name, file["episodes"][name], schema, problems) for name in file["episodes"]]
+    if not found:
+        raise DatasetError(f"{path}: holds no episode")
+    sound: list[Episode] = []
+    for episode in found:
+        if episode is not None:
+            unfit = _column_problems(episode, layout)
+            problems.extend(unfit)
+            sound += [] if unfit else [episode]
+    return Dataset(episodes=tuple(sound), layout=layout, facts=facts) if sound else None
+
+
+def _column_problems(episode: Episode, layout: SensorLayout) -> list[str]:
+    shape, expected = episode.series["Cp"].shape, (len(episode), len(layout))
+    if shape == expected:
+        return []
+    return [f"episode {episode.name}: field 'Cp' has shape {shape}, must be {expected}"]
+
+
+def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
+    """The step of the first episode that has one."""
+    for episode in episodes:
+        t = episode.series["t"]
+        if len(t) > 1 and t[-1] > t[0]:
+            # Rounded, so that 0.2 is found where it was meant.
+            return PlantFacts(control_period=float(f"{(t[-1] - t[0]) / (len(t) - 1):.9g}"))
+    return PlantFacts()
+
+
+def _write_layout(node: h5py.Group, layout: SensorLayout) -> None:
+    node.create_dataset("names", data=list(layout.names), dtype=h5py.string_dtype())
+    positions = node.create_dataset("positions", data=layout.positions)
+    positions.attrs["units"] = "W"
+    node.create_dataset("base", data=layout.base.astype(np.int64))
+    if layout.mirror is not None:
+        node.create_dataset("mirror", data=layout.mirror.astype(np.int64))
+
+
+def _read_layout(path: Path, file: h5py.File) -> SensorLayout:
+    for name in ("layout", "layout/names", "layout/positions", "layout/base"):
+        if name not in file:
+            raise DatasetError(f"{path}: {name!r} is missing: the sensors' layout is in groups of that name")
+    node = file["layout"]
+    try:
+        return SensorLayout(
+            names=tuple(node["names"].asstr()[:].tolist()),
+            positions=np.asarray(node["positions"], dtype=np.float64),
+            base=np.asarray(node["base"], dtype=np.intp),
+            mirror=np.asarray(node["mirror"], dtype=np.intp) if "mirror" in node else None,
+        )
+    except (ConfigError, TypeError, ValueError, IndexError) as error:
+        raise DatasetError(f"{path}: layout: {error}") from error
+
+
+def _read_facts(path: Path, file: h5py.File) -> PlantFacts:
+    try:
+        return PlantFacts(**{name: float(file.attrs[name]) for name in FACTS if name in file.attrs})
+    except (DatasetError, TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: {error}") from error
+
+
 def _write_episode(node: h5py.Group, episode: Episode) -> None:
     node.attrs["role"] = episode.role
     node.attrs["initial_action"] = episode.initial_action
     node.attrs["provenance"] = json.dumps(episode.provenance, sort_keys=True)
     for name, unit in UNITS.items():
+        if name not in episode.series:
+            continue
         values: npt.NDArray[Any] = episode.series[name]
         attributes: dict[str, Any] = {"units": unit}
         if name not in EXACT:
@@ -177,71 +249,80 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
         array.attrs.update(attributes)
 
 
-def _read_episode(name: str, node: h5py.Group) -> Episode:
-    return _episode(name, node, {field: _read_series(name, node, field, unit) for field, unit in UNITS.items()})
-
-
-def _read_episode_1(name: str, node: h5py.Group) -> Episode:
-    fields = {"Cd_slot" if field == "Cd_slot_pressure" else field: unit for field, unit in UNITS.items()}
-    del fields["Cd_slot_viscous"]
-    series = {field: _read_series(name, node, field, unit) for field, unit in fields.items()}
-    # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
-    series["Cd_slot_pressure"] = series.pop("Cd_slot")
-    series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
-    return _episode(name, node, series)
-
-
-def _episode(name: str, node: h5py.Group, series: dict[str, Array]) -> Episode:
+def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, problems: list[str]) -> Episode | None:
+    """The episode; None if something stands against it, which is then among the problems."""
+    found: list[str] = []
+    fields = node if isinstance(node, h5py.Group) else {}
+    series: dict[str, Array] = {}
+    for field in _fields_of(schema):
+        if field in fields:
+            array = _read_series(name, field, fields[field], found)
+            if array is not None:
+                series[field] = array
+        elif field in REQUIRED or schema != SCHEMA:
+            found.append(f"episode {name}: field {field!r} is missing")
+    if schema == SCHEMA_1 and "Cd_slot" in series:
+        # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
+        series["Cd_slot_pressure"] = series.pop("Cd_slot")
+        series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
+    attributes = {}
+    for attribute, meaning in _ATTRIBUTES.items():
+        if attribute in node.attrs:
+            attributes[attribute] = node.attrs[attribute]
+        else:
+            found.append(f"episode {name}: attribute {attribute!r} is missing: {meaning}")
+    initial_action, provenance = 0.0, {}
+    try:
+        initial_action = float(attributes.get("initial_action", 0.0))
+    except (TypeError, ValueError):
+        found.append(f"episode {name}: attribute 'initial_action' is not a number")
+    try:
+        provenance = json.loads(attributes.get("provenance", "{}"))
+    except (TypeError, ValueError):
+        found.append(f"episode {name}: attribute 'provenance' is not JSON")
+    if not isinstance(provenance, dict):
+        found.append(f"episode {name}: attribute 'provenance' is not a JSON object")
+    # What could not be read is named already.
+    found += [
+        line
+        for line in problems_of(name, attributes.get("role", "train"), series, initial_action)
+        if not line.endswith(" is missing")
+    ]
+    problems.extend(found)
+    if found:
+        return None
     return Episode(
-        name=name,
-        role=node.attrs["role"],
-        series=series,
-        initial_action=float(node.attrs["initial_action"]),
-        provenance=json.loads(node.attrs["provenance"]),
+        name=name, role=attributes["role"], series=series, initial_action=initial_action, provenance=provenance
     )
 
 
-def _read_series(name: str, node: h5py.Group, field: str, unit: str) -> Array:
-    """Floating-point numbers as they are, integers times their quantum."""
-    if field not in node:
-        raise DatasetError(f"episode {name}: field {field!r} is missing")
-    stored = node[field]
-    found = stored.attrs.get("units")
+_ATTRIBUTES: Final = {
+    "role": f"one of {', '.join(ROLES)}",
+    "initial_action": "the action in force before the first sample",
+    "provenance": "a JSON object, {} if nothing is known",
+}
+
+
+def _fields_of(schema: str) -> tuple[str, ...]:
+    if schema != SCHEMA_1:
+        return tuple(UNITS)
+    return tuple("Cd_slot" if field == "Cd_slot_pressure" else field for field in UNITS if field != "Cd_slot_viscous")
+
+
+def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
+    """Floating-point numbers as they are, integers times their quantum; None, and a line more, for anything else."""
+    unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
-        raise DatasetError(f"episode {name}: field {field!r} is in {found!r}, must be in {unit!r}")
+        what = "has no attribute 'units'" if found is None else f"is in {found!r}"
+        problems.append(f"episode {name}: field {field!r} {what}, must be in {unit!r}")
+        return None
     if stored.dtype.kind == "f":
         return np.asarray(stored, dtype=np.float64)
     quantum = stored.attrs.get("quantum", np.nan)
     if stored.dtype != np.int16 or not (np.isfinite(quantum) and quantum > 0):
-        raise DatasetError(
+        problems.append(
             f"episode {name}: field {field!r} is stored as {stored.dtype} with quantum {quantum}: must be "
             f"floating-point, or int16 with a positive quantum"
         )
+        return None
     return unpack(np.asarray(stored), float(quantum))
-
-
-def _check(episode: Episode) -> None:
-    def refuse(field: str, reason: str) -> None:
-        raise DatasetError(f"episode {episode.name}: field {field!r} {reason}")
-
-    if not episode.name or "/" in episode.name:
-        refuse("name", "must not be empty or hold a slash")
-    if episode.role not in get_args(Role):
-        refuse("role", f"is {episode.role!r}, must be one of {get_args(Role)}")
-    for field in UNITS:
-        if field not in episode.series:
-            refuse(field, "is missing")
-    steps = episode.series["t"].size
-    if steps == 0:
-        refuse("t", "holds no control step")
-    for field in UNITS:
-        array = episode.series[field]
-        expected = (steps, sensors.COUNT) if field == "Cp" else (steps,)
-        if array.shape != expected:
-            refuse(field, f"has shape {array.shape}, must be {expected}")
-        if not np.isfinite(array).all():
-            refuse(
-                field, f"holds a value that is not finite, first at step {int(np.argwhere(~np.isfinite(array))[0][0])}"
-            )
-    if not np.isfinite(episode.initial_action):
-        refuse("initial_action", "is not finite")

@@ -6,7 +6,8 @@ data set, weights and program it comes from, and the SHA-256 of every other file
 of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
 accidents; a signature by a key that the reader trusts guards against people.
 
-`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
+`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`; it is
+judged too, by whoever signs it and by whoever loads it (`contract.release.onnx_graph`).
 """
 
 import hashlib
@@ -18,10 +19,20 @@ from typing import Any, Final, ParamSpec
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.errors import BundleError, BundleFileError, BundleManifestError, BundleSignatureError, BundleSignerError
+from contract.controller.interface import Sizes
+from contract.errors import (
+    BundleControllerError,
+    BundleError,
+    BundleFileError,
+    BundleManifestError,
+    BundleSignatureError,
+    BundleSignerError,
+)
 from contract.release import signing
 from contract.release.container import is_plain_name, read_files, write_files
 from contract.release.manifest import MANIFEST, Manifest, Opened, encode, open_manifest, parse
+from contract.release.onnx_graph import check_graph
+from contract.release.printable import shown
 from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
@@ -153,14 +164,19 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
         opened = open_manifest(path, raw)
     except BundleError as error:
         return [container, signed, Check(name=MANIFEST, error=error)]
-    return [
-        container,
-        signed,
-        Check(name=MANIFEST, found=opened.digest),
-        *(_check(name, _verify_file, path, name, contents, opened.hashes) for name in _names(contents, opened)),
-        _check("DBC", _verify_dbc, path, opened.dbc),
-        _check("content", lambda: parse(path, opened.body).name),
+    files_checked = [
+        _check(name, _verify_file, path, name, contents, opened.hashes) for name in _names(contents, opened)
     ]
+    dbc = _check("DBC", _verify_dbc, path, opened.dbc)
+    checks = [container, signed, Check(name=MANIFEST, found=opened.digest), *files_checked, dbc]
+    try:
+        manifest = parse(path, opened)
+    except BundleError as error:
+        return [*checks, Check(name="content", error=error)]
+    checks.append(Check(name="content", found=manifest.name))
+    if not any(check.name == CONTROLLER and check.error for check in files_checked):
+        checks.append(_check("graph", _verify_graph, path, contents[CONTROLLER], manifest))
+    return checks
 
 
 def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None) -> Bundle:
@@ -171,8 +187,10 @@ def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None)
     for name in _names(contents, opened):
         _verify_file(path, name, contents, opened.hashes)
     _verify_dbc(path, opened.dbc)
+    manifest = parse(path, opened)
+    _verify_graph(path, contents[CONTROLLER], manifest)
     return Bundle(
-        manifest=parse(path, opened.body),
+        manifest=manifest,
         files=contents,
         digest=opened.digest,
         signer=signer,
@@ -239,6 +257,14 @@ def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
         raise BundleFileError(f"bundle {path}: built for another stillwake.dbc")
     return dbc_sha256()
+
+
+def _verify_graph(path: Path, content: bytes, manifest: Manifest) -> str:
+    try:
+        nodes = check_graph(content, Sizes.of(manifest))
+    except ValueError as error:
+        raise BundleControllerError(f"bundle {path}: {CONTROLLER}: {shown(error)}") from error
+    return f"{nodes} nodes, of a control step's operators alone"
 
 
 def sha256(data: bytes) -> str:

@@ -1,29 +1,40 @@
 """The manifest of a release bundle: what a controller assumes about the vehicle, where it is from, and all hashes."""
 
-import hashlib
-import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from datetime import date
+from math import isfinite
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args, get_type_hints
 
 import dacite
+import numpy as np
 
-from contract import sensors as sensor_facts
 from contract.config.controller import MpcConfig
 from contract.config.loading import as_float, describe_error
-from contract.errors import BundleError, BundleManifestError, ConfigError
+from contract.errors import BundleManifestError, ConfigError
 from contract.operating_point import OperatingPoint
+from contract.release import strict_json
+from contract.release.container import MAX_FILES, is_plain_name
+from contract.release.printable import MAX_NAME, is_name, quoted, shown
+from contract.release.strict_json import digest_of
+from contract.sensor_layout import SensorLayout
 
-SCHEMA: Final = "stillwake-bundle/2"
+SCHEMA: Final = "stillwake-bundle/3"
+OLD_SCHEMA: Final = "stillwake-bundle/2"
+"""Still read: it has all fields of the present one but `sensor_positions`."""
 MANIFEST: Final = "manifest.json"
+MAX_STEPS: Final = 10_000
+"""Of the window and of the horizon: hundreds of times the release's, and still no burden to allocate."""
+MAX_SENSORS: Final = 1_000
 Precision = Literal["float32", "int8"]
 """Of the weights; arithmetic is float32 in either `controller.onnx`."""
 PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
+_DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
+"""The one form of ISO 8601 that is written: `date.fromisoformat` also takes weeks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +81,7 @@ class Manifest:
         program_sha256: of the controller program that `controller.onnx` computes (`export.program.program_hash`); a C
             library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and what the export's gates measured.
+        sensor_positions: (x, y) of every sensor in the body's reference length W; None where nobody stated them.
     """
 
     name: str
@@ -88,8 +100,12 @@ class Manifest:
     weights_sha256: str
     program_sha256: str
     provenance: Mapping[str, Any]
+    sensor_positions: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
+        if not is_name(self.name):
+            raise BundleManifestError(f"name {quoted(self.name)}: must be 1 to {MAX_NAME} printable characters")
+        self._check_sensors()
         for name, values, count in (
             ("pressure_mean", self.scaling.pressure_mean, len(self.sensors)),
             ("pressure_std", self.scaling.pressure_std, len(self.sensors)),
@@ -98,74 +114,153 @@ class Manifest:
         ):
             if len(values) != count:
                 raise BundleManifestError(f"scaling.{name} has {len(values)} values: must have {count}")
+        for name in ("pressure_mean", "force_mean"):
+            for value in getattr(self.scaling, name):
+                if not isfinite(value):
+                    raise BundleManifestError(f"scaling.{name}: {value!r} must be finite")
         deviations = (*self.scaling.pressure_std, self.scaling.action_std, *self.scaling.force_std)
-        if not all(value > 0 for value in deviations):
-            raise BundleManifestError(f"scaling: standard deviations {deviations} must be positive")
+        for value in deviations:
+            if not (value > 0 and isfinite(value)):
+                raise BundleManifestError(f"scaling: standard deviation {value!r} must be positive and finite")
         if self.precision not in PRECISIONS:
-            raise BundleManifestError(f"precision {self.precision!r}: must be one of {PRECISIONS}")
-        for name in ("window", "control_period", "action_limit", "budget_ms"):
-            if not getattr(self, name) > 0:
-                raise BundleManifestError(f"{name} = {getattr(self, name)!r}: must be positive")
+            raise BundleManifestError(f"precision {quoted(self.precision)}: must be one of {PRECISIONS}")
+        for name in ("control_period", "action_limit", "budget_ms"):
+            value = getattr(self, name)
+            if not (value > 0 and isfinite(value)):
+                raise BundleManifestError(f"{name} = {value!r}: must be positive and finite")
+        for name, steps in (("window", self.window), ("mpc.horizon", self.mpc.horizon)):
+            if not 0 < steps <= MAX_STEPS:
+                raise BundleManifestError(f"{name} = {steps!r}: must be positive and at most {MAX_STEPS}")
         if not 0 <= self.compute_time_ms <= self.budget_ms:
             raise BundleManifestError(
                 f"compute_time_ms = {self.compute_time_ms!r}: must be in 0..budget_ms, which is {self.budget_ms!r}"
             )
         for name in ("dataset_sha256", "weights_sha256", "program_sha256"):
-            if not _SHA256.fullmatch(getattr(self, name)):
-                raise BundleManifestError(f"{name} = {getattr(self, name)!r}: must be a SHA-256 in 64 hex digits")
+            if not is_sha256(getattr(self, name)):
+                raise BundleManifestError(f"{name} = {quoted(getattr(self, name))}: must be a SHA-256 in 64 hex digits")
         try:
+            if not _DATE.fullmatch(self.created):
+                raise ValueError(self.created)
             date.fromisoformat(self.created)
         except ValueError as error:
-            raise BundleManifestError(f"created = {self.created!r}: must be a date, YYYY-MM-DD") from error
+            raise BundleManifestError(f"created = {quoted(self.created)}: must be a date, YYYY-MM-DD") from error
+
+    def _check_sensors(self) -> None:
+        if len(self.sensors) > MAX_SENSORS:
+            raise BundleManifestError(f"{len(self.sensors)} sensors: must be at most {MAX_SENSORS}")
+        for name in self.sensors:
+            if not is_name(name):
+                raise BundleManifestError(f"sensor {quoted(name)}: must be 1 to {MAX_NAME} printable characters")
+        positions = self.sensor_positions
+        if positions is not None and len(positions) != len(self.sensors):
+            raise BundleManifestError(f"sensor_positions has {len(positions)} places: must have {len(self.sensors)}")
+        places = np.zeros((len(self.sensors), 2)) if positions is None else np.array(positions, dtype=np.float64)
+        try:
+            SensorLayout(names=self.sensors, positions=places, base=np.array([], dtype=np.intp), mirror=None)
+        except ConfigError as error:
+            raise BundleManifestError(str(error)) from error
 
 
 class Opened(NamedTuple):
-    """A manifest whose own hash is right, taken apart: its fields, the hash of every file and of the DBC, its hash."""
+    """A manifest whose own hash is right, taken apart: schema, fields, hashes of every file and of the DBC, its own."""
 
+    schema: str
     body: Mapping[str, Any]
-    hashes: Mapping[str, Any]
+    hashes: Mapping[str, str]
     dbc: object
     digest: str
 
 
+def is_sha256(value: object) -> bool:
+    """Whether this is a SHA-256 as manifests hold it."""
+    return isinstance(value, str) and _SHA256.fullmatch(value) is not None
+
+
 def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
-    """The file's content, its own hash included."""
+    """The file's content, its own hash included.
+
+    Raises BundleManifestError for a provenance that JSON has no words for, such as a figure that is not finite.
+    """
     body = {"schema": SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
-    body["manifest_sha256"] = digest_of(body)
-    return (json.dumps(body, indent=2, sort_keys=True) + "\n").encode()
+    try:
+        body["manifest_sha256"] = digest_of(body)
+        return strict_json.encode(body)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise BundleManifestError(f"{MANIFEST}: cannot be written ({shown(error)})") from error
 
 
 def open_manifest(path: Path, raw: bytes) -> Opened:
     """Take a bundle's manifest apart; raises BundleManifestError if it is damaged, altered or of another schema."""
     try:
-        body = json.loads(raw)
+        body = strict_json.decode(raw)
         schema, digest = body.pop("schema"), body.pop("manifest_sha256")
         hashes, dbc = body.pop("files"), body.pop("dbc_sha256")
         if not isinstance(hashes, dict):
             raise TypeError("'files' is not a table")
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({error})") from error
-    if schema != SCHEMA:
-        raise BundleManifestError(f"bundle {path}: schema {schema!r}, this version reads {SCHEMA!r}")
-    if digest_of({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc}) != digest:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
-    return Opened(body, hashes, dbc, digest)
-
-
-def parse(path: Path, body: Mapping[str, Any]) -> Manifest:
-    """Its fields; raises BundleManifestError for one that is missing, unknown or makes no sense."""
-    try:
-        manifest = dacite.from_dict(
-            Manifest, body, config=dacite.Config(strict=True, cast=[tuple], type_hooks={float: as_float})
+        if not isinstance(digest, str):
+            raise TypeError("'manifest_sha256' is not a text")
+        found = digest_of({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc})
+    except (ValueError, KeyError, TypeError) as error:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
+    if schema not in (SCHEMA, OLD_SCHEMA):
+        raise BundleManifestError(
+            f"bundle {path}: schema {quoted(schema)}, this version reads {SCHEMA!r} and {OLD_SCHEMA!r}"
         )
-        sensor_facts.indices(manifest.sensors)
+    if found != digest:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
+    if len(hashes) > MAX_FILES:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST}: files has {len(hashes)} entries: at most {MAX_FILES}")
+    for name, value in hashes.items():
+        if not is_plain_name(name):
+            raise BundleManifestError(f"bundle {path}: {MANIFEST}: files: {quoted(name)} must be a plain file name")
+        if not is_sha256(value):
+            raise BundleManifestError(
+                f"bundle {path}: {MANIFEST}: files.{name} = {quoted(value)}: must be a SHA-256 in 64 hex digits"
+            )
+    return Opened(schema, body, hashes, dbc, digest)
+
+
+def parse(path: Path, opened: Opened) -> Manifest:
+    """Its fields; raises BundleManifestError for one that is missing, unknown or makes no sense."""
+    body = dict(opened.body)
+    if opened.schema == OLD_SCHEMA:
+        if "sensor_positions" in body:
+            raise BundleManifestError(f"bundle {path}: {MANIFEST}: sensor_positions: unknown in schema {OLD_SCHEMA!r}")
+        body["sensor_positions"] = None
+    try:
+        tree = _checked(Manifest, body)
+        return dacite.from_dict(Manifest, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
     except dacite.DaciteError as error:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST}: {describe_error(error)}") from error
-    except (ConfigError, BundleError) as error:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST}: {error}") from error
-    return manifest
+        raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(describe_error(error))}") from error
+    except (ConfigError, BundleManifestError) as error:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error
 
 
-def digest_of(body: Mapping[str, Any]) -> str:
-    """SHA-256 of a manifest's fields without its own hash, in hex."""
-    return hashlib.sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+def _checked(kind: type[Any], tree: Any, above: str = "") -> dict[str, Any]:
+    """The tree of a dataclass with its lists as tuples.
+
+    Raises BundleManifestError for a field that is missing, which the settings' classes would fill with the defaults of
+    this version, for a boolean, which Python takes for a number, and for a table in a list's place.
+    """
+    if not isinstance(tree, dict):
+        raise BundleManifestError(f"{above.removesuffix('.')} = {quoted(tree)}: must be a table")
+    hints = get_type_hints(kind)
+    checked = dict(tree)
+    for item in fields(kind):
+        name, hint = f"{above}{item.name}", hints[item.name]
+        if item.name not in tree:
+            raise BundleManifestError(f"{name} is missing")
+        value = tree[item.name]
+        if isinstance(hint, type) and is_dataclass(hint):
+            checked[item.name] = _checked(hint, value, f"{name}.")
+        elif item.name != "provenance":
+            checked[item.name] = _without_lists(name, value)
+    return checked
+
+
+def _without_lists(name: str, value: Any) -> Any:
+    if isinstance(value, bool):
+        raise BundleManifestError(f"{name} = {str(value).lower()}: must not be a boolean")
+    if isinstance(value, dict):
+        raise BundleManifestError(f"{name} = {quoted(value)}: must not be a table")
+    return tuple(_without_lists(name, item) for item in value) if isinstance(value, list) else value

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contract import sensors as sensor_facts
 from contract.config.controller import MpcConfig
 from contract.controller.interface import FORCES, Sizes
-from contract.errors import ConfigError, ExportError
+from contract.errors import ExportError
 from contract.release.manifest import Scaling
 from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, State
 
@@ -96,10 +95,9 @@ class ControllerProgram:
 def _check_sensors(program: ControllerProgram) -> None:
     if not program.sensors:
         raise ExportError("sensors: at least one is needed")
-    try:
-        sensor_facts.indices(program.sensors)
-    except ConfigError as error:
-        raise ExportError(f"sensors: {error}") from error
+    for name in program.sensors:
+        if program.sensors.count(name) > 1:
+            raise ExportError(f"sensors: {name!r} is named twice")
 
 
 def _check_scaling(scaling: Scaling, sensors: int) -> None:

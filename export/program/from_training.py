@@ -1,6 +1,6 @@
 """The controller program of a trained model, without PyTorch.
 
-The 4-sensor encoder (`slim.`) becomes the program's encoder; the 90-sensor teacher (`encoder.`) stays behind. So do
+The slim encoder (`slim.`) becomes the program's encoder; the teacher on all sensors (`encoder.`) stays behind. So do
 the wide dynamics and decoder where the model holds slim ones (`slim_dynamics.`, `slim_decoder.`).
 """
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from contract import sensors
+from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
@@ -22,7 +22,7 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
         encoder=model.network(SLIM),
         dynamics=model.deployed("dynamics"),
         decoder=model.deployed("decoder"),
-        scaling=_of_sensors(about.scaling, about.sensors),
+        scaling=_of_sensors(about.scaling, about.layout.indices(about.sensors)),
         mpc=mpc,
         action_limit=about.config.flow.action_limit,
         sensors=about.sensors,
@@ -30,8 +30,7 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     )
 
 
-def _of_sensors(whole: Scaling, names: tuple[str, ...]) -> Scaling:
-    chosen = sensors.indices(names)
+def _of_sensors(whole: Scaling, chosen: Index) -> Scaling:
     return replace(
         whole,
         pressure_mean=tuple(np.array(whole.pressure_mean)[chosen].tolist()),

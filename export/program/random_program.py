@@ -5,7 +5,6 @@ The time and memory of a control step depend on the shapes only, so these stand 
 
 import numpy as np
 
-from contract import sensors as sensor_facts
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -101,7 +100,7 @@ def _norm(rng: np.random.Generator, name: str, width: int) -> dict[str, Array]:
 
 
 def _scaling(rng: np.random.Generator, sensors: tuple[str, ...], action_limit: float) -> Scaling:
-    count = len(sensor_facts.indices(sensors))
+    count = len(sensors)
     return Scaling(
         pressure_mean=tuple(rng.normal(-0.5, 0.2, count).tolist()),
         pressure_std=tuple(rng.uniform(0.05, 0.3, count).tolist()),

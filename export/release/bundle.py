@@ -49,6 +49,7 @@ def write_release(
     created: date,
     vehicle: Vehicle,
     provenance: Provenance,
+    positions: tuple[tuple[float, float], ...] | None = None,
     key: Ed25519PrivateKey | None = None,
 ) -> None:
     """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all.
@@ -57,6 +58,7 @@ def write_release(
         name: of the release, for people.
         created: today.
         provenance: of the training; the gates' figures are added under `export`.
+        positions: (x, y) of every sensor in the body's reference length, if they are known.
         key: to sign the release with; unsigned if None.
 
     Raises:
@@ -69,6 +71,7 @@ def write_release(
         created=created.isoformat(),
         precision=lowered.precision,
         sensors=program.sensors,
+        sensor_positions=positions,
         window=program.window,
         action_limit=program.action_limit,
         mpc=program.mpc,

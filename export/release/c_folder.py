@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from contract.arrays import Array
-from contract.controller.c_folder import RECORDED, rows_text, write_folder
+from contract.controller.c_folder import EXPECTED, RECORDED, rows_text, write_folder
 from export.release.gated import Gated
+from export.to_c.folder_files import documents
 
 
 def write_c_release(folder: Path, gated: Gated, windows: Sequence[Array]) -> None:
@@ -22,7 +23,9 @@ def write_c_release(folder: Path, gated: Gated, windows: Sequence[Array]) -> Non
         StillwakeError: the folder cannot be written.
     """
     assert gated.lowered.library is not None
-    write_folder(folder, {**gated.lowered.library, RECORDED: recorded_rows(windows).encode()})
+    assert gated.library is not None
+    recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
+    write_folder(folder, {**gated.lowered.library, **recorded, **documents(gated.lowered.library)})
 
 
 def recorded_rows(windows: Sequence[Array]) -> str:

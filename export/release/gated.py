@@ -15,6 +15,7 @@ from export.gates.quantisation import (
 )
 from export.int8.rounded_program import RoundedProgram
 from export.release.lowering import Lowered
+from export.to_c.folder_files import replay
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class GraphReport:
     quantisation: QuantisationReport | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LibraryReport:
     """What the gates measured.
 
@@ -40,11 +41,13 @@ class LibraryReport:
         parity: float32 against the reference; None for int8.
         quantisation: int8, integer products included, against the float reference; None for float32.
         workspace_bytes: scratch memory that a caller has to own.
+        replayed: (n, 4), what the library's example program answers to the windows: action, mean Cd and Cl, cost.
     """
 
     parity: ParityReport | None
     quantisation: QuantisationReport | None
     workspace_bytes: int
+    replayed: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,4 +96,7 @@ def _gate_library(lowered: Lowered, windows: Sequence[Array], limits: Quantisati
         check_quantisation(quantisation, limits, name="int8 C library")
     else:
         parity = check_lowering(lowered.program, controller, "C library", windows)
-    return LibraryReport(parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes)
+    replayed = replay(controller, windows, lowered.effective.mpc.horizon)
+    return LibraryReport(
+        parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes, replayed=replayed
+    )

@@ -3,7 +3,8 @@
 Every lowering has passed its gates before the first file is written.
 """
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -16,10 +17,16 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
 from contract.errors import ExportError
+from contract.model_folder import Description
 from contract.recording import dataset
-from contract.recording.dataset import Episode
+from contract.recording.dataset import Dataset, Episode
+from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
+from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
+from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
 from contract.release.manifest import PRECISIONS
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
@@ -29,10 +36,8 @@ from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
 
-GATE_WINDOWS: Final = 50
-"""Consecutive recorded windows that the export gates replay."""
-CALIBRATION_WINDOWS: Final = 400
-"""Recorded windows from which int8 rounding is calibrated, of every kind of forcing together."""
+PHASES: Final = ("read", "round weights", "lower and gate", "write")
+"""Of an export, in order."""
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
@@ -48,14 +53,47 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
             yield f"{title}: {name}", value
 
 
-def calibration_windows(program: ControllerProgram, episodes: Sequence[Episode]) -> list[Array]:
+def calibration_windows(
+    program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
+) -> list[Array]:
     """Windows (L, S+1) of the last episode of every kind of forcing: what a controller meets differs between them.
 
+    About `CALIBRATION_WINDOWS` of them, or all there are. Episodes without `LEAST_CALIBRATION` windows are left out.
+    An episode whose provenance names no kind of forcing is of its own kind.
+
     Raises:
-        ExportError: an episode is too short.
+        ExportError: all episodes are too short; the message names the longest.
     """
-    last = {item.provenance.get("forcing_signal"): item for item in episodes}.values()
-    return [window for item in last for window in recorded_windows(program, item, CALIBRATION_WINDOWS)[:: len(last)]]
+    held = {item.name: windows_in(len(item), program.window) for item in episodes}
+    last = {
+        item.provenance.get("forcing_signal", f"of {item.name}"): item
+        for item in episodes
+        if held[item.name] >= LEAST_CALIBRATION
+    }.values()
+    if not last:
+        longest = max(episodes, key=len)
+        raise ExportError(
+            f"training episodes are too short to calibrate int8: the longest, {longest.name}, has {len(longest)} "
+            f"steps, {LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; "
+            f"--precision float32 needs none"
+        )
+    found: list[Array] = []
+    for item in last:
+        count = min(CALIBRATION_WINDOWS, held[item.name])
+        found += recorded_windows(program, item, count, layout)[:: max(1, count * len(last) // CALIBRATION_WINDOWS)]
+    return found
+
+
+def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
+    """The last `GATE_WINDOWS` windows (L, S+1) of the first episode that has as many.
+
+    Raises:
+        ExportError: all episodes are too short; the message names the longest.
+    """
+    for item in episodes:
+        if windows_in(len(item), program.window) >= GATE_WINDOWS:
+            return recorded_windows(program, item, GATE_WINDOWS, layout)
+    return recorded_windows(program, max(episodes, key=len), GATE_WINDOWS, layout)
 
 
 def export_all(
@@ -69,6 +107,9 @@ def export_all(
     c_folder: Path | None,
     created: date,
     key: Ed25519PrivateKey | None = None,
+    named: bool = True,
+    notice: Callable[[str], None] = lambda line: None,
+    phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
     """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
 
@@ -76,12 +117,18 @@ def export_all(
         model: directory written by `train`.
         precision: "int8" or "float32", of both.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
+        config: its `mpc` is the controller's; its control period and action limit must be the model's.
         created: today.
         key: to sign the bundle with; unsigned if None.
+        named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
+        notice: called with a line if the recording is not the model's.
+        phase: called with each of `PHASES` when it begins.
 
     Raises:
         ModelError: the model directory is not sound.
-        ExportError: its weights do not fit, or a lowering does not pass its gates.
+        DatasetError: the recording is not sound.
+        ExportError: the recording is not the model's, or of other sensors; the settings are of another control period
+            or action limit; the model's weights do not fit, or a lowering does not pass its gates.
         LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
@@ -91,15 +138,22 @@ def export_all(
     bundle.check_replaceable(output)
     if c_folder is not None:
         c_folder_format.check_replaceable(c_folder)
+    phase("read")
     trained = model_folder.read(model)
+    _check_settings(trained.description, config)
     program = program_of(trained, config.mpc)
-    episodes = dataset.read(recording)
-    windows = recorded_windows(program, episodes.with_role("test")[0], GATE_WINDOWS)
-    calibration = calibration_windows(program, episodes.with_role("train"))
+    episodes = _recording_of(trained.description, recording, named, notice)
+    windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
+    calibration: list[Array] = []
+    if precision == "int8":
+        calibration = calibration_windows(program, episodes.with_role("train"), episodes.layout)
 
+    phase("round weights")
     rounded = rounded_on(program, calibration) if precision == "int8" else program
+    phase("lower and gate")
     gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
 
+    phase("write")
     if c_folder is not None:
         write_c_release(c_folder, gated, windows)
     write_release(
@@ -109,6 +163,40 @@ def export_all(
         created=created,
         vehicle=Vehicle.of(config),
         provenance=trained.provenance,
+        positions=_positions(trained.description),
         key=key,
     )
     return gated
+
+
+def _positions(model: Description) -> tuple[tuple[float, float], ...]:
+    """(x, y) of the controller's sensors, in their order."""
+    chosen = model.layout.positions[model.layout.indices(model.sensors)]
+    return tuple((float(x), float(y)) for x, y in chosen)
+
+
+def _check_settings(model: Description, config: Config) -> None:
+    """The controller's clock and limit are what the model was trained with."""
+    for name in ("control_period", "action_limit"):
+        trained, here = getattr(model.config.flow, name), getattr(config.flow, name)
+        if trained != here:
+            raise ExportError(
+                f"flow.{name} = {here:g} in the settings, the model was trained with {trained:g}: "
+                f"a controller keeps its model's"
+            )
+
+
+def _recording_of(model: Description, path: Path, named: bool, notice: Callable[[str], None]) -> Dataset:
+    """The recording for gates and calibration: the model's own, or another one of the same sensors if it was named."""
+    found = dataset.read(path)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if digest != model.dataset_sha256:
+        said = f"{path} (SHA-256 {digest[:12]}) is not the recording that the model was fitted to"
+        own = f"{model.dataset_sha256[:12]}"
+        if not named:
+            raise ExportError(f"{said} ({own}): name that one with --dataset")
+        difference = model.layout.difference(found.layout)
+        if difference is not None:
+            raise ExportError(f"{said} ({own}), and of other sensors, in {difference}")
+        notice(f"gates and calibration: {said} ({own})")
+    return found

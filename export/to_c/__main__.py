@@ -14,11 +14,13 @@ import typer
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import COMPILE_FLAGS, RECORDED, rows_text, write_folder
+from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows_text, write_folder
 from contract.controller.compiler import STANDARD
+from contract.controller.host_library import CController
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.program.random_program import random_program, random_windows
+from export.to_c.folder_files import documents, replay
 from export.to_c.library import c_library
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
@@ -29,15 +31,19 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     """Write a sample of the C library in both precisions."""
     program = random_program(0, model=MODEL, mpc=MPC)
     windows = random_windows(program, 10)
+    series = np.concatenate(windows[:2]).astype(np.float32).astype(np.float64)
+    sliding = [series[k : k + program.window] for k in range(len(series) - program.window + 1)]
     others = {
-        RECORDED: rows_text(np.concatenate(windows)).encode(),
+        RECORDED: rows_text(series).encode(),
         COMPILE_FLAGS: "".join(f"{flag}\n" for flag in STANDARD).encode(),
     }
     folder.mkdir(parents=True, exist_ok=True)
     rounded = rounded_on(program, windows)
     int8 = c_library(rounded, activation_ranges(rounded.program, windows))
     for precision, library in (("float32", c_library(program)), ("int8", int8)):
-        write_folder(folder / precision, library | others)
+        answers = replay(CController(library, program.sizes), sliding, program.mpc.horizon)
+        contents = library | others | {EXPECTED: rows_text(answers).encode()} | documents(library)
+        write_folder(folder / precision, contents)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,10 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
 from can_bridge.wire.messages import Pressure
-from contract import sensors
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
 from firmware_sim.ecu.delay_line import DelayLine
 
 
@@ -39,10 +40,14 @@ class VehicleNode:
     Args:
         sensor_names: what the transducers are mounted on, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
+        layout: of the plant's sensors.
+
+    Raises:
+        ConfigError: the plant has no sensor of that name, or one is named twice.
     """
 
-    def __init__(self, sensor_names: Sequence[str], config: Config) -> None:
-        self._columns = sensors.indices(sensor_names)
+    def __init__(self, sensor_names: Sequence[str], config: Config, layout: SensorLayout = TRUCK) -> None:
+        self._columns = layout.indices(sensor_names)
         self._config = config
         self._sender = E2eSender(PRESSURE)
         self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
@@ -53,7 +58,7 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int) -> Frame:
-        """The Pressure frame for the 90 wall pressures Cp of this instant.
+        """The Pressure frame for the plant's wall pressures Cp of this instant.
 
         A pressure beyond the transducer's range saturates and is marked invalid.
         """

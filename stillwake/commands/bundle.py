@@ -57,7 +57,7 @@ def inspect(path: BundlePath = None, trust: Trust = None) -> None:
     table = Table("bundle", "")
     table.columns[1].overflow = "fold"
     for name, value in rows(release):
-        table.add_row(name, escape(value))
+        table.add_row(escape(name), escape(value))
     console.print(table, markup=True)
 
 
@@ -66,6 +66,7 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())
+    positions = zip(manifest.sensors, manifest.sensor_positions or (), strict=manifest.sensor_positions is not None)
     ranges = zip(manifest.sensors, scaling.pressure_mean, scaling.pressure_std, strict=True)
     return [
         ("name", manifest.name),
@@ -74,6 +75,7 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("digest", release.digest),
         ("precision", manifest.precision),
         ("sensors", ", ".join(manifest.sensors)),
+        *((f"position {name}", f"x {x:+.4f} W, y {y:+.4f} W") for name, (x, y) in positions),
         ("window", f"{manifest.window} control steps"),
         ("MPC", f"horizon {mpc.horizon}, {mpc.iterations} iterations, learning rate {mpc.learning_rate:g}, "
          f"drag reference {mpc.drag_reference:g}"),

@@ -3,16 +3,26 @@
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 from rich.table import Table
 
-from contract.config.loading import load_config
+from can_bridge.wire.messages import SENSORS
+from contract.config.loading import from_tree, load
+from contract.config.tree import Config
+from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.model_folder import DESCRIPTION, read_description
+from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
-from wake.shipped import RECORDING
+from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.settings import settings
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from wake.shipped import recording
+
+USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
+"""Settings of a release that its model does not fix."""
 
 
 def export(
@@ -20,50 +30,107 @@ def export(
     output: Annotated[Path, typer.Argument(help="Bundle directory, or .zip, to write.")],
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
-    dataset: Annotated[Path | None, typer.Option(help="Recording the gates are run on; default: shipped.")] = None,
+    dataset: Annotated[
+        Path | None,
+        typer.Option(help="Recording that calibrates int8 and that the gates replay: the model's. Default: shipped."),
+    ] = None,
     c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,
+    overwrite: Overwrite = False,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Lower a trained model to one ONNX graph of a control step and pack a release bundle.
 
-    The MPC settings come from the configuration. Nothing is written unless the graph agrees with the reference, and so
-    does the C library where one is asked for.
+    Settings are those that the model was trained with; --config and --set go
+    on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
+    the graph agrees with the reference, and so does the C library where one
+    is asked for. The shipped bundle has no model next to it, so --c needs a
+    model of your own.
     """
-    from export.release.pipeline import export_all, gate_figures
-
     signing_key = None if key is None else read_private_key(key)
-    done = export_all(
-        model,
-        output,
-        precision=precision,
-        name=name,
-        recording=RECORDING if dataset is None else dataset,
-        config=load_config(config_file, overrides),
-        c_folder=c_folder,
-        created=date.today(),
-        key=signing_key,
-    )
+    config = _settings(model, config_file, overrides)
+    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
+    if c_folder is not None:
+        check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
+
+    from export.release.pipeline import PHASES, export_all, gate_figures
+
+    with progress_bar("phases") as bar:
+        task = bar.add_task("export", total=len(PHASES), note="")
+        done = export_all(
+            model,
+            output,
+            precision=precision,
+            name=name,
+            recording=recording() if dataset is None else dataset,
+            config=config,
+            c_folder=c_folder,
+            created=date.today(),
+            key=signing_key,
+            named=dataset is not None,
+            notice=console.print,
+            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+        )
+        bar.update(task, completed=len(PHASES), note="")
     table = Table("gate", "measured")
     for title, value in gate_figures(done):
         table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True)
+    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
+    sensors = len(done.lowered.effective.sensors)
+    if sensors != SENSORS:
+        console.print(
+            f"{sensors} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
+            f"the C library and the ONNX graph work with any number",
+            soft_wrap=True,
+        )
     if done.library is not None:
-        console.print(f"wrote {c_folder}: C99, {precision}, {done.library.workspace_bytes / 1024:.0f} KiB of workspace")
+        workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
+        console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
+
+
+def _settings(model: Path, file: Path | None, overrides: list[str]) -> Config:
+    """The model's own, with what the user gives on top."""
+    try:
+        own = read_description(model)["config"]
+    except ModelError:
+        # As for every other command, a setting that does not exist comes first.
+        load(file, overrides)
+        raise
+    try:
+        base = from_tree(own)
+    except ConfigError as error:
+        raise ModelError(f"model {model}: {DESCRIPTION}: {error}") from error
+    return settings("export", file, overrides, uses=USES, base=base).config
+
+
+def _description(bundle: Path) -> str:
+    """What lies where a bundle is to be written, in words."""
+    try:
+        there = bundles.load(bundle)
+    except StillwakeError:
+        return "something is there already"
+    if there.signer is None:
+        return f"there is the bundle {there.manifest.name} already, unsigned"
+    return f"there is the bundle {there.manifest.name} already, signed by key {there.signer.fingerprint}"
 
 
 def mcu(
-    library: Annotated[Path, typer.Argument(help="Folder written by `export --c`.")],
+    library: Annotated[Path, typer.Argument(help="Folder written by `export --c`; the shipped bundle has none.")],
     json_file: JsonFile = None,
 ) -> None:
     """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host."""
+    check_json(json_file)
+
     from firmware_sim.mcu.measure import measure_folder
 
-    found = measure_folder(library)
+    with progress_bar("phases") as bar:
+        task = bar.add_task("compile, emulate, compare", total=1, note="")
+        found = measure_folder(library)
+        bar.update(task, completed=1)
     table = Table("one control step on a Cortex-M7", "")
     for name, value in found.rows():
         table.add_row(name, value)

@@ -1,5 +1,6 @@
 """The commands that draw: `stillwake picture ...` for stills and means, `stillwake animate` for runs."""
 
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -7,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from contract.config.loading import load_config
+from contract.atomic import check_writable
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from stillwake.numbers import steps_of
+from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
@@ -18,19 +21,24 @@ if TYPE_CHECKING:
 USUAL_DURATION: Final = 25.0
 """t_c: five shedding cycles."""
 
+STILL: Final = ("flow",)
+"""Settings that a picture of one state uses."""
+MOVING: Final = ("flow", "forcing")
+"""Settings that a run uses."""
+
 picture = typer.Typer(no_args_is_help=True, help="Draw the flow: vorticity, pressure, or a mean over time.")
 
 
 Forcing = Literal["none", "sine", "training", "chirp", "extended_chirp"]
 Field = Literal["vorticity", "pressure"]
 
-Output = Annotated[Path, typer.Argument(help="File to write: .png, .pdf or .svg.")]
+Output = Annotated[Path, typer.Argument(help="File to write: .png, .pdf or .svg; a picture that is there is replaced.")]
 StateFile = Annotated[Path | None, typer.Option("--state", help="Flow state (.npz); default: the shipped start.")]
 SensorNames = Annotated[str, typer.Option("--sensors", help="Comma-separated sensors to colour by Cp; default: all.")]
 ForcingName = Annotated[Forcing, typer.Option(help="What the jets do.")]
 Amplitude = Annotated[float | None, typer.Option(help="Of the sine, U_inf W; default: the action's bound.")]
 Frequency = Annotated[float, typer.Option(help="Of the sine, 1/t_c.")]
-Seed = Annotated[int, typer.Option(help="Of the training waveform.")]
+Seed = Annotated[int, typer.Option(help="Of the training waveform.", min=0)]
 RunFolder = Annotated[Path | None, typer.Option("--run", help="Folder written by `run`: replay its actions.")]
 DatasetFile = Annotated[Path | None, typer.Option("--dataset", help="Recording: replay an episode's actions.")]
 EpisodeName = Annotated[str | None, typer.Option("--episode", help="Of the recording; default: its first.")]
@@ -46,7 +54,8 @@ def vorticity(
     overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
     """Vorticity around the truck, its jets, and wall pressure at the sensors."""
-    _still(output, "vorticity", state, sensors, load_config(config_file, overrides))
+    config = settings("picture vorticity", config_file, overrides, uses=STILL).config
+    _still(output, "vorticity", state, sensors, config)
 
 
 @picture.command()
@@ -58,7 +67,8 @@ def pressure(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Pressure around the truck and at its sensors."""
-    _still(output, "pressure", state, sensors, load_config(config_file, overrides))
+    config = settings("picture pressure", config_file, overrides, uses=STILL).config
+    _still(output, "pressure", state, sensors, config)
 
 
 @picture.command()
@@ -83,9 +93,10 @@ def mean(
     from wake.truck.recirculation import recirculation_length
 
     check_suffix(output)
-    config = load_config(config_file, overrides)
+    check_writable(output)
+    config = settings("picture mean", config_file, overrides, uses=MOVING).config
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
-    skip = round(settle / config.flow.control_period)
+    skip = steps_of("--settle", settle, config.flow.control_period, least=0)
     if skip >= len(actions):
         raise ConfigError(f"--settle {settle}: must be shorter than the run of {_time(config, len(actions)):g} t_c")
     wake = _start(config, state)
@@ -96,11 +107,16 @@ def mean(
     measured = wake.surface.measure(flow)
     length = recirculation_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
-    console.print(f"wrote {output}")
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
 def animate(
-    output: Annotated[Path, typer.Argument(help="File to write: .gif, or .mp4 where ffmpeg is installed.")],
+    output: Annotated[
+        Path,
+        typer.Argument(
+            help="File to write: .gif, or .mp4 where ffmpeg is installed; a picture that is there is replaced."
+        ),
+    ],
     state: StateFile = None,
     duration: Duration = None,
     skip: Annotated[float, typer.Option(help="Run before the first frame, t_c.", min=0.0)] = 0.0,
@@ -125,7 +141,9 @@ def animate(
     from wake.pictures.drawing import WakePicture
 
     check_target(output)
-    config = load_config(config_file, overrides)
+    check_writable(output)
+    config = settings("animate", config_file, overrides, uses=MOVING).config
+    left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
     wake = _start(config, state)
     drawn = WakePicture(wake, field, _names(sensors), width)
@@ -133,19 +151,22 @@ def animate(
         task = bar.add_task("animation", total=len(actions), note="")
         frames = write_animation(
             output, drawn, wake, actions,
-            skip=round(skip / config.flow.control_period), every=every, fps=fps,
+            skip=left_out, every=every, fps=fps,
             progress=lambda done, _: bar.update(task, completed=done),
         )  # fmt: skip
-    console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
+    console.print(
+        f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB", soft_wrap=True, markup=False
+    )
 
 
 def _still(output: Path, field: Field, state: Path | None, sensors: str, config: Config) -> None:
     from wake.pictures.drawing import WakePicture, check_suffix, save_figure
 
     check_suffix(output)
+    check_writable(output)
     wake = _start(config, state)
     save_figure(output, WakePicture(wake, field, _names(sensors)).update())
-    console.print(f"wrote {output}")
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
 def _names(listed: str) -> tuple[str, ...] | None:
@@ -182,7 +203,7 @@ def _actions(
         raise ConfigError("--forcing, --run and --dataset exclude each other: give one")
     if episode is not None and dataset is None:
         raise ConfigError(f"--episode {episode}: needs --dataset FILE")
-    asked = None if duration is None else round(duration / config.flow.control_period)
+    asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
     usual = round(USUAL_DURATION / config.flow.control_period)
     if run is not None:
         recorded = _run_actions(run)
@@ -202,6 +223,8 @@ def _signal(
 ) -> npt.NDArray[np.float64]:
     from wake.recording.forcing import SIGNALS, sine
 
+    if not (isfinite(frequency) and frequency > 0.0):
+        raise ConfigError(f"--frequency {frequency:g}: must be a positive number")
     if forcing == "sine":
         height = config.flow.action_limit if amplitude is None else amplitude
         return sine(steps, config.flow, amplitude=height, frequency=frequency)

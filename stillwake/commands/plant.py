@@ -4,46 +4,64 @@ from dataclasses import asdict
 from datetime import date
 from math import log10
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-from contract.config.loading import load_config
 from contract.results import versions, write_result
+from stillwake.numbers import steps_of
+from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+
+USES: Final = ("flow",)
+"""Settings of a plant without forcing or control."""
 
 
 def develop(
     output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
     duration: Annotated[float, typer.Option(help="Settling time, t_c.")] = 200.0,
+    overwrite: Overwrite = False,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Start the flow from rest and let the wake establish itself: how the shipped start was made."""
+    """Start the flow from rest and let the wake establish itself: how the shipped start was made.
+
+    `record --start` and `picture --state` begin with such a file. Another
+    Reynolds number needs one: --set flow.reynolds=1000 here and there.
+    """
+    flow = settings("develop", config_file, overrides, uses=USES).config.flow
+    steps_of("--duration", duration, flow.control_period)
+    check_output(output, overwrite=overwrite)
+
     from wake.truck.develop import develop as develop_wake
     from wake.truck.state import save_state
     from wake.truck.truck_wake import TruckWake
 
-    wake = TruckWake(load_config(config_file, overrides).flow)
+    wake = TruckWake(flow)
     with progress_bar("t_c") as bar:
         task = bar.add_task("developing", total=duration, note="")
         state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, state)
-    console.print(f"wrote {output}")
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
 def steady(
     output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
+    overwrite: Overwrite = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
+    flow = settings("steady", config_file, overrides, uses=USES).config.flow
+    check_output(output, overwrite=overwrite)
+    check_json(json_file)
+
     from wake.truck.state import save_state
     from wake.truck.steady import TOLERANCE, settle
     from wake.truck.truck_wake import TruckWake
 
-    flow = load_config(config_file, overrides).flow
     wake = TruckWake(flow)
     # Rates fall by decades.
     decades = -log10(TOLERANCE)
@@ -64,4 +82,6 @@ def steady(
             "versions": versions("numpy", "numba", "scipy"),
         }
         write_result(json_file, figures=figures, facts=facts, on=date.today())
-    console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
+    console.print(
+        "  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}", markup=False
+    )

@@ -5,23 +5,29 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from rich.progress import TaskID
 
-from contract.config.loading import load_config
+from contract.atomic import check_writable
 from contract.config.tree import Config
-from contract.errors import StillwakeError
+from contract.errors import OutputError, StillwakeError
+from stillwake.outputs import Overwrite
 from stillwake.releases import describe, open_release
+from stillwake.settings import settings
+from stillwake.stopping import go_on_with
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
+
+SUFFIXES: Final = (".h5", ".hdf5")
+"""How a data set's name ends."""
 
 
 def record(
-    output: Annotated[Path, typer.Argument(help="HDF5 file to write; with --under, to add to.")],
-    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform (6000).")] = None,
-    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, test data (1500).")] = None,
-    uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).")] = None,
+    output: Annotated[Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under, to add to.")],
+    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform (6000).", min=0)] = None,
+    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, test data (1500).", min=0)] = None,
+    uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).", min=0)] = None,
     paper: Annotated[
         bool,
         typer.Option(
@@ -48,9 +54,15 @@ def record(
     seed: Annotated[
         int,
         typer.Option(
-            help="Seed of the training waveform; of the first one with --paper; of exploration and phases with --under."
+            help="Of the training waveform; with --under, of exploration and phases.",
+            min=0,
         ),
     ] = 1,
+    start: Annotated[
+        Path | None,
+        typer.Option(help="Flow state in which episodes begin (.npz, from `develop`); default: the shipped start."),
+    ] = None,
+    overwrite: Overwrite = False,
     workers: Annotated[
         int | None, typer.Option(help="Processes, an episode each at a time; default: one a core.", min=1)
     ] = None,
@@ -63,24 +75,29 @@ def record(
 ) -> None:
     """Record the forced wake: 90 wall pressures, forces and the drag ledger at every control step.
 
-    With --under, record it under a controller with exploration, and append the episodes. Can be stopped at any time;
-    the same command continues where it was.
+    With --under, record it under a controller with exploration, and add the
+    episodes. It can be stopped at any time. The same command continues where
+    it was, and leaves a finished recording as it is.
     """
-    config = load_config(config_file, overrides)
-    if output.is_dir():
-        raise StillwakeError(f"cannot write {output}: it is a directory, not an HDF5 file")
+    uses = ("flow", "forcing") if under is None else ("flow", "forcing.exploration_time")
+    config = settings("record", config_file, overrides, uses=uses).config
+    check_writable(output)
+    if output.suffix.lower() not in SUFFIXES:
+        raise OutputError(f"{output}: a data set is an HDF5 file; its name must end in {' or '.join(SUFFIXES)}")
     lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
     of_round = {"controlled": controlled, "episodes": episodes, "exploration": exploration, "role": role}
-    processes = {"workers": _cores() if workers is None else workers, "scheduler": scheduler}
+    recording = {"workers": _cores() if workers is None else workers, "scheduler": scheduler, "start": start}
     if under is None:
         _refuse_given(of_round, "needs a controller: give --under BUNDLE as well")
-        _record_forced(output, config, lengths, paper, seed, processes)
+        _record_forced(output, config, lengths, paper, seed, {**recording, "overwrite": overwrite})
         return
     if paper:
         raise StillwakeError("--under and --paper are two recordings: give one of them")
+    if overwrite:
+        raise StillwakeError("--overwrite does not go with --under, which adds a round and replaces nothing")
     _refuse_given(lengths, "does not go with --under: give --controlled and --episodes instead")
-    settings = {"steps" if name == "controlled" else name: v for name, v in of_round.items() if v is not None}
-    _record_round(output, config, under, {**settings, "seed": seed}, processes)
+    of_plan = {"steps" if name == "controlled" else name: v for name, v in of_round.items() if v is not None}
+    _record_round(output, config, under, {**of_plan, "seed": seed}, recording)
 
 
 def _record_forced(
@@ -89,13 +106,13 @@ def _record_forced(
     lengths: Mapping[str, int | None],
     paper: bool,
     seed: int,
-    processes: Mapping[str, Any],
+    recording: Mapping[str, Any],
 ) -> None:
-    from wake.recording.episode_plan import EpisodePlan, paper_plans
-    from wake.recording.recorder import record as record_dataset
-
     if paper:
         _refuse_given(lengths, "does not go with --paper, which has its own lengths")
+
+    from wake.recording.episode_plan import EpisodePlan, paper_plans
+    from wake.recording.recorder import record as record_dataset
 
     def steps(name: str, default: int) -> int:
         given = lengths[name]
@@ -113,14 +130,17 @@ def _record_forced(
     plans = tuple(plan for plan in plans if plan.steps > 0)
     if not plans:
         raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
-    with _progress(len(plans)) as shown:
-        record_dataset(output, plans, config, **processes, **shown)
+    with _continued(output), _progress(len(plans)) as shown:
+        written = record_dataset(output, plans, config, **recording, **shown)
     total = sum(plan.steps for plan in plans)
-    console.print(f"wrote {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
+    done = "wrote" if written else "already whole, nothing to record:"
+    console.print(
+        f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB", soft_wrap=True, markup=False
+    )
 
 
 def _record_round(
-    output: Path, config: Config, bundle: Path, settings: Mapping[str, Any], processes: Mapping[str, Any]
+    output: Path, config: Config, bundle: Path, of_plan: Mapping[str, Any], recording: Mapping[str, Any]
 ) -> None:
     from firmware_sim.ecu.bundle_policy import BundlePolicy
     from firmware_sim.ecu.fit import check_flow
@@ -129,17 +149,33 @@ def _record_round(
 
     release = open_release(bundle, None)
     check_flow(release, config.flow)
-    planned = ControlledRound(**settings, bundle=release.manifest.name, bundle_digest=release.digest)
+    planned = ControlledRound(**of_plan, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
     BundlePolicy(release)
     console.print(*describe(release), sep="\n", soft_wrap=True)
-    with _progress(planned.episodes) as shown:
-        number = record_round(output, planned, config, partial(BundlePolicy, release), **processes, **shown)
+    with _continued(output), _progress(planned.episodes) as shown:
+        number = record_round(output, planned, config, partial(BundlePolicy, release), **recording, **shown)
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
         f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",
         soft_wrap=True,
+        markup=False,
     )
+
+
+@contextmanager
+def _continued(output: Path) -> Iterator[None]:
+    """When the recording is stopped, say how to go on, if there is anything to go on from."""
+    from wake.recording.parts_folder import PartsFolder
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        parts = PartsFolder.beside(output)
+        if not parts.has_samples:
+            raise
+        with go_on_with(f"{parts.path.name} keeps what is recorded, the same command continues it"):
+            raise
 
 
 @contextmanager

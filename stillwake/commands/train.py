@@ -1,64 +1,81 @@
 """The command that trains the model offline."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import date
+from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.progress import TaskID
 from rich.table import Table
 
-from contract.config.loading import load_config, to_tree
+from contract.atomic import check_writable
+from contract.config.loading import to_tree
+from contract.config.tree import Config
+from contract.model_folder import check_free
 from contract.results import write_result
+from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.settings import settings
+from stillwake.stopping import go_on_with
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from wake.shipped import RECORDING
+from train import unfinished
+from train.progress import Phase
+from wake.shipped import recording as shipped_recording
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, which the other commands need not wait for.
     from train.evaluate import ModelMetrics
 
 
+USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_time_ms")
+"""Settings of the training, and those that the model keeps for its export."""
+
+
 def train(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     dataset: Annotated[Path | None, typer.Option(help="HDF5 data set; default: the shipped recording.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    resume: Annotated[bool, typer.Option(help="Continue an interrupted training.")] = False,
     sensors: Annotated[str, typer.Option(help="Comma-separated sensors instead of the method's choice.")] = "",
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Delete the checkpoints of a training that was stopped, and start over.")
+    ] = False,
+    overwrite: Overwrite = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
+    resume: Annotated[bool, typer.Option("--resume", hidden=True)] = False,
 ) -> None:
-    """Train the model of the wake offline, from a recording.
+    """Train the model of the wake offline, from a recording: joint fit, choice of sensors, distillation.
 
-    Joint fit (paper, section 2.2): an LSTM encoder over the last 32 rows of
-    90 pressures and the action, residual latent dynamics and a force decoder,
-    together, on L_pred + force_weight L_force + variance_weight L_var +
-    covariance_weight L_cov, unrolled over train.unroll steps; then
-    train.finish.epochs more passes, unrolled over train.finish.unroll.
-
-    Sensor selection (2.3.1): the best train.sensors by mean |SHAP| of the
-    latents, train.shap_repeats times over; or train.selection = qr, greedy,
-    random or hand.
-
-    Distillation (2.3.2): a slim encoder on those sensors learns the latents
-    of the fitted one; with model.slim_dynamics_width and
-    model.slim_decoder_width, narrower dynamics and decoder learn its
-    roll-outs.
-
-    All are evaluated on the test episodes: R2 and L1/sigma of Cd and Cl, and
-    open-loop roll-outs of 5, 10 and 25 steps. Settings default to the
-    release's; --config takes a TOML file, --set one value, such as
-    --set train.epochs=300. Seed, recording, settings and machine decide the
-    model, also if the run is stopped and resumed.
+    It can be stopped at any time. The same command continues from the last
+    checkpoint and ends with the same model. One setting is changed by, for
+    example, --set train.epochs=300. The model keeps all settings; `export`
+    begins with them. docs/how-to/train.md describes the steps.
     """
+    del resume  # It was needed to continue a training; now every call does.
+    config = settings("train", config_file, overrides, uses=USES).config
+    recording = shipped_recording() if dataset is None else dataset
+    chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
+    check_writable(output, folder=True)
+    check_free(output)
+    check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
+    check_writable(unfinished.folder_of(output), folder=True)
+    check_json(json_file)
+    _check_recording(recording, config, chosen)
+    checkpoints = unfinished.folder_of(output)
+    if not restart:
+        identity = unfinished.Identity.of(config, sha256(recording.read_bytes()).hexdigest(), device, chosen)
+        reached = unfinished.check(checkpoints, identity)
+        if reached is not None:
+            console.print(f"goes on where {checkpoints} ends: {reached}", soft_wrap=True, markup=False)
+
     from train.pipeline import train_all
-    from train.progress import Phase
 
     began = time.monotonic()
-    config = load_config(config_file, overrides)
-    with progress_bar("iterations") as bar:
+    with _continued(checkpoints), progress_bar("iterations") as bar:
         tasks: dict[Phase, TaskID] = {}
 
         def show(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
@@ -68,13 +85,14 @@ def train(
             bar.update(tasks[phase], completed=step, note=note)
 
         trained = train_all(
-            RECORDING if dataset is None else dataset,
+            recording,
             config,
             output,
             progress=show,
             device=device,
-            resume=resume,
-            chosen=tuple(name.strip() for name in sensors.split(",")) if sensors else None,
+            resume=not restart,
+            chosen=chosen,
+            notice=console.print,
         )
     console.print(_metrics_table(trained.metrics))
     stable = trained.ranking.stable or {}
@@ -93,7 +111,31 @@ def train(
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
     found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
     console.print(f"sensors: {', '.join(trained.sensors)}   {found}")
-    console.print(f"wrote {output}")
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+
+
+def _check_recording(path: Path, config: Config, chosen: Sequence[str] | None) -> None:
+    """Refuse what needs no torch to be seen, before that is loaded."""
+    # A vehicle's installation has no HDF5, and starts without.
+    from contract.recording.dataset import read
+    from contract.recording.findings import findings, refuse_unfit
+
+    recording = read(path)
+    if chosen is not None:
+        recording.layout.indices(chosen)
+    refuse_unfit(findings(recording, config, choosing=chosen is None), str(path))
+
+
+@contextmanager
+def _continued(checkpoints: Path) -> Iterator[None]:
+    """When the training is stopped, say how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        reached = unfinished.reached(checkpoints)
+        place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
+        with go_on_with(f"the same command goes on {place}"):
+            raise
 
 
 def _metrics_table(metrics: "ModelMetrics") -> Table:

@@ -1,8 +1,10 @@
+import os
+import re
 from pathlib import Path
 
 import pytest
 
-from contract.atomic import replacing
+from contract.atomic import check_writable, replacing
 from contract.errors import StillwakeError
 
 
@@ -91,3 +93,52 @@ def test_file_does_not_replace_a_directory(tmp_path):
     with pytest.raises(StillwakeError, match="cannot write"), replacing(target) as temporary:
         write_file(temporary, "new")
     assert content(target) == "old"
+
+
+def test_a_place_that_can_be_written_is_left_as_it_was(tmp_path):
+    (tmp_path / "old").mkdir()
+    (tmp_path / "file").write_text("old")
+    check_writable(tmp_path / "file")
+    check_writable(tmp_path / "old", folder=True)
+    check_writable(tmp_path / "new" / "deep" / "file")
+    check_writable(tmp_path / "new" / "deep" / "folder", folder=True)
+    assert sorted(item.name for item in tmp_path.rglob("*")) == ["file", "old"]
+    assert (tmp_path / "file").read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    ("target", "folder", "reason"),
+    [
+        ("folder", False, "it is a directory, must be a file"),
+        ("file", True, "it is a file, must be a directory"),
+        ("file/inside", False, "Not a directory"),
+        ("file/deeper/inside", True, "Not a directory"),
+        ("folder/..", True, "name a new folder in it"),
+        ("n" * 250, False, "File name too long"),
+        ("/proc/self/stillwake.npz", False, ""),
+        ("/dev/null", False, "neither a file nor a directory"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path, target, folder, reason):
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "folder").mkdir()
+    path = tmp_path / target
+    with pytest.raises(StillwakeError, match=f"^cannot write {re.escape(str(path))}: .*{reason}"):
+        check_writable(path, folder=folder)
+    assert sorted(item.name for item in tmp_path.rglob("*")) == ["file", "folder"]
+
+
+def test_the_working_folder_itself_is_no_place_for_a_result(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(StillwakeError, match=r"cannot write \.: name a new folder in it"):
+        check_writable(Path(), folder=True)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser writes everywhere")
+def test_a_folder_without_write_permission_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    try:
+        with pytest.raises(StillwakeError, match="Permission denied"):
+            check_writable(tmp_path / "new" / "file")
+    finally:
+        tmp_path.chmod(0o700)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.model_folder import DESCRIPTION, WEIGHTS, Description
 from contract.release.manifest import Scaling
+from contract.sensor_layout import SensorLayout
 
 pytest.importorskip("safetensors", reason="safetensors (extra train) is not installed")
 
@@ -51,11 +53,29 @@ def folder(tmp_path):
 
 def test_what_is_written_is_read_back(folder):
     read = model_folder.read(folder)
-    assert vars(read.description) == vars(description())
+    found, expected = vars(read.description), vars(description())
+    assert found.pop("layout").same_as(expected.pop("layout"))
+    assert found == expected
     assert read.tensors.keys() == TENSORS.keys()
     for name, tensor in TENSORS.items():
         assert read.tensors[name].dtype == np.float32
         np.testing.assert_array_equal(read.tensors[name], tensor)
+
+
+def test_another_body_s_sensors_are_kept_with_their_places(tmp_path):
+    layout = SensorLayout.of(("lid", "tail", "tail'"), np.array([[0.0, 0.4], [1.0, 0.2], [1.0, -0.2]]), base=(1, 2))
+    scaling = replace(SCALING, pressure_mean=(0.1, 0.2, 0.3), pressure_std=(1.0, 1.0, 1.0))
+    model_folder.write(tmp_path / "model", description(layout=layout, scaling=scaling, sensors=("tail",)), TENSORS)
+    assert model_folder.read(tmp_path / "model").description.layout.same_as(layout)
+    with pytest.raises(ConfigError, match="unknown sensor 'base_9': there are lid, tail, tail'"):
+        description(layout=layout, scaling=scaling)
+
+
+def test_a_model_of_the_first_schema_is_the_truck_s(folder):
+    body = json.loads((folder / DESCRIPTION).read_text())
+    del body["layout"]
+    (folder / DESCRIPTION).write_text(json.dumps({**body, "schema": "stillwake-model/1"}))
+    assert model_folder.read(folder).description.layout is sensors.TRUCK
 
 
 def test_networks_have_the_names_of_their_own_state(folder):
@@ -90,11 +110,14 @@ def short(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9', this version reads 'stillwake-model/1'"),
+        ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9', this version reads 'stillwake-model/2'"),
         ({"weights_sha256": "0" * 64}, r"model\.safetensors was altered \(SHA-256 does not match model\.json\)"),
         ({"sensors": ["base_0", "roof"]}, "unknown sensor 'roof'"),
         ({"sensors": 4}, r"model\.json: "),
         ({"scaling": None}, "lacks 'scaling'"),
+        ({"layout": None}, "lacks 'layout'"),
+        ({"layout": {"names": ["a"]}}, "positions"),
+        ({"layout": {"names": ["a"], "positions": [[0, 0]], "base": [], "mirror": [1]}}, "mirror|out of bounds"),
         ({"metrics": None}, "lacks 'metrics'"),
         ({"weights_sha256": None}, "lacks 'weights_sha256'"),
         ({"config": {"flow": {"reynold": 1.0}}}, "reynold"),

@@ -180,7 +180,7 @@ def test_an_output_that_cannot_be_written(refused, tmp_path, random_release):
     (tmp_path / "file").write_text("")
     inside = tmp_path / "file" / "out"
     assert f"cannot write {inside}" in refused("run", inside, "--bundle", random_release)
-    assert f"cannot write {inside}" in refused("record", inside, "--training", 3)
+    assert f"cannot write {inside}.h5" in refused("record", inside.with_suffix(".h5"), "--training", 3)
     # A run needs a folder, a recording a file.
     assert "cannot write" in refused("run", tmp_path / "file", "--bundle", random_release)
     (tmp_path / "folder").mkdir()
@@ -344,7 +344,8 @@ def test_a_recording_stopped_by_ctrl_c_continues(tmp_path):
     command = ["record", output, "--training", 20, "--chirp", 0, "--uncontrolled", 0]
     first = parts / "training_1" / "000000.npz"
     outcome = stop_after(start(*command), first.is_file)
-    assert (outcome.returncode, outcome.stderr) == (130, "stopped\n")
+    advice = "a.h5.parts keeps what is recorded, the same command continues it"
+    assert (outcome.returncode, outcome.stderr) == (130, f"stopped; {advice}\n")
     assert "wrote" not in outcome.stdout
     assert not output.exists()
     assert {path.suffix for path in parts.rglob("*") if path.is_file()} == {".npz", ".json"}

@@ -37,7 +37,7 @@ def raising(error: BaseException) -> Callable[[], None]:
         (TimeoutError(), "TimeoutError"),
         (MemoryError(), "not enough memory"),
         (MemoryError("Unable to allocate 1 PiB"), "not enough memory: Unable to allocate 1 PiB"),
-        (ModuleNotFoundError("no torch", name="torch.nn"), "this command needs torch: pip install 'stillwake[train]', or in a checkout pip install '.[train]'"),  # noqa: E501
+        (ModuleNotFoundError("no torch", name="torch"), "this command needs torch: pip install 'stillwake[train]', or in a checkout pip install '.[train]'"),  # noqa: E501
         (SystemExit("as text"), "as text"),
     ],
 )  # fmt: skip

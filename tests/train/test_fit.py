@@ -1,5 +1,7 @@
 """Training learns, repeats itself, and goes on after an interruption as if there had been none."""
 
+import errno
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +12,7 @@ import torch
 
 from contract.config.learning import FinishConfig
 from contract.config.tree import Config
-from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
 from train.checkpoint import Identity
 from train.distil import distil
 from train.evaluate import evaluate
@@ -112,6 +114,45 @@ def test_a_checkpoint_of_another_run_is_refused(rows: Rows, small_config: Config
     kept.path(Phase.FIT).write_bytes(kept.path(Phase.FIT).read_bytes()[:1000])
     with pytest.raises(StillwakeError, match=r"fit\.pt: damaged"):
         fit_joint(rows, small_config, checkpoints=kept)
+
+
+@pytest.mark.parametrize("schedule", ["constant", "one_cycle"])
+def test_a_loss_that_is_not_finite_ends_the_training_at_once(
+    rows: Rows, small_config: Config, tmp_path: Path, schedule: str
+) -> None:
+    steps: list[int] = []
+    config = trained(small_config, learning_rate=1e30, schedule=schedule, epochs=12.0)
+    kept = Checkpoints(folder=tmp_path / "model.checkpoints", identity=IDENTITY, every=1)
+    message = r"^joint fit: .* not finite after \d+ of \d+ iterations with train.learning_rate = 1e\+30: choose a lower"
+    with pytest.raises(TrainingError, match=message):
+        fit_joint(rows, config, checkpoints=kept, progress=lambda phase, step, total, terms: steps.append(step))
+    assert steps == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_at_a_checkpoint_costs_nothing(
+    rows: Rows, small_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = trained(small_config, epochs=12.0)
+    kept = Checkpoints(folder=tmp_path, identity=IDENTITY, resume=True, every=7)
+    whole = fit_joint(rows, config)
+    written = 0
+
+    def fsync(descriptor: int) -> None:
+        nonlocal written
+        written += 1
+        if written > 1:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", fsync)
+        with pytest.raises(StillwakeError, match=r"^cannot write .*fit\.pt: No space left on device$"):
+            fit_joint(rows, config, checkpoints=kept)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fit.pt", "training.json"]
+    steps: list[int] = []
+    resumed = fit_joint(rows, config, checkpoints=kept, progress=lambda phase, step, *_: steps.append(step))
+    assert steps[0] == 10, "it went on from step 7"
+    assert_equal(whole, resumed)
 
 
 def test_only_loss_terms_that_add_up_are_reported(rows: Rows, small_config: Config) -> None:

@@ -26,7 +26,7 @@ from contract.config.loading import from_tree
 from train.pipeline import train_all
 torch.set_num_threads(1)
 recording, output, tree = sys.argv[1:]
-train_all(Path(recording), from_tree(json.loads(tree)), Path(output), resume=True)
+train_all(Path(recording), from_tree(json.loads(tree)), Path(output))
 """
 
 

@@ -16,7 +16,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, ModelError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
-from train import model_store
+from train import model_store, unfinished
 from train.distil import encode_all
 from train.evaluate import evaluate
 from train.pipeline import train_all
@@ -67,11 +67,11 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
 
 def test_the_description_is_plain_json_with_the_fields_the_export_reads(stored: Path) -> None:
     body = json.loads((stored / "model.json").read_text())
-    assert body["schema"] == "stillwake-model/1"
+    assert body["schema"] == "stillwake-model/2"
     assert len(body["scaling"]["pressure_mean"]) == len(body["scaling"]["pressure_std"]) == 90
     assert len(body["scaling"]["force_mean"]) == len(body["scaling"]["force_std"]) == 2
     assert set(body) == {
-        *("schema", "config", "scaling", "sensors", "dataset_sha256", "weights_sha256"),
+        *("schema", "config", "scaling", "layout", "sensors", "dataset_sha256", "weights_sha256"),
         *("metrics", "ranking", "versions"),
     }
 
@@ -89,7 +89,7 @@ def test_an_interrupted_run_goes_on_to_the_same_model(
         train_all(recording, small_config, output, progress=interrupt)
     assert not output.exists()
     phases = []
-    train_all(recording, small_config, output, resume=True, progress=lambda *args: phases.append(args[0]))
+    train_all(recording, small_config, output, progress=lambda *args: phases.append(args[0]))
     assert "fit" not in phases
     assert ("rank" in phases) == (reached == "rank")
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
@@ -113,7 +113,7 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
         train_all(recording, config, tmp_path / "resumed", progress=interrupt)
     phases.clear()
     resumed = tmp_path / "resumed"
-    train_all(recording, config, resumed, resume=True, progress=lambda *args: phases.append(args[0]))
+    train_all(recording, config, resumed, progress=lambda *args: phases.append(args[0]))
     assert not {"fit", "select"} & set(phases)
     assert (resumed / "model.safetensors").read_bytes() == (tmp_path / "whole" / "model.safetensors").read_bytes()
 
@@ -126,8 +126,16 @@ def test_a_resume_under_other_settings_is_refused(recording: Path, small_config:
     with pytest.raises(KeyboardInterrupt):
         train_all(recording, small_config, tmp_path / "model", progress=interrupt)
     other = replace(small_config, train=replace(small_config.train, seed=5))
-    with pytest.raises(ConfigError, match="made with other settings"):
-        train_all(recording, other, tmp_path / "model", resume=True)
+    message = r"model\.checkpoints holds an unfinished training with train\.seed = 0, not 5: .* --restart"
+    with pytest.raises(ConfigError, match=message):
+        train_all(recording, other, tmp_path / "model")
+    reached = unfinished.reached(tmp_path / "model.checkpoints")
+    assert reached is not None
+    assert (reached.phase, reached.step) == (Phase.FIT, reached.total)
+    phases: list[Phase] = []
+    train_all(recording, other, tmp_path / "model", resume=False, progress=lambda *args: phases.append(args[0]))
+    assert "fit" in phases
+    assert [item.name for item in tmp_path.iterdir()] == ["model"]
 
 
 def test_chosen_sensors_replace_the_ranking_s(recording: Path, small_config: Config, tmp_path: Path) -> None:
@@ -155,7 +163,7 @@ def test_what_cannot_be_trained_is_refused_before_training(
     refused(ConfigError, "unknown sensor 'roof_1'", recording, small_config, chosen=["roof_1"])
     refused(ConfigError, "train.sensors = 91: must be from 1 to 90", recording, settings(sensors=91))
     refused(DatasetError, "too few for 5000 samples", recording, settings(shap_explained=5000))
-    refused(DatasetError, "too short", recording, settings(unroll=70))
+    refused(DatasetError, "too short", recording, settings(unroll=400))
     if not torch.cuda.is_available():
         refused(ConfigError, "no CUDA", recording, small_config, device="cuda")
 
@@ -224,7 +232,7 @@ def test_an_altered_or_incomplete_model_is_refused(stored: Path) -> None:
 
     (stored / "model.safetensors").write_bytes(weights[:-1] + bytes([weights[-1] ^ 1]))
     refused("was altered")
-    (stored / "model.json").write_text(text.replace("stillwake-model/1", "stillwake-model/9"))
+    (stored / "model.json").write_text(text.replace("stillwake-model/2", "stillwake-model/9"))
     refused("schema 'stillwake-model/9'")
     (stored / "model.json").write_text(text.replace('"latent": 8', '"latent": 6'))
     refused(r"has shape .*, the configuration needs")

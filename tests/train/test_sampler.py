@@ -62,7 +62,7 @@ def test_the_shortest_episode_that_fits(make_episode) -> None:
     episode = make_episode("short", "train", WINDOW - 1 + 4 + AHEAD, 1)
     fits = prepare([episode], fit_scaling([episode]), mirrored=False)
     assert sampler(fits, 4).samples == 4
-    with pytest.raises(DatasetError, match=r"episode 0 has 16 steps, too short.*need 17"):
+    with pytest.raises(DatasetError, match=r"episode short has 16 steps, too short.*need 17"):
         sampler(fits, 5)
 
 

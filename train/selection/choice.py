@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import dacite
 
-from contract import sensors
 from train.selection.ranking import Ranking
 
 STABILITY_SETS: Final = (2, 4, 6, 8)
@@ -23,9 +22,9 @@ class SensorChoice:
     Attributes:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
         repeats: of the ranking.
-        order: all 90 names, best first, of SHAP; the chosen ones of the others.
-        mean: (90,) scores over the repeats.
-        std: (90,) of them.
+        order: all names, best first, of SHAP; the chosen ones of the others.
+        mean: (N,) scores over the repeats.
+        std: (N,) of them.
         stable: by size of the best set, whether it is the same in every repeat.
         differences: by that size, the share of the repeats in which a sensor is among the best, for those that are in
             some and not in others.
@@ -42,14 +41,16 @@ class SensorChoice:
     @classmethod
     def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
         """By the paper's method."""
+        # The set of all sensors is always stable.
+        sizes = [count for count in STABILITY_SETS if count < len(ranking.names)]
         return cls(
             method="shap.GradientExplainer",
             repeats=len(ranking.scores),
-            order=ranking.top(sensors.COUNT),
+            order=ranking.top(len(ranking.names)),
             mean=tuple(ranking.mean.tolist()),
             std=tuple(ranking.std.tolist()),
-            stable={str(count): ranking.is_stable(count) for count in STABILITY_SETS},
-            differences={str(count): dict(ranking.differences(count)) for count in STABILITY_SETS},
+            stable={str(count): ranking.is_stable(count) for count in sizes},
+            differences={str(count): dict(ranking.differences(count)) for count in sizes},
         )
 
     def as_tree(self) -> dict[str, Any]:

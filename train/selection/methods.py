@@ -4,7 +4,6 @@ from typing import Final, get_args
 
 import numpy as np
 
-from contract import sensors
 from contract.config.learning import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
 from train.model import Encoder
@@ -45,19 +44,19 @@ def select(
         settings: its seed and, for "shap", its draws are used.
 
     Raises:
-        ConfigError: unknown method, or not that many sensors.
+        ConfigError: unknown method, not that many sensors, or "hand" where the sensors have no mirror images or base.
         DatasetError: if `rows` hold too few windows.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")
-    check_count(count)
+    check_count(count, rows.sensors)
     if method == "shap":
         ranker = ShapRanker.of(settings)
         return rank(ranker, encoder, rows, repeats=1, seed=settings.seed, progress=progress).top(count)
     if method == "qr":
         chosen = select_qr(rows, count)
     elif method == "hand":
-        chosen = select_by_hand(count)
+        chosen = select_by_hand(count, rows.layout)
     else:
         # Neighbouring run seeds, and the two uses of one, must not share draws.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
@@ -66,4 +65,4 @@ def select(
             chosen = select_greedy(student, count, progress=progress)
         else:
             chosen = select_random(student, count, draws=draws, seed=choices, progress=progress)
-    return tuple(sensors.NAMES[index] for index in chosen)
+    return tuple(rows.layout.names[index] for index in chosen)

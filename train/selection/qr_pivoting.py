@@ -8,7 +8,6 @@ reconstruction": each pivot is the sensor whose row of the modes is longest afte
 import numpy as np
 import scipy.linalg
 
-from contract import sensors
 from contract.arrays import Array
 from train.rows import Rows
 
@@ -16,8 +15,8 @@ from train.rows import Rows
 
 
 def pod_modes(rows: Rows, count: int) -> Array:
-    """(90, count) leading modes of the standardised pressures, those of most variance first."""
-    pressure = rows.inputs[:, : sensors.COUNT].cpu().numpy().astype(np.float64)
+    """(N, count) leading modes of the standardised pressures, those of most variance first."""
+    pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)
     return vectors[:, ::-1][:, :count]

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from contract import sensors
 from contract.errors import ConfigError
+from contract.sensors import COUNT
 from train.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 
-def draw_choices(count: int, draws: int, seed: int) -> list[tuple[int, ...]]:
-    """That many choices of `count` sensors, each without repetition and in the sensors' order."""
+def draw_choices(count: int, draws: int, seed: int, available: int = COUNT) -> list[tuple[int, ...]]:
+    """That many choices of `count` of the available sensors, each without repetition and in the sensors' order."""
     generator = np.random.default_rng(seed)
-    return [tuple(np.sort(generator.choice(sensors.COUNT, count, replace=False)).tolist()) for _ in range(draws)]
+    return [tuple(np.sort(generator.choice(available, count, replace=False)).tolist()) for _ in range(draws)]
 
 
 def select_random(
@@ -22,7 +22,7 @@ def select_random(
         raise ConfigError(f"draws = {draws}: must be at least 1")
     best: tuple[int, ...] = ()
     least = np.inf
-    for number, chosen in enumerate(draw_choices(count, draws, seed)):
+    for number, chosen in enumerate(draw_choices(count, draws, seed, student.sensors)):
         error = student.error(chosen)
         if error < least:
             best, least = chosen, error

@@ -6,26 +6,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contract import sensors
 from contract.arrays import Array, Index
+from contract.sensors import NAMES
 from train.selection.budget import check_count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
-    """Scores of repeated draws, (repeats, 90)."""
+    """Scores of repeated draws.
+
+    Attributes:
+        scores: (repeats, N).
+        names: of the N sensors, in the order of the scores.
+    """
 
     scores: Array
+    names: tuple[str, ...] = NAMES
 
     @property
     def mean(self) -> Array:
-        """(90,) mean over the repeats."""
+        """(N,) mean over the repeats."""
         mean: Array = self.scores.mean(axis=0)
         return mean
 
     @property
     def std(self) -> Array:
-        """(90,) sample standard deviation over the repeats; zero for a single one."""
+        """(N,) sample standard deviation over the repeats; zero for a single one."""
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
     def top(self, count: int) -> tuple[str, ...]:
@@ -34,12 +40,12 @@ class Ranking:
         Raises:
             ConfigError: if there are not that many sensors.
         """
-        check_count(count)
-        return _names(_best(self.mean, count))
+        check_count(count, len(self.names))
+        return self._names(_best(self.mean, count))
 
     def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
         """The set of the best sensors in each repeat."""
-        return tuple(frozenset(_names(_best(scores, count))) for scores in self.scores)
+        return tuple(frozenset(self._names(_best(scores, count))) for scores in self.scores)
 
     def is_stable(self, count: int) -> bool:
         """Whether every repeat has the same set of best sensors."""
@@ -52,12 +58,11 @@ class Ranking:
         """
         repeats = len(self.scores)
         found = Counter(name for names in self.top_sets(count) for name in names)
-        return {name: found[name] / repeats for name in sensors.NAMES if 0 < found[name] < repeats}
+        return {name: found[name] / repeats for name in self.names if 0 < found[name] < repeats}
+
+    def _names(self, chosen: Sequence[int] | Index) -> tuple[str, ...]:
+        return tuple(self.names[index] for index in chosen)
 
 
 def _best(scores: Array, count: int) -> Index:
     return np.argsort(-scores, kind="stable")[:count]
-
-
-def _names(chosen: Sequence[int] | Index) -> tuple[str, ...]:
-    return tuple(sensors.NAMES[index] for index in chosen)

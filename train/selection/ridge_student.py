@@ -17,7 +17,6 @@ import numpy as np
 import scipy.linalg
 import torch
 
-from contract import sensors
 from contract.arrays import Array
 from contract.errors import DatasetError
 from train.model import Encoder
@@ -75,7 +74,7 @@ class RidgeStudent:
         judged_cross: (F, N_z) of their lags and latents.
         judged_power: mean square of their latents, summed over N_z.
         lags: of each column.
-        noise_power: (91,) mean square of the noise on each column.
+        noise_power: mean square of the noise on each column, the action's last.
     """
 
     gram: Array
@@ -86,9 +85,14 @@ class RidgeStudent:
     lags: int
     noise_power: Array
 
+    @property
+    def sensors(self) -> int:
+        """Columns to choose from: all but the action's."""
+        return len(self.noise_power) - 1
+
     def error(self, chosen: Sequence[int]) -> float:
         """Share of the judged latents' mean square that the student on those sensors and the action leaves."""
-        columns = np.append(np.asarray(chosen, dtype=np.intp), sensors.COUNT)
+        columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)
         noise = np.diag(self.noise_power[columns].repeat(self.lags))

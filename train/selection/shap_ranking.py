@@ -1,6 +1,6 @@
 """The paper's method: which sensors the encoder depends on (section 2.3.1 and appendix C).
 
-A `Ranker` scores the 90 sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
+A `Ranker` scores the sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
 ranker is `ShapRanker`.
 """
 
@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from contract import sensors
 from contract.arrays import Array
 from contract.config.learning import TrainConfig
 from contract.errors import DatasetError
@@ -24,7 +23,7 @@ from train.selection.window_draws import first_rows, windows_at
 
 
 class Ranker(Protocol):
-    """Scores of the sensors, (90,), larger is more important; one independent draw per seed."""
+    """Scores of the N sensors, (N,), larger is more important; one independent draw per seed."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
 
@@ -39,7 +38,7 @@ def rank(
         draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
         scores.append(ranker(encoder, rows, draw))
         progress(Phase.RANK, repeat + 1, repeats, {})
-    return Ranking(scores=np.stack(scores))
+    return Ranking(scores=np.stack(scores), names=rows.layout.names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +66,7 @@ class ShapRanker:
         )
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
-        """Scores (90,); windows are drawn from `rows` without replacement.
+        """Scores (N,); windows are drawn from `rows` without replacement.
 
         Raises:
             DatasetError: if `rows` hold fewer windows than are to be drawn.
@@ -84,7 +83,7 @@ class ShapRanker:
             total += self._magnitude(packed, background, packs, generator)
         if full < len(explained):
             total += self._magnitude(packed, background, explained[full:][None], generator)
-        scores: Array = total[: sensors.COUNT] / (len(explained) * encoder.window)
+        scores: Array = total[: rows.sensors] / (len(explained) * encoder.window)
         return scores
 
     def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:

@@ -1,6 +1,7 @@
 """Recording where the controller lives: a round of episodes under it, added to a data set."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ def record_round(
     progress: Progress = lambda name, done, total: None,
     notice: Callable[[str], None] = lambda line: None,
     block_steps: int = BLOCK_STEPS,
+    start: Path | None = None,
 ) -> int:
     """Record the wake under a controller and add the episodes to a data set, which is made if there is none.
 
@@ -40,7 +42,7 @@ def record_round(
         planned: what to record.
         config: flow and forcing settings.
         policy: makes the controller in each recording process.
-        workers, scheduler, progress, notice, block_steps: as for `wake.recording.recorder.record`.
+        workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
 
     Returns:
         The round's number.
@@ -50,21 +52,22 @@ def record_round(
             recorded.
         StillwakeError, PlantError: as `wake.recording.recorder.record` does, or what the controller raises.
     """
+    jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in FACTS}
     there = read_to_append(output, facts)
     number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1
-    before = jobs_for(output, planned.plans(number - 1), config, block_steps=block_steps, policy=policy)
+    before = jobs(planned.plans(number - 1))
     if _added(before, there):
         before[0].parts.clear()
         return number - 1
     with finished_jobs(
-        jobs_for(output, planned.plans(number), config, block_steps=block_steps, policy=policy),
+        jobs(planned.plans(number)),
         workers=workers,
         scheduler=scheduler,
         progress=progress,
         notice=notice,
-    ) as jobs:
-        append(output, tuple(job.episode() for job in jobs), facts)
+    ) as finished:
+        append(output, tuple(job.episode() for job in finished), facts)
     return number
 
 

@@ -4,23 +4,24 @@ import hashlib
 import platform
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.errors import StillwakeError
+from contract.errors import PlantError, StillwakeError
 from contract.recording.dataset import UNITS, Episode
 from contract.results import versions
 from wake.recording.blocks import EpisodeBlocks, Series
 from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
 from wake.recording.parts_folder import PartsFolder, differing
 from wake.recording.plan import Plan
-from wake.shipped import DEVELOPED
+from wake.shipped import developed
 from wake.solver.grid import truck_grid
 from wake.truck.sample import Sample
-from wake.truck.state import developed_state
+from wake.truck.state import State, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 
 Progress = Callable[[str, int, int], None]
@@ -39,6 +40,7 @@ class EpisodeJob:
         block_steps: control steps between two writes to disk.
         setting: what every sample depends on; see `setting_of`.
         policy: makes the controller; without one, the plan's signal is all that drives the jets.
+        start: file of the flow state in which the lead begins, by its absolute path; None for the shipped one.
     """
 
     parts: PartsFolder
@@ -48,6 +50,7 @@ class EpisodeJob:
     block_steps: int
     setting: Mapping[str, Any]
     policy: PolicyFactory = NoFeedback
+    start: Path | None = None
 
     @property
     def blocks(self) -> EpisodeBlocks:
@@ -65,7 +68,7 @@ class EpisodeJob:
         """
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must lie on a shared folder")
-        mine = setting_of(self.config, self.plan.packages)
+        mine = setting_of(self.config, self.plan.packages, self.start)
         if mine != self.setting:
             raise StillwakeError(f"{platform.node()} would record with other {differing(mine, self.setting)}")
         plan, blocks = self.plan, self.blocks
@@ -79,7 +82,7 @@ class EpisodeJob:
             sample = wake.reset(state)
         else:
             memory = policy.start()
-            sample = wake.reset(developed_state())
+            sample = wake.reset(_state_in(self.start))
             for _ in range(plan.lead):
                 sample = wake.advance(0.0)
         while first < plan.steps:
@@ -97,24 +100,51 @@ class EpisodeJob:
             name=self.plan.name,
             role=self.plan.role,
             series=self.blocks.series(),
-            initial_action=0.0 if self.plan.lead else developed_state().action,
-            provenance={**self.setting, **self.plan.provenance},
+            initial_action=0.0 if self.plan.lead else _state_in(self.start).action,
+            provenance=self.provenance,
         )
 
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What the data set keeps of how the episode was made, as plain JSON."""
+        return {**self.setting, **self.plan.provenance}
 
-def setting_of(config: Config, packages: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well."""
+
+def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
+    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well.
+
+    Raises PlantError if the file of the start cannot be read.
+    """
     return {
         "flow": asdict(config.flow),
         "forcing": asdict(config.forcing),
         "grid": list(truck_grid().shape),
-        "start": f"wake/data/{DEVELOPED.name}",
-        "start_sha256": hashlib.sha256(DEVELOPED.read_bytes()).hexdigest(),
+        # The path is of one machine: name and hash tell which state it was.
+        "start": "wake/data/developed.npz" if start is None else start.name,
+        "start_sha256": _sha256(developed() if start is None else start),
         "versions": {
             "python": platform.python_version(),
             **versions("stillwake", "numpy", "numba", "scipy", *packages),
         },
     }
+
+
+def check_start(config: Config, start: Path | None) -> None:
+    """Raise PlantError if a plant of this configuration cannot begin in that state; known before a plant is built."""
+    origin = _state_in(start).origin
+    if origin is not None:
+        check_reynolds(origin, config.flow.reynolds)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PlantError(f"{path}: not a flow state ({error.strerror or error})") from error
+
+
+def _state_in(start: Path | None) -> State:
+    return developed_state() if start is None else load_state(start)
 
 
 def _advance(

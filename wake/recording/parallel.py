@@ -2,12 +2,14 @@
 
 import logging
 import signal
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Final
 
+import dask.config
 from distributed import Client, Future, KilledWorker, LocalCluster
 
 from contract.errors import StillwakeError
@@ -85,7 +87,13 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
     """A client of the scheduler, or of a new local cluster of single-threaded processes."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is None:
-        with _local_cluster(workers) as cluster, Client(cluster) as client:
+        # Of its own: what dask writes into the shared temporary folder, it leaves there.
+        with (
+            tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch,
+            dask.config.set({"temporary-directory": scratch}),
+            _local_cluster(workers) as cluster,
+            Client(cluster) as client,
+        ):
             yield client
         return
     try:
@@ -101,11 +109,12 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
 
 
 def _local_cluster(workers: int) -> LocalCluster:
-    # Ctrl-C reaches every process of a terminal, and only this one shall decide what it means. The cluster's thread
-    # and the workers it starts, now or later, inherit the blocked signal; here it is only put off until they stand.
-    # Python's resource tracker would unblock it again if it were started meanwhile.
+    # Ctrl-C reaches every process of a terminal, SIGTERM often those of a whole service, and only this one shall decide
+    # what they mean. The cluster's thread and the workers it starts, now or later, inherit the blocked signals; here
+    # they are only put off until they stand. Python's resource tracker would unblock them again if it were started
+    # meanwhile.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         return LocalCluster(
             n_workers=workers,

@@ -54,9 +54,21 @@ class PartsFolder:
         except OSError:
             return False
 
-    def disown(self) -> None:
-        """End the work of any call on it."""
+    def disown(self, owner: str) -> None:
+        """End the work of the call with this token. A folder in which nothing is recorded goes with it.
+
+        Where another call has taken over since, nothing changes.
+        """
+        if not self.is_owned_by(owner):
+            return
         self._owner.unlink(missing_ok=True)
+        if not self.has_samples:
+            shutil.rmtree(self.path, ignore_errors=True)
+
+    @property
+    def has_samples(self) -> bool:
+        """Whether a block of any episode is there, so that something can be continued."""
+        return any(not path.name.endswith(".state.npz") for path in self.path.glob("*/[0-9]*.npz"))
 
     def task(self) -> dict[str, Any] | None:
         """The settings of its recording; None without a label that can be read."""

@@ -2,16 +2,17 @@
 
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, write
-from wake.recording.episode_job import EpisodeJob, Progress, setting_of
+from wake.recording.episode_job import EpisodeJob, Progress, check_start, setting_of
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.feedback import NoFeedback, PolicyFactory
+from wake.recording.finished import is_finished
 from wake.recording.parts_folder import PartsFolder
 from wake.recording.plan import Plan
 from wake.truck.truck_wake import TruckWake
@@ -29,10 +30,13 @@ def record(
     progress: Progress = lambda name, done, total: None,
     notice: Callable[[str], None] = lambda line: None,
     block_steps: int = BLOCK_STEPS,
-) -> None:
-    """Record every plan from the developed start and write the data set.
+    start: Path | None = None,
+    overwrite: bool = False,
+) -> bool:
+    """Record every plan from the start and write the data set.
 
-    Unfinished work is kept in `<output>.parts` and continued by the next call with the same plans and settings.
+    Unfinished work is kept in `<output>.parts` and continued by the next call with the same plans and settings. A data
+    set that is there already, of the same plans and settings, is left as it is.
 
     Args:
         output: the HDF5 file.
@@ -44,27 +48,48 @@ def record(
         progress: called for every episode at the start, and then after its blocks.
         notice: called with a line when a worker was lost or joined.
         block_steps: control steps between two writes to disk.
+        start: file of the flow state in which episodes begin; the shipped one if None. Workers read it at its path.
+        overwrite: replace a file that is there, when the new one is whole.
+
+    Returns:
+        Whether anything was written; False if the data set was there already.
 
     Raises:
+        OutputError: if there is a file of other plans or settings, and it is not to be replaced.
         StillwakeError: if the output cannot be written, the parts there belong to other plans or settings, or workers
             fail.
         PlantError: if the flow diverges.
     """
+    wanted = jobs_for(output, plans, config, block_steps=block_steps, start=start)
+    if not overwrite and is_finished(output, wanted):
+        if wanted[0].parts.task() == task_of(wanted):
+            # Left by a call that was killed between writing the file and clearing up.
+            wanted[0].parts.clear()
+        return False
     with finished_jobs(
-        jobs_for(output, plans, config, block_steps=block_steps),
+        wanted,
         workers=workers,
         scheduler=scheduler,
         progress=progress,
         notice=notice,
     ) as jobs:
         write(output, Dataset(episodes=tuple(job.episode() for job in jobs)))
+    return True
 
 
 def jobs_for(
-    output: Path, plans: Sequence[Plan], config: Config, *, block_steps: int, policy: PolicyFactory = NoFeedback
+    output: Path,
+    plans: Sequence[Plan],
+    config: Config,
+    *,
+    block_steps: int,
+    policy: PolicyFactory = NoFeedback,
+    start: Path | None = None,
 ) -> tuple[EpisodeJob, ...]:
-    """The work of one call; nothing is written yet."""
-    parts, owner, setting = PartsFolder.beside(output), uuid.uuid4().hex, setting_of(config, plans[0].packages)
+    """The work of one call; nothing is written yet. Raises PlantError if it cannot begin in the start."""
+    start = None if start is None else start.absolute()
+    check_start(config, start)
+    parts, owner, setting = PartsFolder.beside(output), uuid.uuid4().hex, setting_of(config, plans[0].packages, start)
     return tuple(
         EpisodeJob(
             parts=parts,
@@ -74,6 +99,7 @@ def jobs_for(
             block_steps=block_steps,
             setting=setting,
             policy=policy,
+            start=start,
         )
         for plan in plans
     )
@@ -98,11 +124,12 @@ def finished_jobs(
     Arguments and errors are those of `record`.
     """
     parts, config = jobs[0].parts, jobs[0].config
+    missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
-    for job in jobs:
-        progress(job.plan.name, job.blocks.finished, job.plan.steps)
-    unfinished = [job for job in jobs if job.blocks.finished < job.plan.steps]
     try:
+        for job in jobs:
+            progress(job.plan.name, job.blocks.finished, job.plan.steps)
+        unfinished = [job for job in jobs if job.blocks.finished < job.plan.steps]
         if scheduler is None and min(workers, len(unfinished)) <= 1:
             wake = TruckWake(config.flow) if unfinished else None
             for job in unfinished:
@@ -113,6 +140,10 @@ def finished_jobs(
 
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)
     finally:
-        parts.disown()
+        parts.disown(jobs[0].owner)
+        for folder in missing:
+            # Stays unless it is empty.
+            with suppress(OSError):
+                folder.rmdir()
     yield jobs
     parts.clear()

@@ -1,5 +1,6 @@
 """Where the own solver's plant can continue from, in memory and on disk."""
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +11,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
-from wake.shipped import DEVELOPED
+from wake.shipped import developed
 
 STATE_SCHEMA: Final = "stillwake-flow/2"
 
@@ -36,6 +37,16 @@ class State:
     substep: int
     action: float
     origin: Origin | None = None
+
+
+def check_reynolds(origin: Origin, reynolds: float) -> None:
+    """Raise PlantError if a state was made at another Reynolds number than the plant's."""
+    if origin.reynolds != reynolds:
+        raise PlantError(
+            f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
+            f"`stillwake develop start.npz --set flow.reynolds={reynolds:g}` makes a start for it, which "
+            "--start (record, run) or --state (picture, animate) takes"
+        )
 
 
 def save_state(path: Path, state: State) -> None:
@@ -86,10 +97,15 @@ def load_state(path: Path) -> State:
                     substeps=int(data["substeps"]) if clocked else None,
                 ),
             )
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
-        raise PlantError(f"{path}: not a flow state ({error})") from error
+    except OSError as error:
+        raise PlantError(f"{path}: not a flow state ({error.strerror or error})") from error
+    except KeyError as error:
+        raise PlantError(f"{path}: not a flow state (it lacks {error})") from error
+    except (ValueError, TypeError, EOFError, BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
+        # What NumPy says of other files is advice to unpickle them.
+        raise PlantError(f"{path}: not a flow state (another kind of file, or damaged)") from error
 
 
 def developed_state() -> State:
     """The shipped start: shedding established, no action."""
-    return load_state(DEVELOPED)
+    return load_state(developed())

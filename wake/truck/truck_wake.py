@@ -17,7 +17,7 @@ from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
 from wake.truck.sample import Sample
-from wake.truck.state import Origin, State
+from wake.truck.state import Origin, State, check_reynolds
 from wake.truck.surface import Surface
 
 
@@ -161,11 +161,7 @@ class TruckWake:
         if origin.shape != self.grid.shape:
             (nx, ny), (mine_x, mine_y) = origin.shape, self.grid.shape
             raise PlantError(f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}")
-        if origin.reynolds != config.reynolds:
-            raise PlantError(
-                f"flow state is of reynolds = {origin.reynolds:g}, this plant has {config.reynolds:g}: "
-                "`stillwake develop` makes a start for it"
-            )
+        check_reynolds(origin, config.reynolds)
         # At t = 0 every clock agrees.
         clock = (origin.control_period, origin.substeps)
         if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):

@@ -1,5 +1,9 @@
 """The C library's folder: what one room writes another one reads, and what is no such folder is named."""
 
+import os
+import random
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,6 +26,7 @@ from contract.controller.c_folder import (
 )
 from contract.errors import LibraryError
 
+ROOT = Path(__file__).parents[3]
 finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
 
@@ -74,3 +79,61 @@ def test_what_is_missing_or_damaged_is_named(tmp_path):
         read_recorded(tmp_path)
     with pytest.raises(LibraryError, match=r"sw_settings\.h is missing"):
         Settings.of({})
+
+
+@given(st.text(st.characters(min_codepoint=32, exclude_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=20))
+def test_any_name_is_read_as_it_was_written(text):
+    """Quotation marks, backslashes and what C99 would take for a trigraph included."""
+    header = settings_header({"SW_SENSOR_NAMES": text})
+    assert b"??" not in header
+    assert Settings(header).text("SW_SENSOR_NAMES") == text
+
+
+@pytest.mark.parametrize("value", ["-1", "1.5", "x", "0x10", "9" * 10, "9" * 5000, '"3"x', "\x1b[2J"])
+def test_a_size_that_is_none_is_named(value):
+    settings = Settings(f"#define SW_WINDOW {value}\n".encode())
+    with pytest.raises(LibraryError, match="SW_WINDOW is .*: must be a whole number") as refused:
+        settings.number("SW_WINDOW")
+    assert str(refused.value).isprintable()
+
+
+def test_a_damaged_header_is_refused_by_name_or_read():
+    """2,000 headers with some bytes changed: every size is a number again, or the file is named."""
+    sound = settings_header({"SW_WINDOW": 20, "SW_SENSORS": 4, "SW_SENSOR_NAMES": "a b", "SW_LIMIT": np.float32(0.1)})
+    rng = random.Random(0)
+    for _ in range(2000):
+        content = bytearray(sound)
+        for _ in range(rng.randint(1, 4)):
+            content[rng.randrange(len(content))] = rng.randrange(256)
+        try:
+            settings = Settings(bytes(content))
+            assert 0 <= settings.number("SW_WINDOW") < 10**9
+            settings.text("SW_SENSOR_NAMES")
+        except LibraryError as error:
+            assert str(error).startswith(SETTINGS)
+
+
+def test_a_pipe_among_the_sources_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.c")
+    with pytest.raises(LibraryError, match=r"'a\.c' is not a plain file"):
+        read_sources(tmp_path)
+
+
+def test_files_without_end_are_refused(tmp_path):
+    for name in ("a.c", RECORDED):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(2**40)
+    with pytest.raises(LibraryError, match="more than 67108864 bytes"):
+        read_sources(tmp_path)
+    with pytest.raises(LibraryError, match="more than 67108864 bytes"):
+        read_recorded(tmp_path)
+
+
+def test_no_rows_are_none(tmp_path):
+    (tmp_path / RECORDED).write_text("")
+    with pytest.raises(LibraryError, match=r"recorded\.txt: holds no rows"):
+        read_recorded(tmp_path)
+
+
+def test_the_licence_in_the_folder_is_the_projects():
+    assert (ROOT / "export" / "to_c" / "folder" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()

@@ -1,3 +1,4 @@
+import json
 import os
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from contract.errors import DatasetError, StillwakeError
 from contract.recording import dataset
 from contract.recording.appending import append, read_to_append
 from contract.recording.dataset import UNITS, Dataset, Episode
+from contract.sensor_layout import SensorLayout
 
 FACTS = {"flow": {"reynolds": 500.0, "substeps": 30}, "grid": [443, 164]}
 
@@ -40,6 +42,30 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     assert [item.role for item in found] == ["train", "test", "controlled", "train"]
 
 
+def test_a_file_of_the_second_schema_is_added_to_and_written_in_the_third(written):
+    with h5py.File(written, "r+") as file:
+        file.attrs["schema"] = dataset.SCHEMA_2
+        file.attrs["sensors"] = json.dumps(sensors.NAMES)
+        del file["layout"]
+    append(written, [episode("c")], FACTS)
+    assert dataset.schema_of(written) == dataset.SCHEMA
+    assert [item.name for item in dataset.read(written).episodes] == ["b", "a", "c"]
+
+
+def test_other_sensors_are_refused_by_what_differs(written):
+    before, places = written.read_bytes(), sensors.positions()
+    places[3, 0] += 0.5
+    renamed = SensorLayout.of(("a", "b"), np.zeros((2, 2)), symmetric=False)
+    moved = SensorLayout.of(sensors.NAMES, places, base=sensors.TRUCK.base.tolist(), symmetric=False)
+    for layout, named in (
+        (renamed, r"in names: upper_00, .*\(90 in all\), and a, b$"),
+        (moved, "position of upper_03"),
+    ):
+        with pytest.raises(DatasetError, match=named):
+            read_to_append(written, FACTS, layout)
+    assert written.read_bytes() == before
+
+
 def test_a_data_set_that_is_not_there_is_made(tmp_path):
     assert read_to_append(tmp_path / "new.h5", FACTS) == ()
     append(tmp_path / "new.h5", [episode("c")], FACTS)
@@ -65,11 +91,12 @@ def test_another_flow_is_refused_by_what_differs(written, facts, named):
 def test_an_earlier_schema_is_refused(written):
     with h5py.File(written, "r+") as file:
         file.attrs["schema"] = dataset.SCHEMA_1
+        file.attrs["sensors"] = json.dumps(sensors.NAMES)
         for node in file["episodes"].values():
             del node["Cd_slot_viscous"]
             node.move("Cd_slot_pressure", "Cd_slot")
     with pytest.raises(
-        DatasetError, match="'stillwake-dataset/1', episodes can only be added to 'stillwake-dataset/2'"
+        DatasetError, match="'stillwake-dataset/1', episodes can only be added to 'stillwake-dataset/3'"
     ):
         read_to_append(written, FACTS)
 

@@ -12,7 +12,9 @@ from contract import sensors
 from contract.errors import DatasetError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from contract.recording import dataset
-from contract.recording.dataset import UNITS, Dataset, Episode, Role
+from contract.recording.dataset import REQUIRED, UNITS, Dataset, Episode, Role
+from contract.recording.facts import PlantFacts
+from contract.sensor_layout import SensorLayout
 
 
 def episode(name: str = "first", steps: int = 12, role: Role = "train", **changes: Any) -> Episode:
@@ -92,7 +94,7 @@ def test_an_episodes_ledger_is_in_its_series():
 def test_the_first_schema_is_still_read(tmp_path, written):
     series = dict(episode("a", steps=7).series)
     with h5py.File(written, "r+") as file:
-        file.attrs["schema"] = "stillwake-dataset/1"
+        as_schema(1, file)
         for name in ("a", "b"):
             node = file["episodes"][name]
             del node["Cd_slot_viscous"], node["Cd"]
@@ -103,6 +105,59 @@ def test_the_first_schema_is_still_read(tmp_path, written):
     assert read.series["Cd"] == pytest.approx(np.linspace(0, 1, 7))
     assert read.ledger.Cd_slot == pytest.approx(series["Cd_slot_pressure"], abs=2**-16)
     assert not read.series["Cd_slot_viscous"].any()
+
+
+def test_the_second_schema_is_still_read(written):
+    with h5py.File(written, "r+") as file:
+        as_schema(2, file)
+    read = dataset.read(written)
+    assert read.layout is sensors.TRUCK
+    assert [item.name for item in read.episodes] == ["b", "a"]
+    with h5py.File(written, "r+") as file:
+        del file["episodes/b/Uy_probe"]
+    with pytest.raises(DatasetError, match="episode b: field 'Uy_probe' is missing"):
+        dataset.read(written)
+
+
+TAPS = SensorLayout.of(("lid", "tail 1", "tail 2"), np.array([[0.2, 0.5], [1.0, 0.2], [1.0, -0.3]]), base=(1, 2))
+
+
+def of_another_body(name: str = "run 7", **changes: Any) -> Episode:
+    whole = episode(name).series
+    series = {field: whole[field] for field in REQUIRED} | {"Cp": whole["Cp"][:, :3]}
+    return Episode(name=name, role="train", series=series, initial_action=0.0, provenance={}, **changes)
+
+
+def test_another_body_s_layout_and_facts_come_back(tmp_path):
+    facts = PlantFacts(control_period=0.2, action_limit=0.4)
+    dataset.write(tmp_path / "a.h5", Dataset(episodes=(of_another_body(),), layout=TAPS, facts=facts))
+    read = dataset.read(tmp_path / "a.h5")
+    assert read.layout.same_as(TAPS)
+    assert read.layout.mirror is None
+    assert read.plant == facts
+    assert read.episodes[0].series.keys() == set(REQUIRED)
+    with pytest.raises(DatasetError, match="episode run 7: the drag ledger needs the series 'Cd_slot_pressure'"):
+        _ = read.episodes[0].ledger
+
+
+def test_facts_are_found_in_provenance_and_times_where_none_are_given():
+    flow = {"reynolds": 500.0, "action_limit": 0.075, "substeps": 30}
+    found = Dataset(episodes=(episode("a"), episode("b", provenance={"flow": flow}))).plant
+    assert found == PlantFacts(control_period=0.2, action_limit=0.075, reynolds=500.0)
+    assert Dataset(episodes=()).plant == PlantFacts()
+
+
+def test_a_survey_names_everything_that_is_wrong_at_once(written):
+    with h5py.File(written, "r+") as file:
+        for spoil in (no_field, no_provenance, other_units, nan_in_the_middle):
+            spoil(file)
+    rest, problems = dataset.survey(written)
+    assert rest is not None
+    assert [item.name for item in rest.episodes] == ["b"]
+    assert len(problems) == 4
+    for field, problem in zip(("'Cl'", "'Uy_probe'", "'provenance'", "'action'"), problems, strict=True):
+        assert problem.startswith("episode a: ")
+        assert field in problem
 
 
 def test_previous_action_is_the_action_one_step_late():
@@ -132,7 +187,11 @@ def test_value_that_is_not_finite_is_refused_with_field_and_step(field, bad):
 @pytest.mark.parametrize(
     ("build", "culprit"),
     [
-        (lambda: episode(series={"Cp": np.zeros((12, 89))}), r"'Cp' has shape \(12, 89\), must be \(12, 90\)"),
+        (
+            lambda: Dataset(episodes=(episode(series={"Cp": np.zeros((12, 89))}),)),
+            r"'Cp' has shape \(12, 89\), must be \(12, 90\)",
+        ),
+        (lambda: episode(series={"Cp": np.zeros(12)}), r"'Cp' has shape \(12,\), must be \(12, sensors\)"),
         (lambda: episode(series={"Cp": np.zeros((90, 12))}), "'Cp' has shape"),
         (lambda: episode(series={"Cd": np.zeros(11)}), r"'Cd' has shape \(11,\), must be \(12,\)"),
         (lambda: episode(series={"t": np.float64(0)}), "'t' has shape"),
@@ -151,14 +210,22 @@ def test_episode_that_does_not_fit_is_refused_by_name(build, culprit):
 
 
 def other_schema(file: h5py.File) -> None:
-    file.attrs["schema"] = "stillwake-dataset/3"
+    file.attrs["schema"] = "stillwake-dataset/4"
 
 
 def no_schema(file: h5py.File) -> None:
     del file.attrs["schema"]
 
 
+def as_schema(number: int, file: h5py.File) -> None:
+    """What a file of the truck was before the layout stood in it."""
+    file.attrs["schema"] = f"stillwake-dataset/{number}"
+    file.attrs["sensors"] = json.dumps(sensors.NAMES)
+    del file["layout"]
+
+
 def other_sensor_order(file: h5py.File) -> None:
+    as_schema(2, file)
     file.attrs["sensors"] = json.dumps(sensors.NAMES[::-1])
 
 
@@ -177,6 +244,34 @@ def no_field(file: h5py.File) -> None:
 
 def no_attribute(file: h5py.File) -> None:
     del file["episodes/a"].attrs["initial_action"]
+
+
+def no_provenance(file: h5py.File) -> None:
+    del file["episodes/a"].attrs["provenance"]
+
+
+def provenance_of_text(file: h5py.File) -> None:
+    file["episodes/a"].attrs["provenance"] = "recorded on a Tuesday"
+
+
+def no_role(file: h5py.File) -> None:
+    del file["episodes/a"].attrs["role"]
+
+
+def no_units(file: h5py.File) -> None:
+    del file["episodes/a/Cp"].attrs["units"]
+
+
+def no_layout(file: h5py.File) -> None:
+    del file["layout/positions"]
+
+
+def mirror_of_others(file: h5py.File) -> None:
+    file["layout/mirror"][0] = 90
+
+
+def negative_period(file: h5py.File) -> None:
+    file.attrs["control_period"] = -0.2
 
 
 def stray_array(file: h5py.File) -> None:
@@ -219,13 +314,20 @@ def wider_integers(file: h5py.File) -> None:
 @pytest.mark.parametrize(
     ("spoil", "culprit"),
     [
-        (other_schema, "schema 'stillwake-dataset/3', this version reads 'stillwake-dataset/2'"),
+        (other_schema, "schema 'stillwake-dataset/4', this version reads 'stillwake-dataset/3'"),
         (no_schema, "schema None"),
         (other_sensor_order, "other sensors"),
         (no_episodes, "no episode"),
         (no_group, "damaged"),
         (no_field, "episode a: field 'Cl' is missing"),
-        (no_attribute, "initial_action"),
+        (no_attribute, "episode a: attribute 'initial_action' is missing: the action in force before the first"),
+        (no_provenance, "episode a: attribute 'provenance' is missing: a JSON object"),
+        (provenance_of_text, "episode a: attribute 'provenance' is not JSON"),
+        (no_role, "episode a: attribute 'role' is missing: one of train, test, extended, controlled"),
+        (no_units, "episode a: field 'Cp' has no attribute 'units', must be in '1'"),
+        (no_layout, "'layout/positions' is missing"),
+        (mirror_of_others, "data.h5: layout: "),
+        (negative_period, "control_period = -0.2: must be positive"),
         (stray_array, "episode stray: field 't' is missing"),
         (text_for_numbers, "episode a: field 'Cl' is stored as object with quantum nan"),
         (other_units, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),

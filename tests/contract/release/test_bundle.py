@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 from contract.config.controller import CostWeights, MpcConfig
 from contract.errors import BundleError, StillwakeError
 from contract.operating_point import OperatingPoint
-from contract.release import bundle
-from contract.release import manifest as manifests
+from contract.release import bundle, strict_json
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST, Manifest, Scaling
+from stillwake.shipped import BUNDLE
 
-CONTENTS = {CONTROLLER: b"not really ONNX" * 20, "notes.txt": b"hello"}
+GRAPH = (BUNDLE / CONTROLLER).read_bytes()
+"""Of the sizes that `manifest()` states."""
+CONTENTS = {CONTROLLER: GRAPH, "notes.txt": b"hello"}
 
 
 def manifest(**changes: Any) -> Manifest:
@@ -186,7 +188,7 @@ def test_damaged_manifest_is_named(directory, text):
 
 def test_other_schema_is_named(directory):
     (directory / MANIFEST).write_text(json.dumps({**altered_body(directory), "schema": "stillwake-bundle/9"}))
-    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/2'"):
+    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/3' and"):
         bundle.load(directory)
 
 
@@ -206,14 +208,14 @@ def resealed(directory: Path, **changes: object) -> None:
     """Write a manifest whose hash is right and whose content is not: what a faulty exporter would make."""
     body = {**altered_body(directory), **changes}
     body.pop("manifest_sha256")
-    body["manifest_sha256"] = manifests.digest_of(body)
+    body["manifest_sha256"] = strict_json.digest_of(body)
     (directory / MANIFEST).write_text(json.dumps(body))
 
 
 @pytest.mark.parametrize(
     ("changes", "culprit"),
     [
-        ({"sensors": ["base_0", "base_1", "base_2", "base_99"]}, "base_99"),
+        ({"sensors": ["base_0", "base_1", "base_2", "base_2"]}, "'base_2': named twice"),
         ({"sensors": ["base_0"]}, "pressure_mean has 4 values: must have 1"),
         ({"window": "32"}, "window"),
         ({"window": 0}, "window = 0"),
@@ -247,7 +249,7 @@ def test_directory_with_something_else_in_it_is_not_replaced(tmp_path):
 
 
 def test_bundle_is_replaced_whole(directory):
-    bundle.write(directory, manifest(name="second"), {CONTROLLER: b"x"})
+    bundle.write(directory, manifest(name="second"), {CONTROLLER: GRAPH})
     loaded = bundle.load(directory)
     assert (loaded.manifest.name, set(loaded.files)) == ("second", {CONTROLLER})
 

@@ -98,7 +98,7 @@ def test_a_second_lstm_layer_is_refused():
     ("change", "message"),
     [
         ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
-        ({"sensors": ("base_0", "roof_1")}, "roof_1"),
+        ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
         ({"window": 0}, "window = 0"),
         ({"action_limit": float("inf")}, "action_limit = inf"),

@@ -147,3 +147,9 @@ def test_a_precision_that_does_not_exist_is_refused(export, tmp_path):
     with pytest.raises(ExportError, match="--precision int4: must be int8 or float32"):
         export(precision="int4")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_phase_is_announced_once_and_in_order(export):
+    begun: list[str] = []
+    export(c_folder=None, precision="float32", phase=begun.append)
+    assert tuple(begun) == pipeline.PHASES

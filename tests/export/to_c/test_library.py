@@ -11,7 +11,7 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import RECORDED, SETTINGS, WEIGHTS, library_sources, write_folder
+from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, SETTINGS, WEIGHTS, library_sources, write_folder
 from contract.controller.compiler import host_compiler, zig_compiler
 from contract.errors import ExportError
 from contract.release.bundle import dbc_sha256
@@ -178,5 +178,5 @@ def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precisio
     assert found.cases == 4
     assert np.loadtxt(tmp_path / "c" / RECORDED).shape == (PROGRAM.window + 3, 5)
     assert {item.name for item in (tmp_path / "c").iterdir()} == {
-        *static_sources(precision), SETTINGS, WEIGHTS, RECORDED
+        *static_sources(precision), SETTINGS, WEIGHTS, RECORDED, EXPECTED, *DOCUMENTS
     }  # fmt: skip

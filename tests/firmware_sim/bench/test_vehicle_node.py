@@ -14,6 +14,7 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, VehicleConfig
 from contract.errors import ConfigError
+from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.vehicle_node import VehicleNode
 
 NAMES = ("base_3", "upper_00", "lower_39", "upper_39")
@@ -136,6 +137,19 @@ def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
 def test_unknown_sensors_are_refused():
     with pytest.raises(ConfigError, match="base_10"):
         VehicleNode(("base_10",), CONFIG)
+
+
+def test_columns_are_those_of_the_plant_s_own_sensors():
+    layout = SensorLayout.of(("lid", "tail", "side", "nose", "keel"), np.zeros((5, 2)), symmetric=False)
+    own = VehicleNode(("keel", "lid", "nose", "tail"), CONFIG, layout)
+    frame = own.sample(np.array([0.1, 0.2, 0.3, 0.4, 0.5]), enable_request=False, now_ns=0)
+    message = codec.parse_pressure(frame.data)
+    assert message is not None
+    found = message.pressure_pa
+    # A tenth of a pascal is the message's resolution.
+    np.testing.assert_allclose(found, np.array([0.5, 0.1, 0.4, 0.2]) * Q, atol=0.05)
+    with pytest.raises(ConfigError, match="unknown sensor 'base_3': there are lid, tail, side, nose, keel"):
+        VehicleNode(NAMES, CONFIG, layout)
 
 
 def test_late_jets_follow_every_command_so_many_periods_later():

@@ -1,9 +1,11 @@
 """Release bundles as a user meets them: keys, signatures, what `bundle` prints, and what a run says of them."""
 
+import hashlib
 import json
 import shutil
 import stat
 
+import onnx
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -12,6 +14,7 @@ from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from stillwake.commands import bundle as stillwake_bundle
 from stillwake.terminal import console
+from tests.stillwake.commands.resealing import resealed
 from tests.stillwake.verbs import verbs
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
@@ -157,3 +160,59 @@ def test_every_bundle_command_explains_itself(cli, verb):
     outcome = cli("bundle", verb, "--help")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"stillwake bundle {verb}" in outcome.out
+
+
+def test_a_name_with_markup_is_printed_as_it_is(cli, signed, tmp_path):
+    """Rich takes square brackets for colours; an unknown closing one would be an error of its own."""
+    name = "[/x] [bold]loud[/bold]"
+    resealed(signed, name=name, sensors=["[red]a", "b[/]", "c", "d"])
+    (signed / SIGNATURE).unlink()
+    assert name in cli("bundle", "verify", signed).out
+    assert name in cli("bundle", "inspect", signed).out
+    cli("bundle", "keygen", tmp_path / "keys")
+    outcome = cli("bundle", "sign", signed, "--key", tmp_path / "keys" / "release.key")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"bundle {name} " in outcome.out
+    assert "[red]a, b[/], c, d" in outcome.out
+
+
+@pytest.mark.parametrize("name", ["\x1b[2J\x1b]0;title\x07", "\ud800", "a\nb", "x" * 10_000])
+@pytest.mark.parametrize("verb", ["verify", "inspect", "sign"])
+def test_a_name_that_a_terminal_would_obey_never_reaches_it(cli, signed, tmp_path, verb, name):
+    resealed(signed, name=name)
+    (signed / SIGNATURE).unlink()
+    cli("bundle", "keygen", tmp_path / "keys")
+    outcome = cli("bundle", verb, signed, *(["--key", tmp_path / "keys" / "release.key"] if verb == "sign" else []))
+    assert outcome.code == 1
+    assert all(line.isprintable() for line in (outcome.out + outcome.err).splitlines())
+    assert len(outcome.err.splitlines()) == 1
+
+
+def test_inspect_shows_positions_where_they_are_known(cli, signed, monkeypatch):
+    monkeypatch.setattr(console, "_width", 200)
+    assert "position" not in cli("bundle", "inspect", signed).out
+    sensors = json.loads((signed / MANIFEST).read_bytes())["sensors"]
+    resealed(signed, sensor_positions=[[0.25 * k, -0.5] for k in range(len(sensors))])
+    (signed / SIGNATURE).unlink()
+    out = cli("bundle", "inspect", signed).out
+    assert f"position {sensors[1]}" in out
+    assert "x +0.2500 W, y -0.5000 W" in out
+
+
+def test_a_graph_that_reads_other_files_is_neither_signed_nor_loaded(cli, signed, tmp_path):
+    """Its own hash is right, and so could a signature be: what it computes would lie in the working directory."""
+    model = onnx.load_from_string((signed / CONTROLLER).read_bytes())
+    tensor = next(item for item in model.graph.initializer if item.data_type == onnx.TensorProto.FLOAT)
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="weights.bin")
+    tensor.ClearField("raw_data")
+    content = model.SerializeToString()
+    (signed / CONTROLLER).write_bytes(content)
+    resealed(signed, KEY, files={CONTROLLER: hashlib.sha256(content).hexdigest()})
+    cli("bundle", "keygen", tmp_path / "keys")
+    expected = f"constant {tensor.name!r} is kept in another file"
+    assert expected in cli("bundle", "sign", signed, "--key", tmp_path / "keys" / "release.key").err
+    assert expected in cli("bundle", "inspect", signed).err
+    verified = cli("bundle", "verify", signed)
+    assert "checks failed: graph" in verified.err
+    assert expected in verified.out

@@ -37,6 +37,13 @@ def test_develop_writes_the_state_it_ends_in(plant, tmp_path, cli, monkeypatch) 
     assert np.array_equal(load_state(tmp_path / "s.npz").flat, plant.state().flat)
 
 
+def test_a_name_that_looks_like_markup_is_printed_as_it_is(plant, tmp_path, cli, monkeypatch) -> None:
+    monkeypatch.setattr(develop, "develop", lambda wake, duration, progress: wake.state())
+    outcome = cli("develop", tmp_path / "a[red]b[;x.npz")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "a[red]b[;x.npz" in outcome.out
+
+
 def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> None:
     settled = steady.SteadyWake(
         state=plant.state(),

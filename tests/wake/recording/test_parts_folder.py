@@ -26,9 +26,26 @@ def test_the_last_call_that_claims_it_owns_it(parts: PartsFolder) -> None:
     assert parts.is_owned_by("one")
     parts.claim(TASK, "two")
     assert parts.is_owned_by("two") and not parts.is_owned_by("one")
-    parts.disown()
+    parts.disown("one")
+    assert parts.is_owned_by("two")
+    parts.disown("two")
     assert not parts.is_owned_by("two")
-    parts.disown()
+    parts.disown("two")
+
+
+def test_it_stays_as_soon_as_a_block_is_recorded(parts: PartsFolder) -> None:
+    parts.claim(TASK, "one")
+    (parts.path / "episode").mkdir()
+    # The state is written before the samples it belongs to.
+    (parts.path / "episode" / "000000.state.npz").write_bytes(b"")
+    parts.disown("one")
+    assert not parts.path.exists()
+    parts.claim(TASK, "two")
+    (parts.path / "episode").mkdir()
+    (parts.path / "episode" / "000000.npz").write_bytes(b"")
+    parts.disown("two")
+    assert parts.has_samples
+    assert parts.task() == TASK
 
 
 def test_only_the_same_task_continues_what_was_begun(parts: PartsFolder) -> None:

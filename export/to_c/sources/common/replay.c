@@ -2,9 +2,11 @@
  * sanitisers. It is the only file here that is not part of the library.
  *
  *     cc -std=c99 -O3 *.c -o replay && ./replay < recorded.txt
+ *     ./replay recorded.txt expected.txt
  *
  * A row is the pressures Cp at the sensors and the action that was commanded one step before. From the first full window
- * on, each row is answered by a line: the planned action, the predicted mean Cd and Cl, and the cost.
+ * on, each row is answered by a line: the planned action, the predicted mean Cd and Cl, and the cost. With a second file
+ * the answers are compared with its lines, and the status is 1 if one of them is further off than compilers differ.
  */
 #include <stdio.h>
 
@@ -14,19 +16,47 @@ static sw_workspace workspace;
 static sw_input input;
 static sw_output output;
 
-static int read_row(float pressures[SW_SENSORS], float *previous_action)
+/* Compilers round in different orders. A gradient near zero may change its sign with that, and Adam makes a step of its
+ * learning rate, 1e-3, of every sign; each answer goes into the next one. */
+static const double tolerance = 5e-3;
+
+static int read_row(FILE *rows, float pressures[SW_SENSORS], float *previous_action)
 {
     for (int s = 0; s < SW_SENSORS; s++) {
-        if (scanf("%f", &pressures[s]) != 1) return 0;
+        if (fscanf(rows, "%f", &pressures[s]) != 1) return 0;
     }
-    return scanf("%f", previous_action) == 1;
+    return fscanf(rows, "%f", previous_action) == 1;
 }
 
-int main(void)
+/* Whether the next line of the file has these four numbers. */
+static int is_expected(FILE *expected, const double answer[4], int row)
+{
+    for (int i = 0; i < 4; i++) {
+        double number;
+        if (fscanf(expected, "%lf", &number) != 1) {
+            fprintf(stderr, "row %d: no answer is expected\n", row);
+            return 0;
+        }
+        if (!(answer[i] - number <= tolerance && number - answer[i] <= tolerance)) {
+            fprintf(stderr, "row %d: %.9g, expected %.9g\n", row, answer[i], number);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+int main(int argc, char **argv)
 {
     float pressures[SW_SENSORS], previous_action;
+    FILE *rows = argc > 1 ? fopen(argv[1], "r") : stdin;
+    FILE *expected = argc > 2 ? fopen(argv[2], "r") : NULL;
+    int answers = 0;
+    if (rows == NULL || (argc > 2 && expected == NULL)) {
+        fprintf(stderr, "usage: replay [rows [expected answers]]: a file cannot be read\n");
+        return 1;
+    }
     sw_input_reset(&input);
-    for (int row = 1; read_row(pressures, &previous_action); row++) {
+    for (int row = 1; read_row(rows, pressures, &previous_action); row++) {
         float drag = 0.0f, lift = 0.0f;
         sw_input_push(&input, pressures, previous_action);
         if (row < SW_WINDOW) continue;
@@ -39,7 +69,14 @@ int main(void)
             lift += output.forces[k][1] / (float)SW_HORIZON;
             input.plan[k] = output.plan[k];
         }
-        printf("%.9g %.9g %.9g %.9g\n", (double)output.plan[0], (double)drag, (double)lift, (double)output.cost);
+        const double answer[4] = {(double)output.plan[0], (double)drag, (double)lift, (double)output.cost};
+        if (expected != NULL && !is_expected(expected, answer, row)) return 1;
+        printf("%.9g %.9g %.9g %.9g\n", answer[0], answer[1], answer[2], answer[3]);
+        answers++;
+    }
+    if (answers == 0) {
+        fprintf(stderr, "fewer rows than a window has\n");
+        return 1;
     }
     return 0;
 }

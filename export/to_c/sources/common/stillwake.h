@@ -2,7 +2,7 @@
  *
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
  * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
- * the work of a step does not depend on the data. sw_settings.h, generated, has the sizes and the hash of the trained
+ * the work of a step does not depend on the data. Compile the sources as C; C++ may include this header. sw_settings.h, generated, has the sizes and the hash of the trained
  * program.
  */
 #ifndef STILLWAKE_H
@@ -12,6 +12,10 @@
 
 #include "sw_settings.h"
 #include "sw_workspace.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 /* Columns of the window: the sensors, then the action. */
 #define SW_COLUMNS (SW_SENSORS + 1)
@@ -59,5 +63,9 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
 
 /* sizeof(sw_workspace), for callers in other languages. */
 size_t sw_workspace_bytes(void);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

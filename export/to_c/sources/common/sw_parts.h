@@ -4,6 +4,10 @@
 
 #include "stillwake.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Latent state, work->z, from a window. */
 void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS]);
 
@@ -27,5 +31,9 @@ void sw_roll_out_adjoint(sw_workspace *work);
 
 /* Projected Adam on the actions that are free; `iteration` counts from 0. */
 void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int iteration);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -6,6 +6,10 @@
 
 #include "sw_workspace.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define SW_CELLS (4 * SW_LSTM_P)
 
 /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
@@ -50,5 +54,9 @@ extern const float sw_force_bias[2];
 extern const float sw_adam_rate[SW_ITERATIONS];
 extern const float sw_adam_unbias[SW_ITERATIONS];
 extern const float sw_default_weights[SW_TERMS];
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

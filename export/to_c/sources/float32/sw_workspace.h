@@ -4,6 +4,10 @@
 
 #include "sw_settings.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* A vector's length rounded up to whole vector registers; what is added is zero throughout. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
@@ -64,5 +68,9 @@ typedef struct {
         } tape;
     } phase;
 } sw_workspace;
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -10,6 +10,10 @@
 
 #include "sw_workspace.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Tables: where the argument 0 stands, and the distance between points, in integers of the argument. */
 #define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ONE)
 #define SW_ELU_STEP (SW_ELU_ONE / SW_POINTS_PER_UNIT)
@@ -94,5 +98,9 @@ extern const float sw_action_factor;
 extern const float sw_adam_rate[SW_ITERATIONS];
 extern const float sw_adam_unbias[SW_ITERATIONS];
 extern const float sw_default_weights[SW_TERMS];
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -6,6 +6,10 @@
 
 #include "sw_settings.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* A length rounded up to whole pairs of 32-bit words of int8 weights; what is added is zero throughout. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
@@ -98,5 +102,9 @@ typedef struct {
         sw_decoder_scratch decoder;
     } phase;
 } sw_workspace;
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

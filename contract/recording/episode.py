@@ -1,0 +1,114 @@
+"""One uninterrupted recording: its series, their units, and what is refused.
+
+Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1}
+to a_k over [t_k, t_{k+1}]. Cd and Cl are the wall's: pressure and viscous force without the slot faces.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import DatasetError
+from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
+
+Role = Literal["train", "test", "extended", "controlled"]
+"""The model is fitted to "train" and judged on "test"; "extended" asks for more than it was trained for; "controlled"
+is held out like them, and recorded while a controller drove the jets."""
+ROLES: Final[tuple[Role, ...]] = get_args(Role)
+
+UNITS: Final[Mapping[str, str]] = {
+    "t": "W/U_inf",
+    "action": "U_inf W",
+    "Cp": "1",
+    "Cd": "1",
+    "Cl": "1",
+    "Cd_slot_pressure": "1",
+    "Cd_slot_viscous": "1",
+    "Cd_momentum": "1",
+    "jet_power": "rho U_inf^3 W / 2",
+    "Uy_probe": "U_inf",
+}
+"""Series of an episode and their units; all have one row a control step, Cp has a column a sensor."""
+
+REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
+"""What training and export read. The other series are there where the plant knows them."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Episode:
+    """One uninterrupted recording of n control steps.
+
+    Attributes:
+        name: unique within the dataset.
+        role: what the model may use it for.
+        series: the arrays of `REQUIRED` and any others of `UNITS`; Cp is (n, sensors), the others (n,).
+        initial_action: a_{-1}, the action in force before the first sample.
+        provenance: forcing parameters, seed, solver settings, software versions.
+
+    Raises DatasetError for what does not fit; the message names episode and field.
+    """
+
+    name: str
+    role: Role
+    series: Mapping[str, Array]
+    initial_action: float
+    provenance: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        for problem in problems_of(self.name, self.role, self.series, self.initial_action):
+            raise DatasetError(problem)
+
+    def __len__(self) -> int:
+        return len(self.series["t"])
+
+    @property
+    def previous_action(self) -> Array:
+        """a_{k-1} for every k, shape (n,): the encoder's input next to Cp_k."""
+        return np.concatenate([[self.initial_action], self.series["action"][:-1]])
+
+    @property
+    def ledger(self) -> DragLedger[Array]:
+        """The drag ledger, every entry of shape (n,).
+
+        Raises:
+            DatasetError: if a series of it was not recorded.
+        """
+        for field in LEDGER_FIELDS:
+            if field not in self.series:
+                raise DatasetError(f"episode {self.name}: the drag ledger needs the series {field!r}, which is missing")
+        return ledger_of(self.series)
+
+
+def problems_of(name: str, role: object, series: Mapping[str, Array], initial_action: float) -> list[str]:
+    """Everything that stands against an episode of these parts, one line each; empty if nothing does."""
+    found: list[str] = []
+
+    def refuse(field: str, reason: str) -> None:
+        found.append(f"episode {name}: field {field!r} {reason}")
+
+    if not name or "/" in name:
+        refuse("name", "must not be empty or hold a slash")
+    if role not in ROLES:
+        refuse("role", f"is {role!r}, must be one of {ROLES}")
+    for field in REQUIRED:
+        if field not in series:
+            refuse(field, "is missing")
+    steps = len(series["t"]) if "t" in series and series["t"].ndim else None
+    if steps == 0:
+        refuse("t", "holds no control step")
+    for field, array in series.items():
+        if field not in UNITS:
+            continue
+        length = steps if steps is not None else "n"
+        expected = f"({length}, sensors)" if field == "Cp" else f"({length},)"
+        if array.ndim != (2 if field == "Cp" else 1) or (steps is not None and len(array) != steps):
+            refuse(field, f"has shape {array.shape}, must be {expected}")
+        elif not np.isfinite(array).all():
+            first = int(np.argwhere(~np.isfinite(array))[0][0])
+            refuse(field, f"holds a value that is not finite, first at step {first}")
+    if not np.isfinite(initial_action):
+        refuse("initial_action", "is not finite")
+    return found

@@ -1,0 +1,252 @@
+"""Everything about a data set that training or export would stumble over, found before either begins."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from contract.arrays import Array, Mask
+from contract.config.tree import Config
+from contract.errors import DatasetError
+from contract.recording import needs
+from contract.recording.dataset import Dataset, Episode
+from contract.recording.facts import FACTS, facts_in
+from contract.recording.needs import Need
+
+STEP_TOLERANCE: Final = 0.05
+"""Of one step from the control period: a clock that is read to a twentieth of a period blurs the jets' ramp less than
+the four pressures' own resolution does."""
+CLOCK_TOLERANCE: Final = 1e-3
+"""Of the mean step: over a horizon of 25 steps the model's clock is then off by a fortieth of a step."""
+LIMIT_TOLERANCE: Final = 1e-6
+"""Of an action beyond the limit, as a share of it: rounding of a text file, not a command."""
+QUIET: Final = 0.05
+"""Share of the action limit up to which jets count as off or weak."""
+_SAME: Final = 1e-6
+"""Relative difference up to which a fact and a setting are the same number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One thing that stands out.
+
+    Attributes:
+        stops: what cannot be done because of it; None for a warning.
+        text: one line, which names the place and what would be right.
+    """
+
+    stops: Literal["training", "export"] | None
+    text: str
+
+
+def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tuple[Finding, ...]:
+    """All that stands out under these settings, what stops training first.
+
+    Args:
+        choosing: whether training is to choose the sensors, as `config.train` says; not if the caller names them.
+    """
+    found = [
+        *_disagreements(dataset, config),
+        *_missing_roles(dataset),
+        *(item for episode in dataset.episodes for item in _of_episode(episode, dataset, config)),
+        *_lengths(dataset, config),
+        *_constants(dataset, config),
+        *(_selection(dataset, config) if choosing else ()),
+        *_hints(dataset, config),
+    ]
+    order = ("training", "export", None)
+    return tuple(sorted(found, key=lambda item: order.index(item.stops)))
+
+
+def agreeing(dataset: Dataset, config: Config) -> Config:
+    """The settings with the facts that the data set knows."""
+    known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
+    return replace(config, flow=replace(config.flow, **known))
+
+
+def refuse_unfit(found: Sequence[Finding], name: str) -> None:
+    """Raise DatasetError for the first finding that stops training, with the number of others.
+
+    Args:
+        name: of the data set, for the message.
+    """
+    stopping = [item.text for item in found if item.stops == "training"]
+    if stopping:
+        others = f" (and {len(stopping) - 1} more: see `stillwake dataset check {name}` with the same settings)"
+        more = others if len(stopping) > 1 else ""
+        raise DatasetError(f"{name}: {stopping[0]}{more}")
+
+
+def trainable(dataset: Dataset, config: Config) -> tuple[Episode, ...]:
+    """The training episodes that are long enough."""
+    steps = needs.fitting_need(config).steps
+    return tuple(item for item in dataset.episodes if item.role == "train" and len(item) >= steps)
+
+
+def left_out(dataset: Dataset, config: Config) -> tuple[str, ...]:
+    """A line for every training episode that is too short."""
+    need = needs.fitting_need(config)
+    return tuple(
+        f"episode {item.name} has {len(item)} steps, too short for training: {_needed(need)}; it is left out"
+        for item in dataset.episodes
+        if item.role == "train" and len(item) < need.steps
+    )
+
+
+def _disagreements(dataset: Dataset, config: Config) -> Iterator[Finding]:
+    for name, value in dataset.plant.as_dict().items():
+        setting = getattr(config.flow, name)
+        if value is not None and abs(value - setting) > _SAME * abs(value):
+            yield Finding(
+                stops="training",
+                text=f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the "
+                f"settings: use --set flow.{name}={value!r}, or --config with what `stillwake dataset show --settings` "
+                f"prints",
+            )
+
+
+def _missing_roles(dataset: Dataset) -> Iterator[Finding]:
+    for role, use in (("train", "to fit the model to"), ("test", "to judge the model on")):
+        if not any(item.role == role for item in dataset.episodes):
+            yield Finding(stops="training", text=f"dataset has no episode with role {role!r}, {use}")
+
+
+def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[Finding]:
+    plant, name = dataset.plant, episode.name
+    own = facts_in(episode.provenance).as_dict()
+    for fact in FACTS:
+        here, there = own[fact], getattr(plant, fact)
+        if here is not None and there is not None and abs(here - there) > _SAME * abs(there):
+            yield Finding(
+                stops="training",
+                text=f"episode {name}: its provenance has flow.{fact} = {here:g}, the data set has {there:g}",
+            )
+    period = plant.control_period or config.flow.control_period
+    problem = clock_problem(episode.series["t"], period)
+    if problem is not None:
+        yield Finding(stops="training", text=f"episode {name}: {problem}")
+    limit = plant.action_limit or config.flow.action_limit
+    actions = np.append(episode.initial_action, episode.series["action"])
+    beyond = np.abs(actions) > limit * (1.0 + LIMIT_TOLERANCE)
+    if beyond.any():
+        largest = int(np.abs(actions).argmax())
+        where = "before the first sample" if largest == 0 else f"at step {largest - 1}"
+        yield Finding(
+            stops="training",
+            text=f"episode {name}: action is {actions[largest]:g} {where}, beyond the limit of {limit:g} "
+            f"({int(beyond.sum())} of {len(actions)} are)",
+        )
+
+
+def clock_problem(t: Array, period: float) -> str | None:
+    """What is wrong with times that should rise by `period`; None if nothing is."""
+    if len(t) < 2:
+        return None
+    steps = np.diff(t)
+    if (steps <= 0).any():
+        k = int(np.flatnonzero(steps <= 0)[0])
+        return f"t does not rise from step {k} to {k + 1}: {t[k]:g}, {t[k + 1]:g}"
+    off = np.abs(steps / period - 1.0)
+    mean = float((t[-1] - t[0]) / (len(t) - 1))
+    if off.max() <= STEP_TOLERANCE and abs(mean / period - 1.0) <= CLOCK_TOLERANCE:
+        return None
+    if abs(mean / period - 1.0) > CLOCK_TOLERANCE and np.ptp(steps) <= STEP_TOLERANCE * mean:
+        return f"t rises by {mean:.6g}, must rise by the control period of {period:g}"
+    k = int(off.argmax())
+    return f"t rises by {steps[k]:.6g} from step {k} to {k + 1}, must rise by the control period of {period:g}"
+
+
+def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
+    training = [item for item in dataset.episodes if item.role == "train"]
+    tests = [item for item in dataset.episodes if item.role == "test"]
+    kept = trainable(dataset, config)
+    for line in left_out(dataset, config):
+        yield Finding(stops=None if kept else "training", text=line if kept else line.removesuffix("; it is left out"))
+    demands: list[tuple[Sequence[Episode], Need | None, Literal["training", "export"]]] = [
+        (kept, needs.roll_out_need(config), "training"),
+        (tests, needs.judging_need(config), "training"),
+        (tests, needs.gate_need(config), "export"),
+        (training, needs.calibration_need(config), "export"),
+    ]
+    for episodes, need, stops in demands:
+        if need is None or not episodes:
+            continue
+        longest = max(episodes, key=len)
+        if len(longest) < need.steps:
+            role = "training" if episodes[0].role == "train" else "test"
+            yield Finding(
+                stops=stops,
+                text=f"{role} episodes are too short, the longest is {longest.name} with {len(longest)} steps: "
+                f"{_needed(need)}",
+            )
+
+
+def _needed(need: Need) -> str:
+    return f"{need.reason} need {need.steps}"
+
+
+def _constants(dataset: Dataset, config: Config) -> Iterator[Finding]:
+    kept = trainable(dataset, config)
+    if kept:
+        pressure = np.concatenate([item.series["Cp"] for item in kept])
+        for name, values in zip(dataset.layout.names, pressure.T, strict=True):
+            yield from _constant(f"sensor {name}", values, "training", "nothing to learn from")
+        for name in ("action", "Cd", "Cl"):
+            values = np.concatenate([item.series[name] for item in kept])
+            yield from _constant(name, values, "training", "nothing to learn from")
+    tests = [item for item in dataset.episodes if item.role == "test"]
+    for name in ("Cd", "Cl") if tests else ():
+        yield from _constant(
+            name, np.concatenate([item.series[name] for item in tests]), "test", "no error has a scale"
+        )
+
+
+def _constant(name: str, values: Array, role: str, why: str) -> Iterator[Finding]:
+    if np.ptp(values) == 0.0:
+        yield Finding(stops="training", text=f"{name} is constant at {values[0]:g} in all {role} episodes: {why}")
+
+
+def _selection(dataset: Dataset, config: Config) -> Iterator[Finding]:
+    train, layout = config.train, dataset.layout
+    if train.sensors > len(layout):
+        yield Finding(
+            stops="training",
+            text=f"train.sensors = {train.sensors}: must be from 1 to {len(layout)}, the sensors that there are",
+        )
+    if train.selection == "shap":
+        images = 1 if layout.mirror is None else 2
+        windows = images * sum(needs.windows_in(len(item), config.model.window) for item in trainable(dataset, config))
+        wanted = max(train.shap_background, train.shap_explained)
+        if windows < wanted:
+            yield Finding(
+                stops="training",
+                text=f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking: "
+                f"lower train.shap_background and train.shap_explained, or use train.selection=greedy",
+            )
+
+
+def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
+    if dataset.layout.mirror is None:
+        yield Finding(
+            stops=None, text="the sensors have no mirror images: training has the recording alone, half of the data"
+        )
+    training = [item for item in dataset.episodes if item.role == "train"]
+    limit = dataset.plant.action_limit or config.flow.action_limit
+    window = config.model.window
+    if training and max(longest_run(np.abs(item.series["action"]) <= QUIET * limit)[1] for item in training) < window:
+        yield Finding(
+            stops=None,
+            text=f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
+            f"the model does not see the uncontrolled wake",
+        )
+
+
+def longest_run(quiet: Mask) -> tuple[int, int]:
+    """Start and length of the longest stretch of True; (0, 0) if there is none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
+    lengths = edges[1::2] - edges[::2]
+    if not lengths.size:
+        return 0, 0
+    longest = int(lengths.argmax())
+    return int(edges[2 * longest]), int(lengths[longest])

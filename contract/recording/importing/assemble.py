@@ -1,0 +1,160 @@
+"""A data set of one file an episode, checked before anything is written."""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import DatasetError
+from contract.recording.dataset import CP_QUANTUM, Dataset, Episode, Role
+from contract.recording.episode import REQUIRED, UNITS
+from contract.recording.facts import PlantFacts
+from contract.recording.findings import LIMIT_TOLERANCE, clock_problem
+from contract.recording.importing.source_file import INITIAL_ACTION, read_source
+from contract.sensor_layout import SensorLayout
+
+_SERIES: Final = tuple(name for name in UNITS if name != "Cp")
+_LARGEST: Final = 127.0
+"""A coefficient beyond this does not fit the format; a pressure in Pa does not either."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A file and the role of the episode in it; the file's name without its ending becomes the episode's."""
+
+    path: Path
+    role: Role
+
+
+def assemble(
+    sources: Sequence[Source],
+    layout: SensorLayout,
+    facts: PlantFacts,
+    *,
+    dynamic_pressure: float | None = None,
+    renamed: Mapping[str, str] | None = None,
+    progress: Callable[[Path], None] = lambda path: None,
+) -> Dataset:
+    """Read every file into an episode.
+
+    Args:
+        sources: in the order of the episodes.
+        facts: control period and action limit must be known.
+        dynamic_pressure: rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.
+        renamed: by the name here, the name in the files.
+        progress: called with every file before it is read.
+
+    Raises:
+        DatasetError: a file cannot be read or does not fit; the message names file and place, and what would be right.
+    """
+    renamed = {} if renamed is None else renamed
+    if facts.control_period is None or facts.action_limit is None:
+        raise DatasetError("control period and action limit must be given: they cannot be read off the files")
+    if dynamic_pressure is not None and not (np.isfinite(dynamic_pressure) and dynamic_pressure > 0):
+        raise DatasetError(f"dynamic pressure {dynamic_pressure}: must be positive, in Pa")
+    if not sources:
+        raise DatasetError("no data file is given: name at least one to train on and one to test on")
+    _check_names(sources)
+    known = (*_SERIES, "Cp", *layout.names, INITIAL_ACTION)
+    for name in renamed:
+        if name not in known:
+            raise DatasetError(
+                f"--map {name}={renamed[name]}: {name!r} is no series and no sensor; "
+                f"the series are {', '.join((*_SERIES, 'Cp'))}"
+            )
+    episodes = []
+    for source in sources:
+        progress(source.path)
+        episodes.append(_episode(source, layout, facts, dynamic_pressure or 1.0, renamed))
+    return Dataset(episodes=tuple(episodes), layout=layout, facts=facts)
+
+
+def _check_names(sources: Sequence[Source]) -> None:
+    names = [source.path.stem for source in sources]
+    for source in sources:
+        if names.count(source.path.stem) > 1:
+            raise DatasetError(
+                f"{source.path}: two files would make an episode called {source.path.stem!r}: rename one of them"
+            )
+
+
+def _episode(
+    source: Source, layout: SensorLayout, facts: PlantFacts, dynamic_pressure: float, renamed: Mapping[str, str]
+) -> Episode:
+    path, period, limit = source.path, facts.control_period, facts.action_limit
+    assert period is not None
+    assert limit is not None
+    arrays = read_source(path, layout, (*_SERIES, INITIAL_ACTION), renamed)
+    # In a CSV file a column of that name: its first row counts.
+    initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
+    for name in REQUIRED:
+        if name not in arrays and name != "t":
+            raise DatasetError(
+                f"{path}: no column {renamed.get(name, name)!r}; if it has another name there, use --map {name}=NAME"
+            )
+    steps = len(arrays["action"])
+    if steps == 0:
+        raise DatasetError(f"{path}: holds no control step")
+    arrays.setdefault("t", period * np.arange(steps, dtype=np.float64))
+    _check_shapes(path, arrays, steps, len(layout))
+    _check_clock(path, arrays["t"], period)
+    _check_action(path, arrays["action"], limit)
+    arrays["Cp"] = arrays["Cp"] / dynamic_pressure
+    _check_size(path, arrays, layout)
+    return Episode(
+        name=path.stem,
+        role=source.role,
+        series={name: arrays[name] for name in UNITS if name in arrays},
+        initial_action=initial,
+        provenance={"source": path.name, "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest()},
+    )
+
+
+def _check_shapes(path: Path, arrays: Mapping[str, Array], steps: int, sensors: int) -> None:
+    for name, array in arrays.items():
+        expected = (steps, sensors) if name == "Cp" else (steps,)
+        if array.shape != expected:
+            hint = ": transpose it" if name == "Cp" and array.shape == expected[::-1] else ""
+            raise DatasetError(f"{path}: {name!r} has shape {array.shape}, must be {expected} as action has it{hint}")
+
+
+def _check_clock(path: Path, t: Array, period: float) -> None:
+    problem = clock_problem(t, period)
+    if problem is None:
+        return
+    mean = float((t[-1] - t[0]) / (len(t) - 1))
+    finer = round(period / mean) if mean > 0 else 0
+    if finer >= 2 and abs(finer * mean / period - 1.0) < 0.01:
+        raise DatasetError(
+            f"{path}: t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep every "
+            f"{finer}. row, so that row k has the pressures at t_k and the action commanded then"
+        )
+    raise DatasetError(f"{path}: {problem}")
+
+
+def _check_action(path: Path, action: Array, limit: float) -> None:
+    largest = int(np.abs(action).argmax())
+    if abs(action[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
+        raise DatasetError(
+            f"{path}: action is {action[largest]:g} at step {largest}, beyond the limit of {limit:g} (--limit); "
+            f"an action is the jets' flow rate in U_inf W"
+        )
+
+
+def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout) -> None:
+    for name, array in arrays.items():
+        peak = float(np.abs(array).max())
+        if name not in ("t", "action") and peak > _LARGEST:
+            hint = "; if it is in Pa, use --dynamic-pressure" if name == "Cp" else ""
+            raise DatasetError(f"{path}: {name!r} reaches {peak:g}, a coefficient stays below {_LARGEST:g}{hint}")
+    spread = arrays["Cp"].std(axis=0)
+    weakest = int(spread.argmin())
+    if 0.0 < spread[weakest] < CP_QUANTUM:
+        raise DatasetError(
+            f"{path}: sensor {layout.names[weakest]} varies by {spread[weakest]:.2g}, less than the {CP_QUANTUM:.2g} "
+            f"that a data set resolves: is --dynamic-pressure too large, or the sensor dead?"
+        )

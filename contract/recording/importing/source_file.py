@@ -1,0 +1,120 @@
+"""One file of the user's, CSV, NPZ or HDF5, as arrays by the names that they have here."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import DatasetError
+from contract.recording.importing.csv_table import columns_of, read_csv
+from contract.sensor_layout import SensorLayout
+
+SUFFIXES: Final = (".csv", ".tsv", ".txt", ".npz", ".h5", ".hdf5")
+INITIAL_ACTION: Final = "initial_action"
+
+
+def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed: Mapping[str, str]) -> dict[str, Array]:
+    """The arrays among `names` that the file has, with one "Cp" of shape (n, sensors) in the layout's order.
+
+    Args:
+        names: of series that may be there, without Cp.
+        renamed: by the name here (of a series, a sensor or Cp), the name in the file where it is another one.
+
+    Raises:
+        DatasetError: the file cannot be read, or an array is no series of numbers; the message names both.
+    """
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such file")
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}")
+    if suffix == ".npz":
+        arrays = _read_npz(path)
+    elif suffix in (".h5", ".hdf5"):
+        arrays = _read_hdf5(path)
+    else:
+        table = read_csv(path)
+        wanted = {name: renamed.get(name, name) for name in (*names, *layout.names)}
+        return _with_pressures(path, columns_of(table, wanted), layout, renamed, table.header)
+    found: dict[str, Array] = {}
+    for name in (*names, "Cp", *layout.names):
+        inside = renamed.get(name, name)
+        if inside in arrays:
+            found[name] = _numbers(path, inside, arrays[inside], columns=name == "Cp")
+    return _with_pressures(path, found, layout, renamed, tuple(arrays))
+
+
+def _with_pressures(
+    path: Path, arrays: dict[str, Array], layout: SensorLayout, renamed: Mapping[str, str], there: Sequence[str]
+) -> dict[str, Array]:
+    """One Cp in place of an array a sensor; a Cp that is there already stays."""
+    columns = [arrays.pop(name, None) for name in layout.names]
+    if "Cp" in arrays:
+        return arrays
+    found = [column for column in columns if column is not None]
+    if len(found) < len(layout):
+        missing = next(name for name, column in zip(layout.names, columns, strict=True) if column is None)
+        raise DatasetError(
+            f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; it has {_listed(there)}"
+        )
+    lengths = {len(column) for column in found}
+    if len(lengths) > 1:
+        raise DatasetError(f"{path}: the sensors' arrays have different lengths: {sorted(lengths)}")
+    return {**arrays, "Cp": np.column_stack(found)}
+
+
+def _numbers(path: Path, name: str, values: Any, *, columns: bool) -> Array:
+    """A series (n,), or with columns (n, sensors); a series may be stored as one row or one column."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise DatasetError(f"{path}: array {name!r} holds {array.dtype}, must hold numbers")
+    array = array.astype(np.float64)
+    if columns:
+        if array.ndim != 2:
+            raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be (steps, sensors)")
+    elif name != INITIAL_ACTION or array.size != 1:
+        if array.ndim != 1 and array.size != max(array.shape, default=0):
+            raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be (steps,)")
+        array = array.reshape(-1)
+    if not np.isfinite(array).all():
+        place = np.argwhere(~np.isfinite(array))[0]
+        where = f"step {place[0]}" + (f", column {place[1]}" if columns else "")
+        raise DatasetError(f"{path}: array {name!r} holds a value that is not finite, first at {where}")
+    return array
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except Exception as error:  # numpy and zipfile raise what they like for damaged files
+        raise DatasetError(f"{path}: damaged or not an NPZ file of numbers ({_first_line(error)})") from error
+
+
+def _read_hdf5(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+
+    def keep(name: str, node: object) -> None:
+        if isinstance(node, h5py.Dataset):
+            found[name] = node[()]
+
+    visit: Callable[[str, object], None] = keep
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+            if INITIAL_ACTION in file.attrs:
+                found[INITIAL_ACTION] = file.attrs[INITIAL_ACTION]
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        raise DatasetError(f"{path}: damaged or not an HDF5 file ({_first_line(error)})") from error
+    return found
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).split("\n", 1)[0]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 12 else f"{', '.join(names[:12])} and {len(names) - 12} more"

@@ -1,0 +1,133 @@
+"""What is in a data set: figures of every episode, and the settings that fit the plant it is of."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.recording.dataset import Dataset, Episode
+from contract.recording.findings import QUIET, longest_run
+
+HORIZON_CYCLES: Final = 1.0
+"""The MPC looks one shedding cycle ahead (paper, section 2.4)."""
+WINDOW_CYCLES: Final = 1.28
+"""The encoder looks back as far as the paper's 32 steps do, at 25 to a cycle."""
+_PRACTICAL: Final = (10, 60)
+"""Control steps of a cycle for which horizon and window are set from it. With fewer the jets' ramp is coarse, with more
+a control step gets slow."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeSummary:
+    """Figures of one episode.
+
+    Attributes:
+        name, role: as the episode has them.
+        steps: control steps.
+        duration: in t_c, from the first sample to the last.
+        action_rms: root mean square of the action, in U_inf W.
+        drag: mean Cd.
+        lift: standard deviation of Cl.
+        frequency: where Cl's spectrum is largest, in 1/t_c; None for a series that is too short or constant.
+    """
+
+    name: str
+    role: str
+    steps: int
+    duration: float
+    action_rms: float
+    drag: float
+    lift: float
+    frequency: float | None
+
+
+def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
+    """Figures of every episode, in order."""
+    period = dataset.plant.control_period
+    return tuple(_summary(episode, period) for episode in dataset.episodes)
+
+
+def dominant_frequency(values: Array, period: float) -> float | None:
+    """Frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant.
+
+    Hann window, zero-padded eightfold: the peak is found to an eighth of 1 / duration.
+    """
+    fluctuation = values - values.mean()
+    if len(values) < 16 or not fluctuation.any():
+        return None
+    padded = 8 * len(values)
+    spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
+    # Slower than one and a half periods of the record is drift.
+    first = 12
+    return float((first + spectrum[first:].argmax()) / (padded * period))
+
+
+def uncontrolled(dataset: Dataset) -> Episode | None:
+    """The longest stretch of any episode with the jets off or weak, as an episode; None if there is none."""
+    limit = dataset.plant.action_limit
+    best: Episode | None = None
+    for episode in dataset.episodes:
+        action = np.abs(episode.series["action"])
+        threshold = QUIET * (limit if limit is not None else float(action.max()))
+        start, length = longest_run(action <= threshold)
+        if length > (len(best) if best else 0):
+            stretch = slice(start, start + length)
+            best = Episode(
+                name=episode.name,
+                role=episode.role,
+                series={name: values[stretch] for name, values in episode.series.items()},
+                initial_action=0.0,
+                provenance={},
+            )
+    return best
+
+
+def fitting_settings(dataset: Dataset) -> str:
+    """A TOML file of the settings that follow from the data set, for `--config`; each with its reason."""
+    return "\n".join(_settings_lines(dataset)) + "\n"
+
+
+def _settings_lines(dataset: Dataset) -> Iterator[str]:
+    plant, period = dataset.plant, dataset.plant.control_period
+    yield "# Settings that follow from the data set; the release's hold for the rest."
+    yield "[flow]"
+    for name, value in plant.as_dict().items():
+        yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
+    calm = uncontrolled(dataset)
+    where = f"uncontrolled, {len(calm)} steps of {calm.name}" if calm else "all episodes: none is uncontrolled"
+    drag = np.concatenate([item.series["Cd"] for item in ([calm] if calm else dataset.episodes)])
+    frequency = dominant_frequency(calm.series["Cl"], period) if calm and period else None
+    cycle = round(1.0 / (frequency * period)) if frequency and period else None
+    practical = cycle is not None and _PRACTICAL[0] <= cycle <= _PRACTICAL[1]
+    yield ""
+    if cycle is not None:
+        yield f"# One cycle of the uncontrolled Cl, at {frequency:.3g} / t_c, takes {cycle} control steps."
+        if not practical:
+            yield f"# That is outside {_PRACTICAL[0]} to {_PRACTICAL[1]}: choose another control period, if you can."
+    yield "[mpc]"
+    yield f"drag_reference = {float(drag.mean()):.6g}  # mean Cd, {where}"
+    if practical and cycle is not None:
+        yield f"horizon = {round(HORIZON_CYCLES * cycle)}  # one cycle"
+        yield ""
+        yield "[model]"
+        yield f"window = {round(WINDOW_CYCLES * cycle)}  # {WINDOW_CYCLES} cycles"
+    if len(dataset.layout) < 4:
+        yield ""
+        yield "[train]"
+        yield f"sensors = {len(dataset.layout)}  # all there are"
+
+
+def _summary(episode: Episode, period: float | None) -> EpisodeSummary:
+    series = episode.series
+    return EpisodeSummary(
+        name=episode.name,
+        role=episode.role,
+        steps=len(episode),
+        duration=float(series["t"][-1] - series["t"][0]),
+        action_rms=float(np.sqrt(np.square(series["action"]).mean())),
+        drag=float(series["Cd"].mean()),
+        lift=float(series["Cl"].std()),
+        frequency=None if period is None else dominant_frequency(series["Cl"], period),
+    )

@@ -1,0 +1,88 @@
+"""JSON with nothing in it that two readers could read differently or that a reader could choke on.
+
+`json` takes more than the standard: NaN, numbers beyond a double, doubled keys, lone surrogates, integers of any
+length, nesting to the limit of the stack. A manifest comes from anyone, so all of these are refused.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any, Final
+
+MAX_DEPTH: Final = 32
+"""Of nesting; a release's manifest has six levels."""
+_MAX_DIGITS: Final = 19
+"""Of an integer: 64 bits."""
+
+
+def decode(raw: bytes) -> dict[str, Any]:
+    """The table that a file holds; raises ValueError for anything else."""
+    try:
+        tree = json.loads(
+            raw.decode("utf-8"),
+            object_pairs_hook=_table,
+            parse_constant=_no_number,
+            parse_float=_finite,
+            parse_int=_short,
+        )
+    except RecursionError as error:
+        raise ValueError(f"nested more than {MAX_DEPTH} deep") from error
+    if not isinstance(tree, dict):
+        raise ValueError("it is not a table")
+    _check(tree, 0)
+    return tree
+
+
+def encode(tree: Mapping[str, Any]) -> bytes:
+    """A table as it is stored; raises ValueError for a number that is not finite, TypeError for what JSON lacks."""
+    return (json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
+
+
+def digest_of(tree: Mapping[str, Any]) -> str:
+    """SHA-256 of a table, however it is spaced and ordered, in hex; raises as `encode` does."""
+    return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in table:
+            raise ValueError(f"{key!r} is there twice")
+        table[key] = value
+    return table
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError(f"{text} is too large a number")
+    return value
+
+
+def _short(text: str) -> int:
+    if len(text.lstrip("-")) > _MAX_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits: must have at most {_MAX_DIGITS}")
+    return int(text)
+
+
+def _check(tree: Any, depth: int) -> None:
+    """Raises ValueError for nesting that is too deep and for text that is not Unicode."""
+    if depth > MAX_DEPTH:
+        raise ValueError(f"nested more than {MAX_DEPTH} deep")
+    if isinstance(tree, str):
+        try:
+            tree.encode("utf-8")
+        except UnicodeEncodeError as error:
+            raise ValueError(f"{tree[:50]!a} is no text: half of a surrogate pair") from error
+    elif isinstance(tree, dict):
+        for key, value in tree.items():
+            _check(key, depth)
+            _check(value, depth + 1)
+    elif isinstance(tree, list):
+        for value in tree:
+            _check(value, depth + 1)

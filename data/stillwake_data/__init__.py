@@ -1,0 +1,1 @@
+"""Data of stillwake's laboratory: a recording and a developed flow; `wake.shipped` knows where they lie."""

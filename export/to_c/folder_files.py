@@ -1,0 +1,54 @@
+"""What stands in a C library's folder beside the library: documents, and the answers that its example must give."""
+
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.controller.c_folder import DOCUMENTS, Settings
+from contract.controller.interface import FORCES, TERMS, Controller
+
+_FLOAT_BYTES = 4
+
+
+def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
+    """README, rules for CMake and licence, with the sizes of this library filled in."""
+    root = files("export.to_c").joinpath("folder")
+    found = {name: root.joinpath(name).read_bytes() for name in DOCUMENTS}
+    text = found["README.md"].decode("utf-8")
+    for name, value in _facts(Settings.of(library)).items():
+        text = text.replace(f"@{name}@", str(value))
+    return {**found, "README.md": text.encode("utf-8")}
+
+
+def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
+    """What the example program prints, (n, 4): the planned action, the predicted mean Cd and Cl, and the cost.
+
+    Args:
+        windows: n consecutive windows (L, S+1); the first is answered without a plan, and every answer's plan goes
+            into the next.
+    """
+    plan, free = np.zeros(horizon), np.ones(horizon)
+    lines = []
+    for window in windows:
+        step = controller.control_step(window, plan, free)
+        plan = step.plan
+        lines.append([plan[0], *step.forces.mean(axis=0), step.cost])
+    return np.array(lines)
+
+
+def _facts(settings: Settings) -> dict[str, str | int]:
+    window, sensors, horizon = (settings.number(f"SW_{name}") for name in ("WINDOW", "SENSORS", "HORIZON"))
+    return {
+        "PRECISION": settings.text("SW_PRECISION"),
+        "WINDOW": window,
+        "SENSORS": sensors,
+        "SENSOR_NAMES": settings.text("SW_SENSOR_NAMES"),
+        "HORIZON": horizon,
+        "ITERATIONS": settings.number("SW_ITERATIONS"),
+        "PROGRAM": settings.text("SW_PROGRAM_SHA256"),
+        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS)),
+        "OUTPUT_BYTES": _FLOAT_BYTES * (horizon * (1 + FORCES) + len(TERMS) + 1),
+        "PRODUCTS": f"{settings.multiply_accumulates():,}",
+    }

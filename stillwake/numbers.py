@@ -1,0 +1,28 @@
+"""Numbers as options take them: those that no later step could use are refused by the option's name."""
+
+from math import isfinite
+from typing import Final
+
+from contract.errors import ConfigError
+
+LONGEST: Final = 1e5
+"""t_c: days of computing on any machine, and still an array that fits into its memory."""
+
+
+def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
+    """Control periods in a duration.
+
+    Args:
+        option: its name on the command line.
+        duration, period: in t_c.
+        least: control periods that are needed.
+
+    Raises:
+        ConfigError: the duration is not finite, shorter than needed, or longer than `LONGEST`.
+    """
+    if not (isfinite(duration) and duration <= LONGEST):
+        raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {LONGEST:g}")
+    steps = round(duration / period)
+    if steps < least:
+        raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control periods")
+    return steps

@@ -1,0 +1,37 @@
+"""Where a command writes: checked before it works, and never replaced unless the user says so."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from contract.atomic import check_writable
+from contract.errors import OutputError
+
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what is there, once the new one is whole; refused without.")
+]
+
+
+def check_output(path: Path, *, overwrite: bool, folder: bool = False, found: str = "") -> None:
+    """Refuse a place that cannot be written, or that holds something and is not to be replaced.
+
+    Args:
+        path: of the result.
+        overwrite: whether the user asked to replace what is there.
+        folder: whether the result is a folder; an empty one counts as free.
+        found: what is there, in words, for the message.
+
+    Raises:
+        OutputError: something is there.
+        StillwakeError: nothing can be written there.
+    """
+    check_writable(path, folder=folder)
+    if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
+        raise OutputError(f"{path}: {found or 'there is one already'}; give --overwrite to replace it, or another name")
+
+
+def check_json(path: Path | None) -> None:
+    """Refuse a place for figures that cannot be written; figures are replaced by newer ones."""
+    if path is not None:
+        check_writable(path)

@@ -1,0 +1,213 @@
+"""Files of a user's own become a data set, whole and exact, or are refused by file and place."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from contract.errors import DatasetError
+from contract.recording import dataset
+from contract.recording.dataset import CP_QUANTUM, QUANTUM, REQUIRED, Dataset
+from contract.recording.facts import PlantFacts
+from contract.recording.importing.assemble import Source, assemble
+from contract.recording.importing.sensor_table import read_sensors
+from contract.sensor_layout import SensorLayout
+from tests import foreign_plant
+from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS, WRITERS
+
+FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
+
+
+@pytest.fixture
+def layout(tmp_path) -> SensorLayout:
+    return read_sensors(foreign_plant.write_sensors(tmp_path / "sensors.csv"), symmetric=False)
+
+
+def imported(path: Path, layout: SensorLayout, **more: Any) -> Dataset:
+    return assemble([Source(path=path, role="train")], layout, FACTS, **more)
+
+
+def test_the_layout_is_the_file_s(layout):
+    assert layout.names == NAMES
+    np.testing.assert_array_equal(layout.positions, POSITIONS)
+    assert tuple(layout.names[column] for column in layout.base) == BASE
+    assert layout.mirror is None
+
+
+def test_mirror_images_follow_from_the_places(tmp_path):
+    (tmp_path / "s.csv").write_text("name;x;y\nup;1.0;0.5\ndown;1.0;-0.5\nnose;0.0;0.0\n")
+    layout = read_sensors(tmp_path / "s.csv", symmetric=True)
+    assert layout.mirror is not None
+    assert layout.mirror.tolist() == [1, 0, 2]
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, layout, suffix):
+    values = foreign_plant.series(60, 1)
+    made = imported(WRITERS[suffix](tmp_path / f"run 1{suffix}", values), layout)
+    dataset.write(tmp_path / "out.h5", made)
+    read = dataset.read(tmp_path / "out.h5")
+    (episode,) = read.episodes
+    assert (episode.name, episode.role, episode.initial_action) == ("run 1", "train", 0.0)
+    assert read.plant == FACTS
+    assert read.layout.same_as(layout)
+    for name in REQUIRED:
+        # Cd and Cl stay within +-2, so their quantum is the next power of two above the finest.
+        half = {"t": 0.0, "action": 0.0, "Cp": CP_QUANTUM / 2}.get(name, QUANTUM)
+        assert np.abs(episode.series[name] - values[name]).max() <= half, name
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(-LIMIT, LIMIT), st.floats(-100, 100), st.floats(-1, 1), *(st.floats(-4, 4) for _ in NAMES)),
+        min_size=1,
+        max_size=12,
+    )
+)
+def test_what_goes_in_comes_out(tmp_path, layout, rows):
+    columns = np.array(rows).T
+    values = {"action": columns[0], "Cd": columns[1], "Cl": columns[2], "Cp": columns[3:].T}
+    values["Cp"][:, :] += 0.01 * np.arange(len(rows))[:, None]  # a sensor that hardly varies is refused
+    made = imported(foreign_plant.write_npz(tmp_path / "in.npz", values), layout)
+    dataset.write(tmp_path / "out.h5", made)
+    series = dataset.read(tmp_path / "out.h5").episodes[0].series
+    np.testing.assert_array_equal(series["action"], values["action"])
+    np.testing.assert_array_equal(series["t"], PERIOD * np.arange(len(rows)))
+    for name, reach in (("Cd", 100.0), ("Cl", 1.0), ("Cp", 4.2)):
+        # 16 bits over the reach, and at worst twice that, because quanta are powers of two.
+        assert np.abs(series[name] - values[name]).max() <= max(reach, 1.0) / 32767
+
+
+def test_pressures_in_pascal_and_other_names(tmp_path, layout):
+    values = foreign_plant.series(30, 2)
+    renamed = {"drag": values["Cd"], "p": values["Cp"] * 375.0} | {k: values[k] for k in ("action", "Cl")}
+    path = foreign_plant.write_npz(tmp_path / "a.npz", renamed)
+    made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, dynamic_pressure=375.0)
+    np.testing.assert_allclose(made.episodes[0].series["Cp"], values["Cp"], rtol=1e-12)
+    np.testing.assert_array_equal(made.episodes[0].series["Cd"], values["Cd"])
+
+
+def test_the_action_before_the_first_row_and_the_ledger_are_taken_where_they_are(tmp_path, layout):
+    values = foreign_plant.series(30, 2) | {"jet_power": np.linspace(0, 1, 30), "initial_action": np.array(0.07)}
+    episode = imported(foreign_plant.write_npz(tmp_path / "a.npz", values), layout).episodes[0]
+    assert episode.initial_action == 0.07
+    assert episode.previous_action[:2].tolist() == [0.07, values["action"][0]]
+    assert "jet_power" in episode.series
+
+
+HEADER = f"action,Cd,Cl,{','.join(NAMES)}"
+
+
+def table(*rows: str, header: str = HEADER) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / "a.csv").write_text("\n".join([header, *rows]) + "\n")
+        return folder / "a.csv"
+
+    return write
+
+
+def changed(**arrays: Any) -> Callable[[Path], Path]:
+    """An NPZ file with these arrays replaced; None leaves one out."""
+
+    def write(folder: Path) -> Path:
+        values = {k: v for k, v in (foreign_plant.series(20, 3) | arrays).items() if v is not None}
+        return foreign_plant.write_npz(folder / "a.npz", values)
+
+    return write
+
+
+def raw(name: str, content: bytes) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / name).write_bytes(content)
+        return folder / name
+
+    return write
+
+
+def hdf5_of_text(folder: Path) -> Path:
+    with h5py.File(folder / "a.h5", "w") as file:
+        file["action"] = ["a", "b"]
+    return folder / "a.h5"
+
+
+ROW = "0.1,1,0,1,2,3,4,5,6,7"
+T = PERIOD * np.arange(20)
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        (lambda folder: folder / "none.csv", r"none\.csv: no such file"),
+        (raw("a.xlsx", b""), r"a\.xlsx: a data file must end in \.csv"),
+        (raw("a.npz", b"PK"), r"a\.npz: damaged or not an NPZ"),
+        (raw("a.h5", b"text"), r"a\.h5: damaged or not an HDF5"),
+        (raw("a.csv", b"\xff\xfe\x00"), r"a\.csv: is not a text file in UTF-8"),
+        (raw("a.csv", b""), "must have a line with the names"),
+        (table(), "at least one row below"),
+        (table(ROW, "0.1,1,0,1,2,3,4,5,6"), r"a\.csv: line 3: 9 values, the header has 10 columns"),
+        (table(ROW, ROW.replace("4", "four")), r"a\.csv: line 3, column 'lid-left': 'four' is not a number"),
+        (table(ROW.replace("1,0", "1,nan")), r"a\.csv: line 2, column 'Cl': nan is not finite"),
+        (table(ROW, header=HEADER.replace("Cl", "Cd")), r"a\.csv: line 1: column 'Cd' is there twice"),
+        (table(ROW, header=HEADER.replace("Cl", "lift")), r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
+        (table(ROW, header=HEADER.replace("x.y", "x,y").replace(",q'", "")), "no column 'x.y' for the sensor x.y"),
+        (hdf5_of_text, r"a\.h5: array 'action' holds object, must hold numbers"),
+        (changed(Cd=None), "no column 'Cd'"),
+        (changed(Cd=np.zeros(19)), r"'Cd' has shape \(19,\), must be \(20,\)"),
+        (changed(Cp=np.zeros((7, 20))), r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
+        (changed(Cp=np.zeros(20)), r"array 'Cp' has shape \(20,\), must be \(steps, sensors\)"),
+        (
+            changed(Cp=np.where(T[:, None] > 5, np.inf, np.ones(7))),
+            "'Cp' holds .* not finite, first at step 17, column 0",
+        ),
+        (changed(Cp=500.0 * np.ones((20, 7))), "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
+        (changed(Cl=np.linspace(0, 200, 20)), "'Cl' reaches 200"),
+        (changed(action=np.linspace(0, 0.4, 20)), r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
+        (changed(t=T / 10), "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep every 10. row"),
+        (changed(t=2 * T), "t rises by 0.6, must rise by the control period of 0.3"),
+        (changed(t=T[::-1]), "t does not rise from step 0 to 1"),
+        (changed(t=np.where(T > 3, T + 0.2, T)), "t rises by 0.5 from step 10 to 11"),
+        (changed(t=1.005 * T), "t rises by 0.3015, must rise"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout, write, message):
+    with pytest.raises(DatasetError, match=message) as caught:
+        imported(write(tmp_path), layout)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,x\na,1\n", "no column 'y'"),
+        ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
+        ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
+        ("name,x,y,base\na,1,0,maybe\n", "line 2, column 'base': 'maybe' must be 0 or 1"),
+        ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),
+    ],
+)
+def test_sensors_that_do_not_fit_are_refused(tmp_path, text, message):
+    (tmp_path / "s.csv").write_text(text)
+    with pytest.raises(DatasetError, match=message) as caught:
+        read_sensors(tmp_path / "s.csv", symmetric=True)
+    assert "s.csv" in str(caught.value)
+
+
+def test_wrong_arguments_are_refused(tmp_path, layout):
+    one = Source(path=foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3)), role="train")
+    two = Source(path=tmp_path / "a.csv", role="test")
+    for sources, more, message in (
+        ([], {}, "no data file is given"),
+        ([one, two], {}, "two files would make an episode called 'a'"),
+        ([one], {"renamed": {"drag": "Cd"}}, "--map drag=Cd: 'drag' is no series and no sensor"),
+        ([one], {"dynamic_pressure": 0.0}, "dynamic pressure 0.0: must be positive"),
+    ):
+        with pytest.raises(DatasetError, match=message):
+            assemble(sources, layout, FACTS, **more)
+    with pytest.raises(DatasetError, match="must be given"):
+        assemble([one], layout, PlantFacts(control_period=PERIOD))

@@ -1,0 +1,212 @@
+"""What training or export would stumble over is found beforehand, each thing by itself and all at once."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contract.config.learning import ModelConfig, TrainConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.errors import DatasetError
+from contract.recording import dataset, needs
+from contract.recording.dataset import Dataset, Episode, Role
+from contract.recording.facts import PlantFacts
+from contract.recording.findings import agreeing, findings, left_out, longest_run, refuse_unfit, trainable
+from contract.sensor_layout import SensorLayout
+from tests import foreign_plant
+from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from wake.shipped import RECORDING
+
+LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
+FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
+CONFIG = Config(
+    flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT),
+    model=ModelConfig(window=12),
+    train=TrainConfig(segment=8, shap_background=10, shap_explained=30),
+)
+
+
+def episode(name: str, role: Role, steps: int, *, forced: bool = True, **changes: Any) -> Episode:
+    values = foreign_plant.series(steps, steps, forced=forced) | changes.pop("series", {})
+    fields = {"initial_action": 0.0, "provenance": {}, **changes}
+    return Episode(name=name, role=role, series=values, **fields)
+
+
+@pytest.fixture(scope="module")
+def sound() -> Dataset:
+    return Dataset(
+        episodes=(
+            episode("sweep", "train", 120),
+            episode("calm", "train", 80, forced=False),
+            episode("held out", "test", 90),
+        ),
+        layout=LAYOUT,
+        facts=FACTS,
+    )
+
+
+def texts(data: Dataset, config: Config = CONFIG, stops: str | None = "training") -> list[str]:
+    return [item.text for item in findings(data, config) if item.stops == stops]
+
+
+def with_first(data: Dataset, **changes: Any) -> Dataset:
+    """The data set with series of its first episode replaced."""
+    first, *others = data.episodes
+    return replace(data, episodes=(replace(first, series={**first.series, **changes}), *others))
+
+
+def test_a_sound_data_set_has_only_the_note_that_mirror_images_are_absent(sound):
+    (note,) = findings(sound, CONFIG)
+    assert note.stops is None
+    assert "no mirror images" in note.text
+    refuse_unfit([note], "a.h5")
+
+
+@pytest.mark.parametrize(
+    ("flow", "message"),
+    [
+        ({"control_period": 0.2}, r"control period is 0\.3 in the data set, flow\.control_period = 0\.2 .*=0\.3"),
+        ({"action_limit": 0.075}, r"action limit is 0\.2 in the data set, flow\.action_limit = 0\.075"),
+    ],
+)
+def test_settings_of_another_plant_are_named_with_what_to_set(sound, flow, message):
+    other = replace(CONFIG, flow=replace(CONFIG.flow, **flow))
+    with pytest.raises(DatasetError, match=message) as caught:
+        refuse_unfit(findings(sound, other), "a.h5")
+    assert "show --settings" in str(caught.value)
+    assert texts(sound, agreeing(sound, other)) == []
+
+
+def test_a_reynolds_number_counts_where_it_is_known(sound):
+    known = replace(sound, facts=replace(FACTS, reynolds=1000.0))
+    assert texts(known)[0].startswith("reynolds is 1000 in the data set, flow.reynolds = 500 ")
+
+
+def test_an_episode_of_another_plant_than_the_first_is_named(sound):
+    flow = {"control_period": PERIOD, "action_limit": 0.1}
+    odd = replace(
+        sound, episodes=(*sound.episodes, episode("odd", "train", 80, forced=False, provenance={"flow": flow}))
+    )
+    assert texts(odd) == ["episode odd: its provenance has flow.action_limit = 0.1, the data set has 0.2"]
+
+
+T = PERIOD * np.arange(120)
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [
+        ({"t": T[::-1]}, "episode sweep: t does not rise from step 0 to 1: 35.7, 35.4"),
+        ({"t": 2 * T}, "episode sweep: t rises by 0.6, must rise by the control period of 0.3"),
+        ({"t": np.where(np.arange(120) > 50, T + 0.1, T)}, "t rises by 0.4 from step 50 to 51"),
+        ({"action": np.linspace(0, 2.0, 120)}, r"episode sweep: action is 2 at step 119, beyond the limit of 0.2 \(10"),
+        ({"Cd": np.ones(120)}, None),
+    ],
+)
+def test_times_and_actions_are_checked(sound, series, message):
+    found = texts(with_first(sound, **series))
+    if message is None:
+        assert found == []  # the other training episode has a Cd that changes
+    else:
+        assert len(found) == 1
+        with pytest.raises(DatasetError, match=message):
+            refuse_unfit(findings(with_first(sound, **series), CONFIG), "a.h5")
+
+
+def test_times_and_actions_may_be_rounded_as_text_files_are(sound):
+    rounded = with_first(sound, t=np.round(T, 2), action=np.round(sound.episodes[0].series["action"], 3))
+    assert texts(rounded) == []
+
+
+def test_the_action_before_the_first_sample_counts(sound):
+    first, *others = sound.episodes
+    odd = replace(sound, episodes=(replace(first, initial_action=-0.3), *others))
+    assert texts(odd) == [
+        "episode sweep: action is -0.3 before the first sample, beyond the limit of 0.2 (1 of 121 are)"
+    ]
+
+
+def test_a_constant_signal_is_named(sound):
+    pressures = [item.series["Cp"].copy() for item in sound.episodes]
+    for values in pressures:
+        values[:, 3] = 0.25
+    stuck = replace(
+        sound,
+        episodes=tuple(
+            replace(item, series={**item.series, "Cp": values})
+            for item, values in zip(sound.episodes, pressures, strict=True)
+        ),
+    )
+    assert texts(stuck) == ["sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from"]
+
+
+@pytest.mark.parametrize(("role", "index"), [("train", slice(2, 3)), ("test", slice(0, 2))])
+def test_a_missing_role_is_named(sound, role, index):
+    assert texts(replace(sound, episodes=sound.episodes[index]))[0].startswith(
+        f"dataset has no episode with role '{role}'"
+    )
+
+
+def test_a_short_training_episode_is_left_out_by_name_and_only_all_of_them_stop_training(sound):
+    need = needs.fitting_need(CONFIG).steps
+    short = episode("blink", "train", need - 1)
+    with_short = replace(sound, episodes=(*sound.episodes, short))
+    assert [item.name for item in trainable(with_short, CONFIG)] == ["sweep", "calm"]
+    (line,) = left_out(with_short, CONFIG)
+    assert line == (
+        f"episode blink has {need - 1} steps, too short for training: "
+        f"a window of 12, 5 steps ahead and segments of 8 need {need}; it is left out"
+    )
+    assert line in texts(with_short, stops=None)
+    assert texts(with_short) == []
+    only = replace(sound, episodes=(short, sound.episodes[2]))
+    assert any("blink has" in text for text in texts(only))
+
+
+def test_what_export_needs_is_told_before_training(sound):
+    first, calm, held_out = sound.episodes
+
+    def cut(one: Episode, steps: int) -> Episode:
+        return replace(one, series={name: values[:steps] for name, values in one.series.items()})
+
+    short = replace(sound, episodes=(cut(first, 60), cut(calm, 60), cut(held_out, 60)))
+    assert texts(short) == []
+    gate, calibration = texts(short, stops="export")
+    assert gate.startswith("test episodes are too short, the longest is held out with 60 steps: 50 windows of 12")
+    assert "need 61" in gate
+    assert calibration.startswith("training episodes are too short, the longest is sweep with 60 steps: 50 windows")
+
+
+def test_too_few_windows_or_sensors_for_the_selection_are_named(sound):
+    shap = replace(CONFIG, train=replace(CONFIG.train, shap_explained=5000))
+    # 120 - 11 and 80 - 11 windows, without mirror images.
+    assert texts(sound, shap)[0].startswith("training episodes hold 178 windows, too few for 5000 samples")
+    many = replace(CONFIG, train=replace(CONFIG.train, sensors=8))
+    assert texts(sound, many) == ["train.sensors = 8: must be from 1 to 7, the sensors that there are"]
+    assert not [item for item in findings(sound, many, choosing=False) if item.stops]
+
+
+def test_a_recording_without_an_uncontrolled_stretch_is_noted(sound):
+    forced = replace(sound, episodes=(sound.episodes[0], sound.episodes[2]))
+    assert any("does not see the uncontrolled wake" in text for text in texts(forced, stops=None))
+
+
+def test_all_is_said_at_once(sound):
+    bad = with_first(sound, t=2 * T, action=np.linspace(0, 2.0, 120))
+    found = findings(bad, replace(CONFIG, flow=FlowConfig()))
+    assert len([item for item in found if item.stops == "training"]) == 4
+    with pytest.raises(DatasetError, match="and 3 more"):
+        refuse_unfit(found, "a.h5")
+
+
+def test_the_longest_stretch():
+    assert longest_run(np.array([True, False, True, True, False])) == (2, 2)
+    assert longest_run(np.zeros(4, dtype=bool)) == (0, 0)
+    assert longest_run(np.ones(4, dtype=bool)) == (0, 4)
+
+
+def test_the_shipped_recording_is_sound():
+
+    assert findings(dataset.read(RECORDING), Config()) == ()

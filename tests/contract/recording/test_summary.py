@@ -1,0 +1,81 @@
+"""Figures of a data set against signals that are known, and the settings that follow from them."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from contract.recording.dataset import Dataset, Episode
+from contract.recording.facts import PlantFacts
+from contract.recording.summary import dominant_frequency, fitting_settings, summarise, uncontrolled
+from contract.sensor_layout import SensorLayout
+
+PERIOD = 0.25
+LAYOUT = SensorLayout.of(("a", "b"), np.zeros((2, 2)), symmetric=False)
+
+
+def wave(name: str, steps: int, cycle: float, amplitude: float) -> Episode:
+    """Cl of one frequency, 2 in amplitude, about 0.5; action of the same with that amplitude."""
+    t = PERIOD * np.arange(steps)
+    phase = 2 * np.pi * np.arange(steps) / cycle
+    series = {"t": t, "action": amplitude * np.sin(phase), "Cd": np.full(steps, 1.25), "Cl": 0.5 + 2 * np.cos(phase)}
+    return Episode(
+        name=name,
+        role="train",
+        series={**series, "Cp": np.zeros((steps, 2))},
+        initial_action=0.0,
+        provenance={},
+    )
+
+
+def data(*episodes: Episode, **facts: float) -> Dataset:
+    return Dataset(episodes=episodes, layout=LAYOUT, facts=PlantFacts(control_period=PERIOD, **facts))
+
+
+def test_figures_of_a_wave():
+    (found,) = summarise(data(wave("w", 400, 20.0, 0.1)))
+    assert (found.name, found.role, found.steps) == ("w", "train", 400)
+    assert found.duration == pytest.approx(399 * PERIOD)
+    assert found.action_rms == pytest.approx(0.1 / np.sqrt(2))
+    assert found.drag == 1.25
+    assert found.lift == pytest.approx(np.sqrt(2))
+    assert found.frequency == pytest.approx(1 / (20 * PERIOD), rel=1e-2)
+
+
+@pytest.mark.parametrize("cycle", [7.3, 25.0, 60.0])
+def test_a_frequency_between_the_lines_of_the_spectrum_is_found(cycle):
+    values = 3.0 + np.sin(2 * np.pi * np.arange(500) / cycle + 1.0)
+    # An eighth of 1 / duration.
+    assert dominant_frequency(values, PERIOD) == pytest.approx(1 / (cycle * PERIOD), abs=1 / (8 * 500 * PERIOD))
+
+
+def test_no_frequency_without_a_wave():
+    assert dominant_frequency(np.ones(100), PERIOD) is None
+    assert dominant_frequency(np.arange(5.0), PERIOD) is None
+
+
+def test_the_longest_calm_stretch_is_the_uncontrolled_wake():
+    forced, calm = wave("forced", 300, 20.0, 0.1), wave("calm", 100, 20.0, 0.0)
+    found = uncontrolled(data(forced, calm, action_limit=0.1))
+    assert found is not None
+    assert (found.name, len(found)) == ("calm", 100)
+
+
+def test_settings_follow_from_the_data():
+    text = fitting_settings(data(wave("calm", 400, 20.0, 0.0), action_limit=0.1, reynolds=90.0))
+    found = tomllib.loads(text)
+    assert found == {
+        "flow": {"control_period": PERIOD, "action_limit": 0.1, "reynolds": 90.0},
+        "mpc": {"drag_reference": 1.25, "horizon": 20},
+        "model": {"window": 26},
+        "train": {"sensors": 2},
+    }
+
+
+def test_what_is_not_known_is_left_to_the_settings_and_said():
+    text = fitting_settings(data(wave("calm", 900, 150.0, 0.0)))
+    assert tomllib.loads(text)["flow"] == {"control_period": PERIOD}
+    assert "# reynolds: not known" in text
+    # 150 steps a cycle would be a horizon of 150.
+    assert "choose another control period" in text
+    assert "horizon" not in tomllib.loads(text)["mpc"]

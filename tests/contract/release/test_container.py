@@ -1,0 +1,152 @@
+"""Containers that state one size and hold another: what is read is bounded, whatever they say."""
+
+import io
+import os
+import resource
+import struct
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from contract.errors import BundleContainerError
+from contract.release import container
+from contract.release.container import MAX_BYTES, MAX_DIRECTORY, MAX_FILES, MAX_ZIP, is_plain_name, read_files
+
+SECONDS = 1.0
+KILOBYTES = 200_000
+"""More resident memory than this no bundle may take, sound or not; it is twice the greatest sound one's."""
+
+
+def refused(path: Path) -> str:
+    """The message, after a check of time and memory."""
+    resident = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.process_time()
+    with pytest.raises(BundleContainerError) as error:
+        read_files(path)
+    assert time.process_time() - began < SECONDS
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < KILOBYTES
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def understated(path: Path, size: int, stated: int) -> Path:
+    """A zip of zeros whose headers state fewer bytes than it inflates to."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("zeros", "w") as file:
+        for _ in range(size // 2**20):
+            file.write(bytes(2**20))
+    raw = path.read_bytes()
+    assert raw.count(struct.pack("<I", size)) >= 1
+    path.write_bytes(raw.replace(struct.pack("<I", size), struct.pack("<I", stated)))
+    return path
+
+
+def test_half_a_gigabyte_that_calls_itself_a_hundred_bytes(tmp_path):
+    path = understated(tmp_path / "b.zip", 500 * 2**20, 100)
+    assert path.stat().st_size < 600_000
+    assert "damaged" in refused(path) or "at most" in refused(path)
+
+
+def test_more_bytes_than_all_files_may_have(tmp_path):
+    path = tmp_path / "b.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("zeros", bytes(MAX_BYTES + 1))
+    assert f"zeros is too large: at most {MAX_BYTES}" in refused(path)
+
+
+def many_entries(path: Path, count: int, zip64: bool) -> Path:
+    """A zip of nothing but a central directory: empty files of one-letter names, all at the same place."""
+    local = struct.pack("<IHHHHHIIIHH", 0x04034B50, 20, 0, 0, 0, 33, 0, 0, 0, 1, 0) + b"x"
+    entry = struct.pack("<IHHHHHHIIIHHHHHII", 0x02014B50, 20, 20, 0, 0, 0, 33, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0) + b"x"
+    directory = entry * count
+    start, size = len(local), len(directory)
+    end = b""
+    if zip64:
+        end = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, count, count, size, start)
+        end += struct.pack("<IIQI", 0x07064B50, 0, start + size, 1)
+    short = min(count, 0xFFFF)
+    end += struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, short, short, *(2 * [0xFFFFFFFF] if zip64 else [size, start]), 0)
+    path.write_bytes(local + directory + end)
+    return path
+
+
+@pytest.mark.parametrize("zip64", [False, True])
+def test_a_directory_of_many_entries_is_refused_before_it_is_parsed(tmp_path, zip64):
+    """500,000 entries are parsed in some seconds; that a few are read shows that the file is a zip."""
+    assert zipfile.ZipFile(many_entries(tmp_path / "few.zip", 10, zip64)).namelist() == ["x"] * 10
+    path = many_entries(tmp_path / "b.zip", 500_000, zip64)
+    assert f"its central directory has 23500000 bytes: at most {MAX_DIRECTORY}" in refused(path)
+
+
+def test_a_zip_of_75_megabytes_is_not_opened(tmp_path):
+    path = many_entries(tmp_path / "b.zip", 1_500_000, zip64=True)
+    assert f"has {path.stat().st_size} bytes: at most {MAX_ZIP}" in refused(path)
+
+
+def test_a_comment_of_the_greatest_length_is_no_directory(tmp_path):
+    path = tmp_path / "b.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a", b"content")
+        archive.comment = b"c" * 65_535
+    assert read_files(path) == {"a": b"content"}
+
+
+def test_a_folder_of_many_files_is_not_listed_to_its_end(tmp_path, monkeypatch):
+    for i in range(3 * MAX_FILES):
+        (tmp_path / f"{i}").touch()
+    opened: list[str] = []
+    whole = container._open_plain
+
+    def counted(path: Path, name: str) -> object:
+        opened.append(name)
+        return whole(path, name)
+
+    monkeypatch.setattr(container, "_open_plain", counted)
+    assert f"more than {MAX_FILES} files" in refused(tmp_path)
+    assert len(opened) == MAX_FILES
+
+
+def test_a_sparse_file_of_a_terabyte(tmp_path):
+    with (tmp_path / "manifest.json").open("wb") as file:
+        file.truncate(2**40)
+    assert "manifest.json is too large: at most 1048576" in refused(tmp_path)
+
+
+def test_a_file_that_becomes_a_pipe_or_a_link_is_not_waited_for(tmp_path):
+    """The folder may change between the look and the reading."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/etc/passwd")
+    for name, named in (("pipe", "not a plain file"), ("link", "is a symbolic link")):
+        with pytest.raises(BundleContainerError, match=named):
+            container._open_plain(tmp_path, name)
+
+
+@pytest.mark.parametrize("name", ["\x1b[2Jx", "a\nb", "a\rb", "x" * 101, "\x9b31m", "\u202egnp"])
+@pytest.mark.parametrize("kind", ["zip", "folder"])
+def test_a_name_that_a_terminal_would_obey_is_refused_and_escaped(tmp_path, name, kind):
+    path = tmp_path / ("b.zip" if kind == "zip" else "b")
+    if kind == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr(name, b"")
+    else:
+        path.mkdir()
+        (path / name).touch()
+    assert not is_plain_name(name)
+    assert refused(path).isprintable()
+
+
+def test_a_name_that_is_no_text_is_refused_and_escaped(tmp_path):
+    (tmp_path / os.fsdecode(b"\xff\xfe")).touch()
+    refused(tmp_path).encode()
+
+
+def test_an_encrypted_zip_is_refused(tmp_path):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("a", b"content")
+    raw = bytearray(content.getvalue())
+    for signature, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        raw[raw.index(signature) + flags] |= 1
+    (tmp_path / "b.zip").write_bytes(raw)
+    assert "encrypted" in refused(tmp_path / "b.zip")

@@ -1,0 +1,129 @@
+"""The C library's folder as someone meets it who has nothing else: built by its own rules, and called from C++."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, REPLAY
+from contract.controller.compiler import host_compiler, zig_compiler
+from export.to_c.__main__ import main
+
+PRECISIONS = ["float32", "int8"]
+CPP = """
+#include "stillwake.h"
+#include "sw_parts.h"
+#include "sw_weights.h"
+#include <cstdio>
+
+static sw_workspace work;
+static sw_input in;
+static sw_output out;
+
+int main()
+{
+    sw_input_reset(&in);
+    float pressures[SW_SENSORS] = {};
+    for (int k = 0; k < SW_WINDOW; k++) sw_input_push(&in, pressures, 0.0f);
+    if (sw_workspace_bytes() != sizeof(work)) return 2;
+    if (sw_control_step(&work, &in, &out) != SW_OK) return 3;
+    std::printf("%g\\n", static_cast<double>(out.plan[0]));
+    return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("folders") / "c"
+    main(folder)
+    return folder
+
+
+def done(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(params=PRECISIONS)
+def folder(request, samples, tmp_path) -> Path:
+    return shutil.copytree(samples / request.param, tmp_path / "c")
+
+
+@pytest.mark.parametrize("flags", [("-O0",), ("-O3", "-march=native", "-ffp-contract=fast")])
+def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder, flags):
+    sources = [item.name for item in folder.glob("*.c")]
+    built = done([*host_compiler(), "-std=c99", *flags, *sources, "-o", "replay"], folder)
+    assert (built.returncode, built.stderr) == (0, "")
+    assert done(["./replay", RECORDED, EXPECTED], folder).returncode == 0
+
+
+def test_an_answer_that_is_another_one_is_noticed(folder):
+    """One number of one line off by a hundredth; a line that is missing; a file that is not there; no rows."""
+    sources = [item.name for item in folder.glob("*.c")]
+    assert done([*host_compiler(), "-std=c99", "-O1", *sources, "-o", "replay"], folder).returncode == 0
+    lines = (folder / EXPECTED).read_text().splitlines()
+    numbers = lines[3].split()
+    planted = [*lines[:3], " ".join([*numbers[:3], str(float(numbers[3]) + 0.01)]), *lines[4:]]
+    (folder / EXPECTED).write_text("\n".join(planted))
+    assert "expected" in done(["./replay", RECORDED, EXPECTED], folder).stderr
+    (folder / EXPECTED).write_text("\n".join(lines[:3]))
+    assert "no answer is expected" in done(["./replay", RECORDED, EXPECTED], folder).stderr
+    assert "a file cannot be read" in done(["./replay", RECORDED, "nowhere"], folder).stderr
+    (folder / RECORDED).write_text("")
+    assert "fewer rows" in done(["./replay", RECORDED, EXPECTED], folder).stderr
+
+
+def cpp_compiler() -> list[str]:
+    for name in ("c++", "g++", "clang++"):
+        if shutil.which(name):
+            return [name]
+    zig = zig_compiler()
+    if zig is None:
+        pytest.skip("no C++ compiler")
+    return [*zig[:-1], "c++"]
+
+
+@pytest.mark.compiler
+def test_a_cpp_program_links_to_the_library(folder):
+    (folder / "main.cpp").write_text(CPP)
+    sources = [item.name for item in folder.glob("*.c") if item.name != REPLAY]
+    assert done([*host_compiler(), "-std=c99", "-O1", "-c", *sources], folder).returncode == 0
+    objects = [name.replace(".c", ".o") for name in sources]
+    strict = ["-std=c++11", "-Wall", "-Wextra", "-Werror"]
+    built = done([*cpp_compiler(), *strict, "main.cpp", *objects, "-o", "program"], folder)
+    assert (built.returncode, built.stderr) == (0, "")
+    answered = done(["./program"], folder)
+    assert answered.returncode == 0
+    float(answered.stdout)
+
+
+@pytest.mark.compiler
+def test_cmake_builds_it_and_its_test_passes(folder):
+    if shutil.which("cmake") is None:
+        pytest.skip("cmake is not installed")
+    for command in (["cmake", "-B", "build"], ["cmake", "--build", "build"], ["ctest", "--test-dir", "build"]):
+        ran = done(command, folder)
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "100% tests passed" in ran.stdout
+
+
+def test_the_documents_are_filled_in(folder):
+    assert all((folder / name).is_file() for name in DOCUMENTS)
+    text = (folder / "README.md").read_text()
+    assert not re.findall(r"@[A-Z_]+@", text)
+    header = (folder / "sw_settings.h").read_text()
+    (program,) = re.findall(r'SW_PROGRAM_SHA256 "(\w+)"', header)
+    assert program in text
+
+
+def test_the_stated_sizes_are_the_compilers(folder):
+    text = (folder / "README.md").read_text()
+    stated = [re.findall(rf"`{name}` \| (\d+)", text)[0] for name in ("sw_input", "sw_output")]
+    (folder / "sizes.c").write_text(
+        '#include <stdio.h>\n#include "stillwake.h"\n'
+        'int main(void) { printf("%d %d", (int)sizeof(sw_input), (int)sizeof(sw_output)); return 0; }\n'
+    )
+    assert done([*host_compiler(), "-std=c99", "sizes.c", "-o", "sizes"], folder).returncode == 0
+    assert done(["./sizes"], folder).stdout.split() == stated

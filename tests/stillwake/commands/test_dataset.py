@@ -1,0 +1,142 @@
+"""`stillwake dataset`: a user's own files, from the command line; one line and status 1 for what is wrong."""
+
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import pytest
+
+import stillwake.__main__ as command_line
+from contract.config.loading import load_config
+from contract.recording import dataset
+from contract.recording.findings import findings
+from tests import foreign_plant
+from tests.foreign_plant import LIMIT, NAMES, PERIOD
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Call `stillwake dataset ...`: status, output and errors."""
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["stillwake", "dataset", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            command_line.main()
+            raise SystemExit(0)
+        captured = capsys.readouterr()
+        status = stop.value.code
+        return (status if isinstance(status, int) else 0), captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[object]:
+    """The words that import three files of three kinds."""
+    sensors = foreign_plant.write_sensors(tmp_path / "sensors.csv")
+    sweep = foreign_plant.write_csv(tmp_path / "sweep.csv", foreign_plant.series(300, 1))
+    calm = foreign_plant.write_npz(tmp_path / "calm.npz", foreign_plant.series(200, 2, forced=False))
+    held_out = foreign_plant.write_hdf5(tmp_path / "held out.h5", foreign_plant.series(150, 3))
+    return [
+        *("--sensors", sensors, "--train", sweep, "--train", calm, "--test", held_out),
+        *("--period", PERIOD, "--limit", LIMIT, "--asymmetric"),
+    ]
+
+
+@pytest.fixture
+def made(run: Run, files: list[object], tmp_path: Path) -> Path:
+    status, _, errors = run("import", tmp_path / "my.h5", *files)
+    assert (status, errors) == (0, "")
+    return tmp_path / "my.h5"
+
+
+def test_an_imported_data_set_is_fit_and_its_settings_fit_it(run: Run, made: Path, tmp_path: Path) -> None:
+    read = dataset.read(made)
+    assert [(item.name, item.role, len(item)) for item in read.episodes] == [
+        ("sweep", "train", 300),
+        ("calm", "train", 200),
+        ("held out", "test", 150),
+    ]
+    assert read.layout.names == NAMES
+    status, output, _ = run("check", made)
+    assert status == 0
+    assert "fit for training and export" in output
+    status, output, _ = run("show", made, "--settings")
+    (tmp_path / "my.toml").write_text(output)
+    assert tomllib.loads(output)["flow"] == {"control_period": PERIOD, "action_limit": LIMIT}
+    config = load_config(tmp_path / "my.toml", [])
+    assert [item.text for item in findings(read, config) if item.stops] == []
+    calm = read.episodes[1].series["Cd"]
+    assert config.mpc.drag_reference == pytest.approx(calm.mean(), rel=1e-5)
+
+
+def test_show_lists_episodes_sensors_and_facts_and_draws(run: Run, made: Path, tmp_path: Path) -> None:
+    status, output, _ = run("show", made, "--picture", tmp_path / "a.png")
+    assert status == 0
+    for word in ("sweep", "held out", "lid-left", "control period 0.3", "reynolds not known", "without mirror images"):
+        assert word in output
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    status, _, errors = run("show", made, "--picture", tmp_path / "a.jpg")
+    assert status == 1
+    assert "must end in .png" in errors
+
+
+def test_a_file_that_is_there_is_replaced_only_when_asked(run: Run, made: Path, files: list[object]) -> None:
+    before = made.read_bytes()
+    status, _, errors = run("import", made, *files)
+    assert status == 1
+    assert "--overwrite" in errors
+    assert made.read_bytes() == before
+    assert run("import", made, *files, "--reynolds", 90, "--overwrite")[0] == 0
+    assert dataset.read(made).plant.reynolds == 90.0
+
+
+def test_nothing_is_written_unless_every_file_fits(run: Run, files: list[object], tmp_path: Path) -> None:
+    text = (tmp_path / "sweep.csv").read_text().splitlines()
+    text[40] = text[40].replace(text[40].split(",")[3], "")
+    (tmp_path / "sweep.csv").write_text("\n".join(text))
+    status, _, errors = run("import", tmp_path / "my.h5", *files)
+    assert status == 1
+    assert "sweep.csv: line 41, column 'Cl': '' is not a number" in errors
+    assert not (tmp_path / "my.h5").exists()
+    status, _, errors = run("import", tmp_path / "my.h5", *files, "--map", "Cl")
+    assert status == 1
+    assert "--map Cl: write NAME=COLUMN" in errors
+
+
+def test_everything_that_is_wrong_is_said_at_once(run: Run, made: Path) -> None:
+    with h5py.File(made, "r+") as file:
+        del file["episodes/calm"].attrs["provenance"]
+        file["episodes/sweep/t"][...] = 2 * file["episodes/sweep/t"][...]
+        file["episodes/sweep/action"][7] = -0.4
+        file["episodes/held out"].attrs["role"] = "extended"
+    status, output, errors = run("check", made)
+    assert status == 1
+    for line in (
+        "episode calm: attribute 'provenance' is missing",
+        "episode sweep: t rises by 0.6, must rise by the control period of 0.3",
+        "episode sweep: action is -0.4 at step 7, beyond the limit of 0.2",
+        "dataset has no episode with role 'test'",
+    ):
+        assert line in output
+    assert "4 things to put right" in errors
+
+
+def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, made: Path) -> None:
+    status, output, _ = run("check", made, "--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.2")
+    assert status == 1
+    assert "control period is 0.3 in the data set, flow.control_period = 0.2" in output
+
+
+@pytest.mark.parametrize("content", [b"a,b\n1,2\n", b"\x89HDF\r\n\x1a\n half of a file"])
+def test_what_is_no_data_set_is_named(run: Run, tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "my.h5").write_bytes(content)
+    for verb in ("check", "show"):
+        status, output, errors = run(verb, tmp_path / "my.h5")
+        assert status == 1
+        assert "damaged or not an HDF5 dataset" in output + errors
+    assert "no such dataset" in "".join(run("show", tmp_path / "none.h5")[1:])

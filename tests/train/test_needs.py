@@ -1,0 +1,70 @@
+"""The lengths that are asked of a recording are those at which the phases of training themselves refuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract.config.learning import FinishConfig
+from contract.config.tree import Config
+from contract.errors import DatasetError
+from contract.recording import needs
+from train.distil import encode_all
+from train.evaluate import evaluate, rollout_starts
+from train.fit import fit_joint
+from train.model import WakeModel
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
+from train.streaming import fit_stream
+
+
+@pytest.fixture
+def config(small_config: Config) -> Config:
+    return replace(small_config, train=replace(small_config.train, epochs=0.01))
+
+
+def rows_of(make_episode, steps: int) -> Rows:
+    whole = make_episode("one", "train", 300, 1)
+    short = replace(whole, series={name: values[:steps] for name, values in whole.series.items()})
+    return prepare([short], fit_scaling([whole]), mirrored=False)
+
+
+@pytest.mark.parametrize("finish", [0.0, 0.01])
+def test_the_joint_fit(make_episode, config: Config, finish: float) -> None:
+    config = replace(config, train=replace(config.train, finish=FinishConfig(epochs=finish)))
+    need = needs.fitting_need(config)
+    fit_joint(rows_of(make_episode, need.steps), config)
+    with pytest.raises(DatasetError, match=f"{need.reason} need {need.steps}"):
+        fit_joint(rows_of(make_episode, need.steps - 1), config)
+
+
+def test_the_stream(make_episode, config: Config) -> None:
+    config = replace(config, train=replace(config.train, stream_epochs=0.01))
+    need = needs.fitting_need(config)
+    assert need.steps == 12 - 1 + 64
+    student = WakeModel(90, config.model).encoder
+
+    def fit(steps: int) -> None:
+        rows = rows_of(make_episode, steps)
+        fit_stream(student, encode_all(student, rows).detach(), rows, config)
+
+    fit(need.steps)
+    with pytest.raises(DatasetError, match="too short"):
+        fit(need.steps - 1)
+
+
+def test_the_judging(make_episode, config: Config) -> None:
+    need = needs.judging_need(config)
+    model = WakeModel(90, config.model).eval()
+    # One step more, because a single roll-out has no deviation to compare with.
+    evaluate(model.encoder, model, rows_of(make_episode, need.steps + 1))
+    assert len(rollout_starts(rows_of(make_episode, need.steps), config.model.window, 25)) == 1
+    with pytest.raises(DatasetError, match="too short"):
+        evaluate(model.encoder, model, rows_of(make_episode, need.steps - 1))
+
+
+def test_the_windows_of_an_episode(make_episode, config: Config) -> None:
+    model = WakeModel(90, config.model).eval()
+    for steps in (5, 11, 12, 40):
+        latents = encode_all(model.encoder, rows_of(make_episode, steps))
+        assert needs.windows_in(steps, config.model.window) == int(np.sum(~latents[:, 0].isnan().numpy()))

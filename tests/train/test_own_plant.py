@@ -1,0 +1,163 @@
+"""A plant of seven sensors without mirror images: rows, scaling and selection know nothing of the truck."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from contract.config.learning import ModelConfig, SelectionMethod, TrainConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.errors import ConfigError, DatasetError
+from contract.recording import dataset
+from contract.recording.dataset import Dataset, Episode, Role
+from contract.recording.facts import PlantFacts
+from contract.sensor_layout import SensorLayout
+from tests import foreign_plant
+from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from train import model_store
+from train.model import WakeModel
+from train.pipeline import train_all
+from train.progress import Phase
+from train.rows import Rows, prepare
+from train.scaling import fit_scaling
+from train.selection.hand_choice import select_by_hand
+from train.selection.methods import METHODS, select
+
+LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
+CONFIG = Config(
+    flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT),
+    model=ModelConfig(window=12, lstm_width=16, dynamics_width=24, decoder_width=16, dropout=0.0),
+    train=TrainConfig(
+        segment=8,
+        batch_size=128,
+        schedule="one_cycle",
+        learning_rate=1e-2,
+        epochs=8.0,
+        distil_epochs=4.0,
+        sensors=3,
+        selection="greedy",
+        shap_background=5,
+        shap_explained=10,
+        shap_repeats=1,
+        shap_samples=2,
+    ),
+)
+
+
+def episode(name: str, role: Role, steps: int, *, forced: bool = True) -> Episode:
+    values = foreign_plant.series(steps, steps, forced=forced)
+    return Episode(name=name, role=role, series=values, initial_action=0.0, provenance={})
+
+
+@pytest.fixture(scope="module")
+def recording() -> Dataset:
+    return Dataset(
+        episodes=(
+            episode("sweep", "train", 700),
+            episode("calm", "train", 150, forced=False),
+            episode("blink", "train", 20),
+            episode("held out", "test", 300),
+        ),
+        layout=LAYOUT,
+        facts=PlantFacts(control_period=PERIOD, action_limit=LIMIT),
+    )
+
+
+@pytest.fixture(scope="module")
+def rows(recording: Dataset) -> Rows:
+    episodes = recording.with_role("train")
+    return prepare(episodes, fit_scaling(episodes, LAYOUT), mirrored=False, layout=LAYOUT)
+
+
+def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording: Dataset, rows: Rows) -> None:
+    assert rows.inputs.shape == (870, 8)
+    assert rows.names == ("sweep", "calm", "blink")
+    for values in (rows.inputs[:, :7], rows.forces):
+        torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), rtol=0, atol=1e-5)
+        torch.testing.assert_close(values.std(dim=0, correction=0), torch.ones(values.shape[1]), rtol=1e-5, atol=0)
+    # An action is not shifted: none stays zero.
+    assert rows.actions[-100:-20].abs().max() == 0.0
+    with pytest.raises(ConfigError, match="no mirror images"):
+        prepare(recording.episodes, fit_scaling(recording.episodes, LAYOUT), mirrored=True, layout=LAYOUT)
+
+
+@pytest.mark.parametrize("method", [method for method in METHODS if method != "hand"])
+def test_every_method_but_hand_chooses_among_the_seven(rows: Rows, method: SelectionMethod) -> None:
+    encoder = WakeModel(7, CONFIG.model).encoder
+    chosen = select(method, encoder, rows, 7, settings=CONFIG.train)
+    assert set(chosen) == set(NAMES)
+    with pytest.raises(ConfigError, match=r"train\.sensors = 8: must be from 1 to 7"):
+        select(method, encoder, rows, 8, settings=CONFIG.train)
+
+
+def test_by_hand_is_refused_by_name_where_the_places_do_not_allow_it() -> None:
+    with pytest.raises(ConfigError, match="'hand': these sensors have no mirror images"):
+        select_by_hand(2, LAYOUT)
+    flat = SensorLayout.of(("up", "down"), np.array([[1.0, 0.5], [1.0, -0.5]]))
+    with pytest.raises(ConfigError, match="'hand': these sensors have no base"):
+        select_by_hand(2, flat)
+
+
+def test_by_hand_goes_outward_from_the_rear_corners_of_any_symmetric_body() -> None:
+    names = ("nose", "roof", "floor", "top", "centre", "bottom")
+    places = np.array([[0.0, 0.0], [0.8, 0.3], [0.8, -0.3], [1.0, 0.2], [1.0, 0.0], [1.0, -0.2]])
+    layout = SensorLayout.of(names, places, base=(3, 4, 5))
+    order = [names[index] for index in select_by_hand(6, layout)]
+    assert order == ["roof", "floor", "top", "bottom", "centre", "nose"]
+
+
+def never(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+    raise AssertionError("training started")
+
+
+@pytest.mark.parametrize(
+    ("flow", "message"),
+    [
+        (FlowConfig(action_limit=LIMIT), r"control period is 0\.3 in the data set, flow\.control_period = 0\.2"),
+        (FlowConfig(control_period=PERIOD), r"action limit is 0\.2 in the data set, flow\.action_limit = 0\.075"),
+    ],
+)
+def test_settings_of_another_plant_are_refused_before_training(
+    recording: Dataset, tmp_path: Path, flow: FlowConfig, message: str
+) -> None:
+    dataset.write(tmp_path / "my.h5", recording)
+    with pytest.raises(DatasetError, match=message):
+        train_all(tmp_path / "my.h5", replace(CONFIG, flow=flow), tmp_path / "model", progress=never)
+    assert [item.name for item in tmp_path.iterdir()] == ["my.h5"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda s: {"t": s["t"][::-1]}, "episode sweep: t does not rise from step 0"),
+        (lambda s: {"t": 2 * s["t"]}, r"episode sweep: t rises by 0\.6, must rise by the control period of 0\.3"),
+        (lambda s: {"action": 10 * s["action"]}, r"episode sweep: action is .* beyond the limit of 0\.2"),
+    ],
+)
+def test_times_and_actions_that_cannot_be_are_refused_before_training(
+    recording: Dataset, tmp_path: Path, spoil: Any, message: str
+) -> None:
+    first, *others = recording.episodes
+    bad = replace(first, series={**first.series, **spoil(first.series)})
+    dataset.write(tmp_path / "my.h5", replace(recording, episodes=(bad, *others)))
+    with pytest.raises(DatasetError, match=message):
+        train_all(tmp_path / "my.h5", CONFIG, tmp_path / "model", progress=never)
+
+
+@pytest.mark.slow  # a whole training
+def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout(recording: Dataset, tmp_path: Path) -> None:
+    dataset.write(tmp_path / "my.h5", recording)
+    lines: list[str] = []
+    trained = train_all(tmp_path / "my.h5", CONFIG, tmp_path / "model", notice=lines.append)
+    assert [line.split(",")[0] for line in lines] == ["episode blink has 20 steps"]
+    # Six seconds of training: lift is nearly linear in every pressure.
+    assert trained.metrics.slim.lift.r2 > 0.8
+    read = model_store.load(tmp_path / "model")
+    assert read.layout.same_as(LAYOUT)
+    assert set(read.sensors) < set(NAMES)
+    assert len(read.scaling.pressure_mean) == 7

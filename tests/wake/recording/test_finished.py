@@ -1,0 +1,145 @@
+"""A recording is never replaced by chance; and it may begin in any flow state."""
+
+import hashlib
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from contract.config.tree import Config
+from contract.errors import OutputError, PlantError, StillwakeError
+from contract.recording.dataset import read
+from tests.wake.recording.test_controlled_recording import Integrator, a_round
+from wake.recording import controlled_recording, recorder
+from wake.recording.episode_plan import EpisodePlan, paper_plans
+from wake.shipped import RECORDING
+from wake.truck.state import Origin, State, save_state
+
+TRAINING = EpisodePlan(forcing="training", steps=7, seed=5, lead=2)
+NONE = EpisodePlan(forcing="none", steps=2, seed=0)
+PLANS = (TRAINING, NONE)
+
+
+@pytest.fixture(autouse=True)
+def every_plant_is_cheap(cheap_plant: None) -> None:
+    pass
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Path:
+    assert record(tmp_path / "a.h5")
+    return tmp_path / "a.h5"
+
+
+def record(path: Path, plans: tuple[EpisodePlan, ...] = PLANS, config: Config | None = None, **options: Any) -> bool:
+    return recorder.record(path, plans, Config() if config is None else config, block_steps=3, **options)
+
+
+def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output: Path) -> None:
+    before = output.read_bytes()
+    assert not record(output)
+    assert output.read_bytes() == before
+
+
+def test_rounds_that_were_added_do_not_count(output: Path) -> None:
+    controlled_recording.record_round(output, a_round(episodes=1), Config(), Integrator, block_steps=3)
+    before = output.read_bytes()
+    assert not record(output)
+    assert output.read_bytes() == before
+
+
+def test_another_version_of_the_software_made_the_same_recording(output: Path) -> None:
+    with h5py.File(output, "r+") as file:
+        for node in file["episodes"].values():
+            node.attrs["provenance"] = node.attrs["provenance"].replace('"numba": "', '"numba": "9')
+    assert not record(output)
+
+
+@pytest.mark.parametrize(
+    ("plans", "changes", "named"),
+    [
+        ((replace(TRAINING, steps=20), NONE), {}, "episode training_5 has 7 steps, not 20"),
+        ((replace(TRAINING, seed=6), NONE), {}, "no episode training_6, but training_5, none_0"),
+        ((replace(TRAINING, lead=3), NONE), {}, "episode training_5 has lead_steps = 2, not 3"),
+        ((TRAINING,), {}, "it also has episode none_0"),
+        (PLANS, {"reynolds": 1000.0}, r"episode training_5 has flow.reynolds = 500.0, not 1000.0"),
+    ],
+)
+def test_another_recording_is_refused_by_what_differs(
+    output: Path, plans: tuple[EpisodePlan, ...], changes: dict[str, Any], named: str
+) -> None:
+    before, config = output.read_bytes(), replace(Config(), flow=replace(Config().flow, **changes))
+    with pytest.raises(OutputError, match=rf"{named}.*; give --overwrite to replace it, or another name"):
+        record(output, plans, config)
+    assert output.read_bytes() == before
+    assert [path.name for path in output.parent.iterdir()] == ["a.h5"]
+
+
+def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    copy = Path(shutil.copy(RECORDING, tmp_path / "a.h5"))
+    assert not record(copy, paper_plans())
+    with pytest.raises(OutputError, match="episode training_2 has lead_steps = 2, not 0"):
+        record(copy, paper_plans(seed=2))
+
+
+def test_what_is_no_data_set_is_not_replaced_either(tmp_path: Path) -> None:
+    (tmp_path / "a.h5").write_text("a thesis")
+    with pytest.raises(OutputError, match="there is a file that is not read"):
+        record(tmp_path / "a.h5")
+    assert (tmp_path / "a.h5").read_text() == "a thesis"
+
+
+def test_the_old_one_stays_until_the_new_one_is_whole(output: Path) -> None:
+    before = output.read_bytes()
+
+    def stop(name: str, done: int, total: int) -> None:
+        if done == 3:
+            assert output.read_bytes() == before
+            raise KeyboardInterrupt
+
+    longer = (replace(TRAINING, steps=9), NONE)
+    with pytest.raises(KeyboardInterrupt):
+        record(output, longer, overwrite=True, progress=stop)
+    assert output.read_bytes() == before
+    seen: list[tuple[str, int]] = []
+    assert record(output, longer, overwrite=True, progress=lambda name, done, total: seen.append((name, done)))
+    assert seen[0] == ("training_5", 3)
+    assert [len(episode) for episode in read(output).episodes] == [9, 2]
+
+
+def test_a_start_that_failed_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverging(config: object) -> None:
+        raise PlantError("flow diverged")
+
+    monkeypatch.setattr(recorder, "TruckWake", diverging)
+    for output in (tmp_path / "a.h5", tmp_path / "new" / "deep" / "a.h5"):
+        with pytest.raises(PlantError, match="flow diverged"):
+            record(output)
+    with pytest.raises(StillwakeError, match=r"start\.npz: not a flow state"):
+        record(tmp_path / "a.h5", start=tmp_path / "start.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_begins_in_the_state_it_is_given(tmp_path: Path, oscillator: type) -> None:
+    flat = np.array([0.3, -0.2])
+    start = tmp_path / "start.npz"
+    save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(1, 2), reynolds=1000.0)))
+    output, config = tmp_path / "a.h5", replace(Config(), flow=replace(Config().flow, reynolds=1000.0))
+    with pytest.raises(PlantError, match=r"reynolds = 1000, this plant has 500: `stillwake develop start\.npz"):
+        record(output, (NONE,), start=start)
+    assert not output.with_name("a.h5.parts").exists()
+    assert record(output, (NONE,), config, start=start)
+    episode = read(output).episodes[0]
+    plant = oscillator()
+    # Stored in 16 bits.
+    assert episode.series["Cd"][0] == pytest.approx(plant.reset(State(flat=flat, substep=0, action=0.0)).Cd, abs=2**-15)
+    assert episode.provenance["start"] == "start.npz"
+    assert episode.provenance["start_sha256"] == hashlib.sha256(start.read_bytes()).hexdigest()
+    assert not record(output, (NONE,), config, start=start)
+    with pytest.raises(OutputError, match=r"has start = start\.npz, not wake/data/developed\.npz"):
+        record(output, (NONE,), config)
