@@ -45,14 +45,15 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
 
-    The folder is made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
+    The folders are made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
     directory is kept until the new one is in its place.
     Raises StillwakeError if the place cannot be written.
     """
     temporary, aside = _temporary(path, "part"), _temporary(path, "old")
     made_parent = False
     try:
-        made_parent = not path.parent.exists()
+        missing = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
+        made_parent = bool(missing)
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         try:
@@ -75,9 +76,10 @@ def replacing(path: Path) -> Iterator[Path]:
                 with suppress(OSError):
                     leftover.unlink()
         if made_parent:
-            # Stays unless it is empty.
+            # Each stays unless it is empty.
             with suppress(OSError):
-                path.parent.rmdir()
+                for folder in missing:
+                    folder.rmdir()
 
 
 def _temporary(path: Path, kind: str) -> Path:

@@ -5,24 +5,19 @@ Re = 500: the operating point sets clocks and scales, it does not make the wake 
 """
 
 from dataclasses import dataclass
-from math import isfinite
+from typing import Annotated
 
-from contract.errors import ConfigError
+from contract.config.rules import Positive, Settings
+from contract.config.units import Unit
 
 
 @dataclass(frozen=True, kw_only=True)
-class OperatingPoint:
-    """Width W in m, speed U_inf in m/s, density rho in kg/m3."""
+class OperatingPoint(Settings, section="operating_point"):
+    """Width W, speed U_inf and density rho."""
 
-    width: float = 2.5
-    speed: float = 25.0
-    density: float = 1.2
-
-    def __post_init__(self) -> None:
-        for field in ("width", "speed", "density"):
-            value = getattr(self, field)
-            if not (value > 0.0 and isfinite(value)):
-                raise ConfigError(f"operating_point.{field} = {value}: must be positive")
+    width: Annotated[Positive[float], Unit("m")] = 2.5
+    speed: Annotated[Positive[float], Unit("m/s")] = 25.0
+    density: Annotated[Positive[float], Unit("kg/m3")] = 1.2
 
     @property
     def convective_time(self) -> float:

@@ -1,18 +1,23 @@
-"""The composition root: every command by its name, and what a user can cause as one line.
+"""The composition root: every command by its name.
 
 Commands import the rooms where they need them, so that `run` on a vehicle needs neither torch nor a flow solver's
 compiler, and a missing extra is one clear line.
 """
 
+from stillwake import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)
+
+# isort: split
+
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from inspect import getdoc
+from typing import Annotated, Final
 
 import typer
-from rich.console import Console
 
-from contract.errors import StillwakeError
 from stillwake.commands.bundle import bundle
+from stillwake.commands.config import config
 from stillwake.commands.dataset import dataset
 from stillwake.commands.export import export, mcu
 from stillwake.commands.picture import animate, picture
@@ -20,50 +25,81 @@ from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
 from stillwake.commands.run import report, run
 from stillwake.commands.train import train
-from stillwake.stopping import INTERRUPTED, ends_like_ctrl_c, outcome
+from stillwake.endings import status_of
+from stillwake.stopping import ends_like_ctrl_c
+from stillwake.terminal import console
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-errors = Console(stderr=True)
+EPILOG: Final = (
+    "Lengths are in W, the truck's width; times in t_c = W / U_inf, the time in which the air passes one width. Cd and "
+    "Cl are the coefficients of drag and lift, Cp that of pressure; the base is the truck's rear face. An action is "
+    "the flow rate of the jets in U_inf W. A shedding cycle of the wake takes about 5 t_c, a control period 0.2 t_c: "
+    "20 ms for a truck on a motorway."
+)
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
+    epilog=EPILOG,
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        console.print(f"stillwake {version('stillwake')}", highlight=False)
+        raise typer.Exit
 
 
 @app.callback()
-def _root() -> None:
+def _root(
+    _version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
     """A learned flow controller for truck wakes, from wall pressures to an ECU on the CAN bus."""
 
 
-for command in (record, train, export, mcu, run, report, develop, steady, animate):
-    app.command()(command)
-for name, group in {"bundle": bundle, "dataset": dataset, "picture": picture}.items():
-    app.add_typer(group, name=name)
+CONTROL: Final = "Run a controller"
+MODEL: Final = "Make a controller from a recording"
+WAKE: Final = "Study the wake"
+SETTINGS: Final = "Settings of every command"
+
+PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
+    CONTROL: (run, report, mcu),
+    MODEL: (record, train, export),
+    WAKE: (develop, steady, animate),
+    SETTINGS: (config,),
+}
+for panel, commands in PANELS.items():
+    for command in commands:
+        app.command(rich_help_panel=panel)(command)
+app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
+app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
+app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 
 
-@contextmanager
-def _one_line_errors() -> Iterator[None]:
-    """Turn what a user can cause into one line and a non-zero exit."""
-    try:
-        yield
-    except StillwakeError as error:
-        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
-        sys.exit(1)
-    except ModuleNotFoundError as error:
-        of_extra = {"train": ("torch", "shap", "onnx", "safetensors"), "mcu": ("unicorn", "capstone", "elftools")}
-        extra = next((extra for extra, names in of_extra.items() if error.name in names), "sim")
-        line = f"error: this command needs {error.name}: pip install 'stillwake[{extra}]'"
-        errors.print(line, style="red", markup=False)
-        sys.exit(1)
-    except SystemExit as stop:
-        if stop.code == INTERRUPTED:  # typer ends by exiting, and makes this of Ctrl-C
-            status, line = outcome()
-            errors.print(line, style="red", markup=False, highlight=False, soft_wrap=True)
-            sys.exit(status)
-        raise
+def _let_paragraphs_flow(group: typer.Typer) -> None:
+    """Let the terminal's width break the lines of every command's help, not the source's."""
+    for info in group.registered_commands:
+        paragraphs = (getdoc(info.callback) or "").split("\n\n")
+        info.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    for inner in group.registered_groups:
+        if inner.typer_instance is not None:
+            _let_paragraphs_flow(inner.typer_instance)
+
+
+_let_paragraphs_flow(app)
 
 
 def main() -> None:
     """Entry point of the `stillwake` command."""
     ends_like_ctrl_c()
-    with _one_line_errors():
-        app()
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that lacks a character, or a file name that is no UTF-8, must not end a command.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    sys.exit(status_of(app))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.markup import escape
+from rich.text import Text
 
 from contract.release import bundle as bundles
 from contract.release import signing
@@ -34,13 +34,13 @@ def open_release(path: Path | None, trust: str | None) -> Bundle:
     return bundles.load(*locate(path, trust))
 
 
-def describe(release: Bundle) -> list[str]:
-    """Lines for rich when a bundle is opened: its name and sensors, and what its signature is worth."""
+def describe(release: Bundle) -> list[Text]:
+    """Lines for people when a bundle is opened: its name and sensors, and what its signature is worth."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [
-        escape(f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}"),
-        signature(release) if vouched_for else f"[yellow]warning: {signature(release)}[/]",
+        Text(f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}"),
+        Text(signature(release)) if vouched_for else Text(f"warning: {signature(release)}", style="yellow"),
     ]
 
 

@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import current_thread, main_thread
 from typing import Any, Final
 
 INTERRUPTED: Final = 130
@@ -15,10 +16,17 @@ _advice: list[str] = []
 
 
 def ends_like_ctrl_c() -> None:
-    """Let SIGTERM raise what Ctrl-C raises, so that everything half-written is cleared away."""
+    """Let SIGTERM raise what Ctrl-C raises, so that everything half-written is cleared away; a second one kills.
+
+    Python sees a signal between two of its own steps: compiled code and an import end first. Outside the main thread,
+    which alone may take signals, nothing is changed.
+    """
+    if current_thread() is not main_thread():
+        return
 
     def stop(number: int, _frame: Any) -> None:
         _asked.append(signal.Signals(number).name)
+        signal.signal(number, signal.SIG_DFL)
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)

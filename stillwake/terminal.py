@@ -1,30 +1,78 @@
 """What every command shares: the console, the progress bar with its estimate, and the options for settings."""
 
+import os
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
+from rich.text import Text
 
-console = Console()
+from stillwake.progress import ProgressBar, ProgressLines
 
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file; default: the release settings.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures and their settings here.")]
-Overrides = Annotated[list[str], typer.Option("--set", help="Override, e.g. --set mpc.weights.lift=0.1 (repeatable).")]
+WIDE: Final = 10_000
+"""Columns where there is no terminal: a file, a pipe or a log has no right edge, and paths and hashes stay whole."""
 
 
-def progress_bar(unit: str, *, estimate_over: float = 30.0) -> Progress:
-    """Tasks with a bar, a count in `unit`, the field `note`, and the time left, from the speed over the last
-    `estimate_over` seconds.
+def make_console(*, stderr: bool = False) -> Console:
+    """A console that prints text as it is: brackets in a path are no markup, a control character is no command."""
+    stream = sys.stderr if stderr else sys.stdout
+    has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
+    return PlainConsole(stderr=stderr, markup=False, emoji=False, width=None if has_edge else WIDE)
+
+
+class PlainConsole(Console):
+    """Shows control characters in text as Python writes them; whoever wants colour gives `style` or a `Text`."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """As rich's."""
+        return super().render_str(visible(text), **options)
+
+
+def visible(text: str) -> str:
+    """The text with its control characters and halves of surrogate pairs written out, but for line ends and tabs."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
+console = make_console()
+
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="TOML file of settings, on top of the release's.", metavar="FILE")
+]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Also write the figures and their settings here.", metavar="FILE")
+]
+Overrides = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        help="One setting, section.key=value (repeatable); `stillwake config` lists them.",
+        metavar="KEY=VALUE",
+    ),
+]
+
+
+def progress_bar(
+    unit: str,
+    *,
+    estimate_over: float = 30.0,
+    console: Console = console,
+    clock: Callable[[], float] = time.monotonic,
+) -> Progress:
+    """Tasks with a bar, a count in `unit`, the time left, and the field `note`; where no terminal is, lines of text.
+
+    Nothing is shown before the first update, so that an error at the start stands alone.
+
+    Args:
+        unit: of the counts, in the plural.
+        estimate_over: seconds, the latest ones, whose speed gives the time left.
+        console, clock: where it is shown, and seconds.
     """
-    return Progress(
-        TextColumn("[bold]{task.description}"),
-        BarColumn(bar_width=12),
-        MofNCompleteColumn(),
-        TextColumn(unit),
-        TimeRemainingColumn(compact=True, elapsed_when_finished=True),
-        TextColumn("{task.fields[note]}"),
-        console=console,
-        speed_estimate_period=estimate_over,
-    )
+    kind = ProgressBar if console.is_interactive else ProgressLines
+    return kind(unit, console=console, estimate_over=estimate_over, clock=clock)

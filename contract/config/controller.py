@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Settings, at_least
+from contract.config.units import STEPS
 
 
 @dataclass(frozen=True, kw_only=True)
-class CostWeights(Settings):
+class CostWeights(Settings, section="mpc.weights"):
     """Weights of the MPC cost J (paper, equations 9-11); forces and actions in physical units."""
 
     drag_mean: NonNegative[float] = 1.0
@@ -33,7 +34,7 @@ class CostWeights(Settings):
 class MpcConfig(Settings):
     """The fixed-iteration optimiser (paper, section 2.4)."""
 
-    horizon: Annotated[int, at_least(2)] = 25
+    horizon: Annotated[int, at_least(2), STEPS] = 25
     iterations: AtLeastOne[int] = 5
     learning_rate: Positive[float] = 1e-3
     drag_reference: Finite[float] = 1.051

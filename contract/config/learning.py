@@ -17,6 +17,7 @@ from contract.config.rules import (
     at_least,
     require,
 )
+from contract.config.units import PASSES, STEPS, WINDOWS
 
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 """How the slim encoder's sensors are chosen (`train.selection`)."""
@@ -26,7 +27,7 @@ SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 class ModelConfig(Settings):
     """Shapes of the three networks (paper, table 1)."""
 
-    window: AtLeastOne[int] = 32
+    window: Annotated[AtLeastOne[int], STEPS] = 32
     latent: AtLeastOne[int] = 8
     lstm_width: AtLeastOne[int] = 64
     dynamics_width: AtLeastOne[int] = 256
@@ -54,15 +55,15 @@ class ModelConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FinishConfig(Settings):
+class FinishConfig(Settings, section="train.finish"):
     """Last passes of the joint fit, with a longer unroll. Started with it, training stalls on the mean forces; from
     a model that already predicts 5 steps it brings the error at the controller's horizon down.
 
-    A field replaces that of the same name in `TrainConfig`.
+    A field replaces that of the same name in `train`.
     """
 
-    epochs: NonNegative[float] = 0.0
-    unroll: AtLeastOne[int] = 20
+    epochs: Annotated[NonNegative[float], PASSES] = 0.0
+    unroll: Annotated[AtLeastOne[int], STEPS] = 20
     learning_rate: Positive[float] = 5e-4
     force_weight: NonNegative[float] = 2.0
     decode_weight: NonNegative[float] = 2.0
@@ -72,26 +73,26 @@ class FinishConfig(Settings):
 class TrainConfig(Settings):
     """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
 
-    unroll: AtLeastOne[int] = 5
+    unroll: Annotated[AtLeastOne[int], STEPS] = 5
     force_weight: NonNegative[float] = 0.25
     decode_weight: NonNegative[float] = 0.0
     """On the forces read from the encoded latents themselves; the paper's loss sees predicted ones only."""
     variance_weight: NonNegative[float] = 0.02
     covariance_weight: NonNegative[float] = 0.02
-    batch_size: Annotated[int, at_least(2, "for the variance over a batch")] = 512
+    batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
-    epochs: Positive[float] = 300.0
+    epochs: Annotated[Positive[float], PASSES] = 300.0
     """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
-    segment: AtLeastOne[int] = 1
+    segment: Annotated[AtLeastOne[int], WINDOWS] = 1
     """Consecutive windows drawn together; 1 draws each on its own, as the paper does. Neighbours share most of
     their work, so 8 makes an iteration several times cheaper for a batch of the same size."""
     schedule: Literal["constant", "one_cycle"] = "constant"
     finish: FinishConfig = field(default_factory=FinishConfig)
-    stream_epochs: NonNegative[float] = 0.0
+    stream_epochs: Annotated[NonNegative[float], PASSES] = 0.0
     """Passes of the distillation that read the recording as a stream, before those that read windows: they cost a
     small part of them and leave them little to do."""
-    distil_epochs: Positive[float] = 300.0
-    predictor_epochs: Positive[float] = 10.0
+    distil_epochs: Annotated[Positive[float], PASSES] = 300.0
+    predictor_epochs: Annotated[Positive[float], PASSES] = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on."""
     sensor_noise: NonNegative[float] = 0.0
     """Of the slim encoder's inputs while it is distilled, and of the sensors compared by greedy and random selection:
@@ -100,8 +101,8 @@ class TrainConfig(Settings):
     sensors: AtLeastOne[int] = 4
     selection: SelectionMethod = "shap"
     """How they are chosen; the others are what the paper's method is measured against."""
-    shap_background: AtLeastOne[int] = 100
-    shap_explained: AtLeastOne[int] = 500
+    shap_background: Annotated[AtLeastOne[int], WINDOWS] = 100
+    shap_explained: Annotated[AtLeastOne[int], WINDOWS] = 500
     shap_repeats: AtLeastOne[int] = 10
     shap_samples: AtLeastOne[int] = 200
     """Points on the paths from the background to each explained window; shap's default."""

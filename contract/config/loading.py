@@ -5,11 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from math import inf
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 import dacite
 
+from contract.config.names import check_names, takes_text
 from contract.config.tree import Config
 from contract.errors import ConfigError
 
@@ -19,6 +21,12 @@ PAPER = "paper"
 """Name of the bare defaults."""
 BASE_KEY = "base"
 """In a TOML file: which of the two it goes on top of."""
+LARGEST_FILE = 2**20
+"""Bytes; all settings take three thousand."""
+LONGEST_SHOWN = 60
+"""Characters of a value in an error."""
+
+_KINDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "text", type(None): "left out"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +58,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
     Args:
         path: a TOML file; its first line may be `base = "paper"`, to go on top of the paper's settings instead.
-        overrides: `section.key=value` strings, the value in TOML syntax; a bare word is a string, because shells
-            take the quotation marks away.
+        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks, because
+            shells take them away.
         base: what the file and the overrides go on top of, in place of the release's settings.
 
     Raises:
@@ -61,12 +69,15 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     asked = {} if path is None else _parsed(path)
     chosen = asked.pop(BASE_KEY, RELEASE)
     if chosen not in (RELEASE, PAPER):
-        raise ConfigError(f"configuration {path}: {BASE_KEY} = {chosen!r}: must be {PAPER!r} or {RELEASE!r}")
+        raise ConfigError(f"configuration {path}: {BASE_KEY} = {_short(chosen)}: must be {PAPER!r} or {RELEASE!r}")
     if chosen == PAPER:
         tree = {}
     changes: dict[str, Any] = {}
+    _check(asked, f"configuration {path}")
     for text in overrides:
-        _apply(changes, text)
+        change = _parsed_override(text)
+        _check(change, f"override {_short(text)}")
+        _merge(changes, change)
     for change in (asked, changes):
         _merge(tree, change)
     return Loaded(config=from_tree(tree), in_file=frozenset(_leaves(asked)), in_overrides=frozenset(_leaves(changes)))
@@ -74,19 +85,25 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 def from_tree(tree: Mapping[str, Any]) -> Config:
     """A validated Config from nested mappings; missing keys take the paper's values."""
+    check_names(tree)
     _refuse_booleans(tree)
     try:
         return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
     except dacite.DaciteError as error:
-        raise ConfigError(f"configuration: {describe_error(error)}") from error
+        raise ConfigError(describe_error(error)) from error
 
 
 def describe_error(error: dacite.DaciteError) -> str:
-    """What dacite found wrong, with the choices where a value must be one of some."""
-    if isinstance(error, dacite.WrongTypeError) and get_origin(error.field_type) is Literal:
+    """What dacite found wrong, in words: which field, its value, and what it must be."""
+    if not isinstance(error, dacite.WrongTypeError):
+        return str(error)
+    if get_origin(error.field_type) is Literal:
         *most, last = map(repr, get_args(error.field_type))
-        return f"{error.field_path} = {error.value!r}: must be {', '.join(most)} or {last}"
-    return str(error)
+        return f"{error.field_path} = {_short(error.value)}: must be {', '.join(most)} or {last}"
+    kinds = get_args(error.field_type) or (error.field_type,)
+    if not set(kinds) <= set(_KINDS):
+        return str(error)
+    return f"{error.field_path} = {_short(error.value)}: must be {' or '.join(_KINDS[kind] for kind in kinds)}"
 
 
 def to_tree(config: Config) -> dict[str, Any]:
@@ -96,32 +113,90 @@ def to_tree(config: Config) -> dict[str, Any]:
 
 def as_float(value: object) -> object:
     """A float for a whole number, anything else as it is: TOML and JSON write 1 where 1.0 is meant."""
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    if not isinstance(value, int) or isinstance(value, bool):
+        return value
+    try:
+        return float(value)
+    except OverflowError:
+        return inf if value > 0 else -inf
 
 
 def _refuse_booleans(tree: Mapping[str, Any], above: str = "") -> None:
     # No setting is a boolean, and Python would take true for the number 1.
     for key, value in tree.items():
         if isinstance(value, bool):
-            raise ConfigError(f"configuration: {above}{key} = {str(value).lower()}: must not be a boolean")
+            raise ConfigError(f"{above}{key} = {str(value).lower()}: must not be a boolean")
         if isinstance(value, Mapping):
             _refuse_booleans(value, f"{above}{key}.")
 
 
+def _check(tree: Mapping[str, Any], source: str) -> None:
+    try:
+        check_names(tree)
+        _refuse_booleans(tree)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from error
+
+
 def _parsed(source: Traversable) -> dict[str, Any]:
     try:
-        return tomllib.loads(source.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        with source.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise ConfigError(f"configuration {source}: larger than {LARGEST_FILE} bytes, is no file of settings")
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"configuration {source}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"configuration {source}: is no text in UTF-8") from error
+    except ValueError as error:  # tomllib's own error, or Python's for a number of thousands of digits
         raise ConfigError(f"configuration {source}: {error}") from error
+    except RecursionError as error:
+        raise ConfigError(f"configuration {source}: nested too deeply") from error
+
+
+def _parsed_override(text: str) -> dict[str, Any]:
+    """The tree of one `section.key=value`."""
+    name, separator, value = text.partition("=")
+    *sections, key = (part.strip() for part in name.split("."))
+    if not separator or not key:
+        raise ConfigError(f"override {_short(text)}: write section.key=value")
+    tree: dict[str, Any] = {key: _parsed_value(".".join([*sections, key]), value.strip(), text)}
+    for section in reversed(sections):
+        tree = {section: tree}
+    return tree
+
+
+def _parsed_value(name: str, value: str, text: str) -> object:
+    # A setting that holds text takes whatever is no string in TOML as it stands: `bus.channel=/dev/ttyUSB0`.
+    as_text = takes_text(name)
+    if not value.isprintable():
+        raise ConfigError(f"override {_short(text)}: holds a character that cannot be printed")
+    try:
+        parsed: object = tomllib.loads(f"value = {value}")["value"]
+    except RecursionError as error:
+        raise ConfigError(f"override {_short(text)}: nested too deeply") from error
+    except ValueError as error:  # tomllib's own error, or Python's for a number of thousands of digits
+        if not as_text and not value.isidentifier():
+            raise ConfigError(f"override {_short(text)}: {_short(value)} is not a TOML value") from error
+        parsed = value
+    return value if as_text and not isinstance(parsed, str) else parsed
+
+
+def _short(value: object) -> str:
+    """A value as Python writes it, cut to what fits a line."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number with more digits than Python prints
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Put the change's values into the tree, section by section."""
+    """Put the change's values into the tree, section by section; both have the names of `Config`."""
     for key, value in change.items():
         if isinstance(value, Mapping):
-            if not isinstance(tree.setdefault(key, {}), dict):
-                raise ConfigError(f"configuration: {key!r} is a value, not a section: it has no {', '.join(value)}")
-            _merge(tree[key], value)
+            _merge(tree.setdefault(key, {}), value)
         else:
             tree[key] = value
 
@@ -132,21 +207,3 @@ def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:
             yield from _leaves(value, f"{above}{key}.")
         else:
             yield f"{above}{key}"
-
-
-def _apply(tree: dict[str, Any], text: str) -> None:
-    key, separator, value = text.partition("=")
-    if not separator or not key.strip():
-        raise ConfigError(f"override {text!r}: write section.key=value")
-    try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError as error:
-        if not value.strip().isidentifier():
-            raise ConfigError(f"override {text!r}: {value!r} is not a TOML value") from error
-        parsed = value.strip()
-    *sections, leaf = key.strip().split(".")
-    for section in sections:
-        tree = tree.setdefault(section, {})
-        if not isinstance(tree, dict):
-            raise ConfigError(f"override {text!r}: {section!r} is a value, not a section")
-    tree[leaf] = parsed

@@ -9,11 +9,14 @@ A rule is metadata of an `Annotated` type. `Settings` checks the rules of its fi
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, TypeVar, get_args, get_type_hints
 
 from contract.errors import ConfigError
 
 T = TypeVar("T", int, float)
+
+LARGEST: Final = 2**63 - 1
+"""Whole numbers past it fit no array."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +37,8 @@ class Rule:
         """Whether a field may hold this value."""
         if value is None and self.or_none:
             return True
+        if isinstance(value, int):
+            return abs(value) <= LARGEST and self.holds(value)
         return isfinite(value) and self.holds(value)  # type: ignore[arg-type]  # None elsewhere is a TypeError
 
 
@@ -59,12 +64,17 @@ AtLeastOneOrNone = Annotated[int | None, at_least(1, or_none=True)]
 class Settings:
     """Base of the dataclasses of settings: one that exists is valid.
 
-    Raises ConfigError for a value that breaks its field's rule; the message names class, field, value and rule.
+    Raises ConfigError for a value that breaks its field's rule; the message names section, field, value and rule.
+
+    Attributes:
+        section: the dotted name of the section in the tree. Without one it is the name of the class without "Config".
     """
 
+    section: ClassVar[str]
     _rules: ClassVar[Mapping[str, Rule]] = {}
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, section: str | None = None) -> None:
+        cls.section = cls.__name__.removesuffix("Config").lower() if section is None else section
         hints: Mapping[str, Any] = get_type_hints(cls, include_extras=True)
         cls._rules = {name: rule for name, hint in hints.items() for rule in get_args(hint) if isinstance(rule, Rule)}
 
@@ -73,7 +83,10 @@ class Settings:
             require(rule.admits(getattr(self, name)), self, name, rule.wording)
 
 
-def require(holds: bool, owner: object, name: str, wording: str) -> None:
+def require(holds: bool, owner: Settings, name: str, wording: str) -> None:
     """Raise ConfigError with the value of that field, unless the condition holds."""
     if not holds:
-        raise ConfigError(f"{type(owner).__name__}.{name} = {getattr(owner, name)!r}: must be {wording}")
+        value = getattr(owner, name)
+        if isinstance(value, int) and abs(value) > LARGEST:
+            raise ConfigError(f"{owner.section}.{name} has more than 18 digits: must be {wording}, and below 2^63")
+        raise ConfigError(f"{owner.section}.{name} = {value!r}: must be {wording}")

@@ -4,21 +4,21 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from contract.config.rules import AtLeastOne, NonNegative, Positive, Settings, require, within
-from contract.errors import ConfigError
+from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS
 
 
 @dataclass(frozen=True, kw_only=True)
-class E2eConfig(Settings):
+class E2eConfig(Settings, section="bus.e2e"):
     """When a receiver of an E2E-protected message trusts the stream."""
 
-    max_delta: Annotated[int, within(1, 127, "half the counter's period")] = 4
+    max_delta: Annotated[int, within(1, 127, "half the counter's period"), FRAMES] = 4
     """Largest step of the counter that still counts as the next frame: with 4, three may be lost in a row, as
     many as the ECU's fail-safe rides out."""
-    window: AtLeastOne[int] = 5
+    window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Latest checks that are judged together."""
-    min_ok: int = 2
+    min_ok: Annotated[int, FRAMES] = 2
     """Good ones among them that make a stream valid."""
-    max_errors: int = 2
+    max_errors: Annotated[int, FRAMES] = 2
     """Most wrong CRCs among them."""
 
     def __post_init__(self) -> None:
@@ -35,34 +35,33 @@ class BusConfig(Settings):
     channel: str = "stillwake"
     """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
     device (socketcan, e.g. can0)."""
-    nominal_bitrate: Positive[int] = 500_000
-    data_bitrate: Positive[int] = 2_000_000
+    nominal_bitrate: Annotated[Positive[int], BIT_RATE] = 500_000
+    data_bitrate: Annotated[Positive[int], BIT_RATE] = 2_000_000
     e2e: E2eConfig = field(default_factory=E2eConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.channel:
-            raise ConfigError("BusConfig.channel = '': must name a channel")
+        require(self.channel.isprintable() and bool(self.channel.strip()), self, "channel", "the name of a channel")
 
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
     """Timing and fail-safe behaviour of the ECU."""
 
-    compute_time_ms: NonNegative[float] = 8.0
+    compute_time_ms: Annotated[NonNegative[float], MILLISECONDS] = 8.0
     """Time between frame and command that the virtual ECU charges for its control step. It is a stated
     budget share, not a measurement; measured latency is reported next to it."""
-    hold_periods: NonNegative[int] = 1
+    hold_periods: Annotated[NonNegative[int], PERIODS] = 1
     """Missed periods during which the last command is held."""
-    decay_periods: NonNegative[int] = 2
+    decay_periods: Annotated[NonNegative[int], PERIODS] = 2
     """Missed periods after that during which the command is halved each period, before zero and latch."""
-    rearm_frames: AtLeastOne[int] = 5
+    rearm_frames: Annotated[AtLeastOne[int], FRAMES] = 5
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
-    deadline_misses: AtLeastOne[int] = 3
+    deadline_misses: Annotated[AtLeastOne[int], PERIODS] = 3
     """Steps in a row that each came a whole period or more late, after which the ECU switches itself off."""
-    delay_steps: NonNegative[int] = 0
+    delay_steps: Annotated[NonNegative[int], PERIODS] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
-    command_step: Positive[float] = 0.075
+    command_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: half the full
     range, three times what the training waveform does at full amplitude."""
 
@@ -71,5 +70,5 @@ class EcuConfig(Settings):
 class VehicleConfig(Settings):
     """The simulated vehicle."""
 
-    actuator_delay: NonNegative[int] = 0
+    actuator_delay: Annotated[NonNegative[int], PERIODS] = 0
     """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller assumes."""

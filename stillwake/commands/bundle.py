@@ -43,7 +43,8 @@ def verify(path: BundlePath = None, trust: Trust = None) -> None:
     checks = bundles.examine(where, trusted)
     for check in checks:
         mark = "[green]ok[/]    " if check.error is None else "[red]FAILED[/]"
-        console.print(f"{mark} {escape(check.name):15s} {escape(check.found or str(check.error))}", soft_wrap=True)
+        line = f"{mark} {escape(check.name):15s} {escape(check.found or str(check.error))}"
+        console.print(line, markup=True, soft_wrap=True)
     failed = [check.name for check in checks if check.error is not None]
     if failed:
         raise BundleError(f"bundle {where}: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}")
@@ -57,7 +58,7 @@ def inspect(path: BundlePath = None, trust: Trust = None) -> None:
     table.columns[1].overflow = "fold"
     for name, value in rows(release):
         table.add_row(escape(name), escape(value))
-    console.print(table)
+    console.print(table, markup=True)
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:

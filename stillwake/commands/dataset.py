@@ -109,7 +109,7 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
             lines.append(("[yellow]note[/]   ", f"{hint} `stillwake dataset show {file} --settings` prints"))
         lines += [(marks[item.stops], item.text) for item in findings(found, config)]
     for mark, line in lines:
-        console.print(mark, end="")
+        console.print(mark, end="", markup=True)
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     wrong = sum("red" in mark for mark, _ in lines)
     if wrong:

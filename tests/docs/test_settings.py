@@ -20,9 +20,9 @@ def test_every_setting_has_a_line():
     assert sorted(lines) == sorted(leaves("", to_tree(load_config())))
 
 
-def test_a_line_has_default_release_bounds_and_meaning():
+def test_a_line_has_default_release_unit_bounds_and_meaning():
     rows = [line for line in settings.page().splitlines() if line.startswith("| `")]
     lines = {row.split("`")[1]: [cell.strip() for cell in row.split(" | ")] for row in rows}
-    assert lines["train.epochs"][1:4] == ["300", "40", "positive"]
-    assert lines["train.selection"][3] == "`shap`, `qr`, `greedy`, `random`, `hand`"
-    assert lines["bus.e2e.window"][4] == "Latest checks that are judged together. |"
+    assert lines["train.epochs"][1:5] == ["300", "40", "passes", "positive"]
+    assert lines["train.selection"][4] == "shap, qr, greedy, random, hand"
+    assert lines["bus.e2e.window"][5] == "Latest checks that are judged together. |"

@@ -1,12 +1,14 @@
 """The command line as a user meets it: what goes wrong is one line, a non-zero exit, and nothing half-written."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import h5py
@@ -42,12 +44,38 @@ def test_the_verbs_are_there():
     assert {"record", "train", "export", "run", "report"} <= set(VERBS)
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_explains_itself(cli, verb):
-    outcome = cli(verb, "--help")
+@pytest.mark.parametrize("option", ["-h", "--help"])
+@pytest.mark.parametrize("verb", [*VERBS, "bundle", "bundle verify", "picture", "picture mean"])
+def test_every_verb_explains_itself(cli, verb, option):
+    outcome = cli(*verb.split(), option)
     assert outcome.code == 0
     assert f"stillwake {verb}" in outcome.out
     assert outcome.err == ""
+
+
+def test_the_first_page_says_what_the_letters_mean(cli):
+    text = " ".join(cli("--help").out.split())
+    assert all(
+        word in text for word in ("W, the truck's width", "t_c = W / U_inf", "Cp that of pressure", "An action is")
+    )
+
+
+def test_the_lines_of_a_help_fill_the_terminal(cli, monkeypatch):
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 80)
+    about = cli("train", "--help").out.partition("Arguments")[0].rpartition("\n")[0]
+    for paragraph in re.split(r"\n +\n", about)[2:]:
+        *full, _last = paragraph.rstrip().splitlines()
+        assert all(len(line.rstrip()) > 60 for line in full), paragraph
+
+
+def test_the_version_is_the_installed_one(cli):
+    assert cli("--version").out == f"stillwake {version('stillwake')}\n"
+
+
+def test_a_misspelt_verb_is_answered_with_the_nearest(cli):
+    outcome = cli("runn")
+    assert outcome.code == 2
+    assert "Did you mean 'run'?" in outcome.err
 
 
 def test_openfoam_that_is_not_installed_is_named(refused, tmp_path, monkeypatch):
@@ -72,7 +100,8 @@ def test_without_a_verb_it_lists_them(cli):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["run"], ["run", "x", "--nonsense"], ["nonsense"], ["run", "x", "--lead-in", "0"]]
+    "arguments",
+    [["run"], ["run", "x", "y"], ["run", "x", "--nonsense"], ["nonsense"], ["run", "x", "--lead-in", "0"]],
 )
 def test_a_wrong_call_is_explained_without_a_traceback(cli, arguments):
     outcome = cli(*arguments)
@@ -172,7 +201,7 @@ def test_nothing_to_record(refused, tmp_path):
         (["--exploration", -0.1], "exploration = -0.1: must be finite and at least 0"),
         (["--set", "flow.action_limit=0.05"], "built for another action limit: 0.075, the flow has 0.05"),
         (["--set", "flow.control_period=0.1"], "built for another control period: 0.2, the flow has 0.1"),
-        (["--set", "forcing.exploration_time=0.0"], "ForcingConfig.exploration_time = 0.0: must be positive"),
+        (["--set", "forcing.exploration_time=0.0"], "forcing.exploration_time = 0.0: must be positive"),
     ],
 )
 def test_a_recording_under_a_controller_that_makes_no_sense(refused, tmp_path, random_release, arguments, named):
@@ -224,12 +253,34 @@ def test_rounds_under_a_controller_are_added(cli, tmp_path, random_release):
         ("nonsense.key=1", "nonsense"),
         ("ecu.nonsense=1", "nonsense"),
         ("ecu", "section.key=value"),
-        ("ecu.hold_periods=-1", "EcuConfig.hold_periods = -1: must be non-negative"),
+        ("ecu=3", "ecu is a section: write ecu.key=value"),
+        ("ecu.compute_time=0", "ecu has no 'compute_time': did you mean compute_time_ms?"),
+        ("ecu.compute_time_ms=abc", "ecu.compute_time_ms = 'abc': must be a number"),
+        ("ecu.hold_periods=-1", "ecu.hold_periods = -1: must be non-negative"),
     ],
 )
 def test_a_setting_that_does_not_exist(refused, tmp_path, verb, setting, named):
     outputs = [tmp_path / "in", tmp_path / "out"] if verb == "export" else [tmp_path / "out"]
     assert named in refused(verb, *outputs, "--set", setting)
+
+
+@pytest.mark.parametrize("verb", ["run", "record", "config"])
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (None, "No such file or directory"),
+        (b"\x00\xff", "no text in UTF-8"),
+        (b"[ecu", "Expected ']'"),
+        (b"x=1", "no section"),
+    ],
+)
+def test_a_file_of_settings_that_is_none(refused, tmp_path, verb, content, line):
+    path = tmp_path / "mine.toml"
+    if content is not None:
+        path.write_bytes(content)
+    outputs = [] if verb == "config" else [tmp_path / "out"]
+    assert line in (said := refused(verb, *outputs, "--config", path))
+    assert f"configuration {path}: " in said
 
 
 def test_a_folder_without_a_run(refused, tmp_path):

@@ -34,7 +34,7 @@ class Sample(Settings):
 )
 def test_a_rule_holds_up_to_its_bound_and_no_further(field, good, bad, wording):
     assert getattr(Sample(**{field: good}), field) == good
-    with pytest.raises(ConfigError, match=rf"^Sample\.{field} = {bad}: must be {wording}$"):
+    with pytest.raises(ConfigError, match=rf"^sample\.{field} = {bad}: must be {wording}$"):
         Sample(**{field: bad})
 
 

@@ -71,3 +71,15 @@ def test_defaults_are_the_papers():
 def test_weights_keep_declaration_order():
     weights = CostWeights(**{field.name: float(i) for i, field in enumerate(fields(CostWeights))})
     assert weights.as_tuple() == tuple(map(float, range(len(fields(CostWeights)))))
+
+
+def test_a_section_is_called_by_its_place_in_the_tree():
+    def sections(tree: Any, above: str = ""):
+        for field in fields(tree):
+            value = getattr(tree, field.name)
+            if is_dataclass(value):
+                yield f"{above}{field.name}", value
+                yield from sections(value, f"{above}{field.name}.")
+
+    for name, section in sections(Config()):
+        assert section.section == name

@@ -1,0 +1,151 @@
+"""Every setting as one line of a table: its value, the paper's, its unit, bounds and meaning, all from the dataclasses.
+
+A default is the paper's number, a bound and a unit are in the field's type, and a meaning is the text below the field.
+"""
+
+import ast
+import inspect
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from contract.config.rules import Rule
+from contract.config.tree import Config
+from contract.config.units import Unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """One setting.
+
+    Attributes:
+        name: dotted, as `--set` takes it.
+        value: in the tree that is listed.
+        paper: the default.
+        unit: what numbers are counted in; "" for a ratio, a count that the name says, or text.
+        bounds: what a value must be; for text the words to choose from.
+        meaning: one paragraph; "" where the name says it.
+    """
+
+    name: str
+    value: Any
+    paper: Any
+    unit: str
+    bounds: str
+    meaning: str
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether it differs from the paper's."""
+        return bool(self.value != self.paper)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """Settings that stand together.
+
+    Attributes:
+        name: dotted, as a TOML file's header has it.
+        meaning: one paragraph.
+        settings: its own, without those of the sections in it.
+    """
+
+    name: str
+    meaning: str
+    settings: tuple[Setting, ...]
+
+
+def sections(config: Config) -> tuple[Section, ...]:
+    """All settings of a tree, outer sections first; a section without settings of its own is left out."""
+    return tuple(_sections("", config, Config()))
+
+
+def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
+    """A TOML file of these settings, which `contract.config.loading.load` reads back as they are.
+
+    TOML has no word for "none": such a setting is left out, which gives the paper's value.
+
+    Args:
+        listed: sections, perhaps with some of their settings only.
+        base: what the file goes on top of, "paper" or "release"; None leaves the line out.
+    """
+    parts = [] if base is None else [f"base = {_toml(base)}\n"]
+    for section in listed:
+        held = [one for one in section.settings if one.value is not None]
+        if held:
+            lines = (f"{one.name.rpartition('.')[2]} = {_toml(one.value)}\n" for one in held)
+            parts.append(f"[{section.name}]\n{''.join(lines)}")
+    return "\n".join(parts)
+
+
+def shown(value: object) -> str:
+    """A value for people, in as few characters as read back the same."""
+    if value is None:
+        return "none"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(shown, value))
+    short = f"{value:g}" if isinstance(value, float) else str(value)
+    return short if not isinstance(value, float) or float(short) == value else repr(value)
+
+
+def _sections(prefix: str, tree: Any, paper: Any) -> Iterator[Section]:
+    own = tuple(_settings(prefix, tree, paper)) if prefix else ()
+    if own:
+        yield Section(name=prefix, meaning=_flat(inspect.getdoc(type(tree)) or ""), settings=own)
+    for item in fields(tree):
+        value = getattr(tree, item.name)
+        if is_dataclass(value):
+            yield from _sections(f"{prefix}.{item.name}".lstrip("."), value, getattr(paper, item.name))
+
+
+def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
+    kind: type = type(group)
+    hints, meanings = get_type_hints(kind, include_extras=True), _meanings(kind)
+    for item in fields(group):
+        value = getattr(group, item.name)
+        if not is_dataclass(value):
+            yield Setting(
+                name=f"{prefix}.{item.name}",
+                value=value,
+                paper=getattr(paper, item.name),
+                unit=next((part.name for part in get_args(hints[item.name]) if isinstance(part, Unit)), ""),
+                bounds=_bounds(hints[item.name]),
+                meaning=meanings.get(item.name, ""),
+            )
+
+
+def _bounds(hint: Any) -> str:
+    """What a type allows: a rule's wording, or the words to choose from."""
+    for part in get_args(hint):
+        if isinstance(part, Rule):
+            return part.wording
+    return ", ".join(map(str, get_args(hint))) if get_origin(hint) is Literal else ""
+
+
+@cache
+def _meanings(group: type) -> Mapping[str, str]:
+    """The text below each field, in the source of the class and of those it extends."""
+    found: dict[str, str] = {}
+    for base in reversed([base for base in group.__mro__ if base is not object]):
+        (node,) = ast.parse(inspect.getsource(base)).body
+        body = node.body if isinstance(node, ast.ClassDef) else []
+        for field, text in pairwise(body):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
+                found[field.target.id] = _flat(str(ast.literal_eval(text.value)))
+    return found
+
+
+def _flat(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _toml(value: object) -> str:
+    """A value in TOML: text, a number, or a list of them."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -1,0 +1,33 @@
+"""What a setting is counted in, stated in its type for people; nothing is converted.
+
+    develop_time: Annotated[Positive[float], TIME] = 50.0
+
+A number without a unit is a ratio, or counts what its name says.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Metadata of an `Annotated` type: a unit as it is written behind a number."""
+
+    name: str
+
+
+TIME: Final = Unit("t_c")
+"""Convective times, W / U_inf."""
+FREQUENCY: Final = Unit("1/t_c")
+FLOW_RATE: Final = Unit("U_inf W")
+"""Of jets, by unit span: what actions are given in."""
+STEPS: Final = Unit("control steps")
+PERIODS: Final = Unit("periods")
+"""Control periods, on the clock of the vehicle."""
+FRAMES: Final = Unit("frames")
+BIT_RATE: Final = Unit("bit/s")
+MILLISECONDS: Final = Unit("ms")
+PASSES: Final = Unit("passes")
+"""Over the recording."""
+WINDOWS: Final = Unit("windows")
+"""Of consecutive rows of a recording."""

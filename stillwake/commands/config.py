@@ -1,0 +1,102 @@
+"""The command that shows settings: each with its value, where the value comes from, and what it means."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from textwrap import wrap
+from typing import Annotated, Final
+
+import typer
+
+from contract.config.listing import Section, Setting, as_toml, sections, shown
+from contract.config.loading import PAPER, Loaded, load
+from contract.errors import ConfigError
+from stillwake.terminal import ConfigFile, Overrides, console
+
+HEAD: Final = ("setting", "value", "default", "unit", "from")
+WIDTH: Final = 80
+
+
+def config(
+    prefix: Annotated[
+        str, typer.Argument(help="Only what begins like this, e.g. ecu or train.finish; also says what each one means.")
+    ] = "",
+    changed: Annotated[bool, typer.Option("--changed", help="Only what differs from the paper's settings.")] = False,
+    toml: Annotated[bool, typer.Option("--toml", help="Print them as a TOML file for --config.")] = False,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Show the settings: values, units, and where each value comes from.
+
+    Sources: "paper" is a default, "release" a setting of the shipped release, "file" the file of --config, and "--set"
+    the command line. The same --config and --set give the same settings to every other command.
+    """
+    loaded = load(config_file, overrides)
+    listed = chosen(sections(loaded.config), prefix, only_changed=changed)
+    if toml:
+        text = as_toml(listed, base=None if prefix else PAPER)
+    elif not listed:
+        text = f"{prefix or 'all settings'}: as in the paper"
+    else:
+        text = "\n".join(table(listed, loaded, explain=bool(prefix)))
+    console.print(text.rstrip("\n"), markup=False, highlight=False, soft_wrap=True)
+
+
+def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
+    """The sections with those of their settings that begin with the prefix, and that differ from the paper's if asked.
+
+    Raises:
+        ConfigError: no setting begins with the prefix.
+    """
+    if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
+        raise ConfigError(
+            f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"
+        )
+    kept = (
+        replace(section, settings=tuple(one for one in section.settings if _is_kept(one, prefix, only_changed)))
+        for section in listed
+    )
+    return tuple(section for section in kept if section.settings)
+
+
+def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
+    """Lines of text, the columns as wide as their content; bounds and meanings stand below if asked for."""
+    rows = [cells(one, loaded) for section in listed for one in section.settings]
+    widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
+    yield _line(HEAD, widths)
+    for section in listed:
+        yield ""
+        about = section.meaning if explain else f"{section.meaning.partition('. ')[0].rstrip('.')}."
+        yield from wrap(f"[{section.name}] {about}", WIDTH, subsequent_indent="    ")
+        for one in section.settings:
+            yield _line(cells(one, loaded), widths)
+            if explain:
+                bounds = f"Must be {_bounds(one)}." if one.bounds else ""
+                yield from wrap(
+                    f"{bounds} {one.meaning}".strip(), WIDTH, initial_indent="    ", subsequent_indent="    "
+                )
+
+
+def cells(one: Setting, loaded: Loaded) -> tuple[str, ...]:
+    """A row of the table: name, value, the paper's value where it is another, unit, and where the value comes from."""
+    return (one.name, shown(one.value), shown(one.paper) if one.is_changed else "", one.unit, source(one, loaded))
+
+
+def source(one: Setting, loaded: Loaded) -> str:
+    """Where the value of a setting comes from."""
+    if one.name in loaded.in_overrides:
+        return "--set"
+    if one.name in loaded.in_file:
+        return "file"
+    return "release" if one.is_changed else "paper"
+
+
+def _is_kept(one: Setting, prefix: str, only_changed: bool) -> bool:
+    return one.name.startswith(prefix) and (one.is_changed or not only_changed)
+
+
+def _bounds(one: Setting) -> str:
+    return f"one of {one.bounds}" if isinstance(one.paper, str) else one.bounds
+
+
+def _line(row: Sequence[str], widths: Sequence[int]) -> str:
+    return "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()

@@ -1,0 +1,107 @@
+"""`stillwake config` shows the settings that a call would have, and writes them as a file that gives them again."""
+
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.config.listing import as_toml, sections, shown
+from contract.config.loading import from_tree, load_config, to_tree
+from contract.config.tree import Config
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """The words of each setting's line, by its name."""
+    lines = (line.split() for line in text.splitlines())
+    return {words[0]: words[1:] for words in lines if words and "." in words[0] and not words[0].startswith("[")}
+
+
+def leaves(tree: dict, above: str = "") -> dict[str, object]:
+    found: dict[str, object] = {}
+    for name, value in tree.items():
+        found |= leaves(value, f"{above}{name}.") if isinstance(value, dict) else {f"{above}{name}": value}
+    return found
+
+
+def test_every_setting_is_shown_with_its_value(cli):
+    outcome = cli("config")
+    assert (outcome.code, outcome.err) == (0, "")
+    values = leaves(to_tree(load_config()))
+    assert {name: words[0] for name, words in rows(outcome.out).items()} == {
+        name: shown(value) for name, value in values.items()
+    }
+    assert max(map(len, outcome.out.splitlines())) <= 80
+
+
+def test_a_value_comes_with_its_unit_and_its_source(cli, tmp_path):
+    (tmp_path / "mine.toml").write_text("[ecu]\nhold_periods = 2\n")
+    outcome = cli("config", "--config", tmp_path / "mine.toml", "--set", "ecu.compute_time_ms=4.5")
+    found = rows(outcome.out)
+    assert found["ecu.hold_periods"] == ["2", "1", "periods", "file"]
+    assert found["ecu.compute_time_ms"] == ["4.5", "8", "ms", "--set"]
+    assert found["ecu.decay_periods"] == ["2", "periods", "paper"]
+    assert found["mpc.weights.lift"] == ["0.05", "0.01", "release"]
+    assert found["flow.control_period"] == ["0.2", "t_c", "paper"]
+
+
+def test_a_prefix_selects_and_explains(cli):
+    outcome = cli("config", "bus.e2e")
+    assert set(rows(outcome.out)) == {"bus.e2e.max_delta", "bus.e2e.window", "bus.e2e.min_ok", "bus.e2e.max_errors"}
+    assert "Must be at least 1. Latest checks that are judged together." in outcome.out
+
+
+def test_an_unknown_prefix_is_refused(cli):
+    outcome = cli("config", "nonsense")
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: no setting begins with 'nonsense'; the sections are operating_point, flow")
+
+
+def test_changed_leaves_out_what_is_the_papers(cli, tmp_path):
+    assert set(rows(cli("config", "--changed").out)) == {
+        name for name, value in leaves(to_tree(load_config())).items() if value != leaves(to_tree(Config()))[name]
+    }
+    (tmp_path / "paper.toml").write_text('base = "paper"\n')
+    assert cli("config", "--changed", "--config", tmp_path / "paper.toml").out == "all settings: as in the paper\n"
+
+
+@pytest.mark.parametrize("options", [[], ["--changed"]])
+def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path, options):
+    asked = ["--set", "model.slim_decoder_width=64", "--set", 'bus.channel=C:\\x "y" [z]', "--set", "mpc.horizon=9"]
+    outcome = cli("config", "--toml", *options, *asked)
+    assert (outcome.code, outcome.err) == (0, "")
+    path = tmp_path / "mine.toml"
+    path.write_text(outcome.out, encoding="utf-8")
+    assert load_config(path) == load_config(None, [word for word in asked if word != "--set"])
+
+
+def test_a_part_of_the_file_gives_that_part(cli, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(cli("config", "ecu", "--toml", "--set", "ecu.delay_steps=3").out, encoding="utf-8")
+    assert load_config(path) == load_config(None, ["ecu.delay_steps=3"])
+    assert set(tomllib.loads(path.read_text())) == {"ecu"}
+
+
+@given(
+    reynolds=st.floats(min_value=1e-300, allow_infinity=False),
+    channel=st.text(min_size=1),
+    substeps=st.integers(1, 2**63 - 1),
+)
+def test_any_number_and_text_is_read_back_as_it_was(reynolds, channel, substeps):
+    tree = {"flow": {"reynolds": reynolds, "substeps": substeps}}
+    if channel.strip() and channel.isprintable():
+        tree["bus"] = {"channel": channel}
+    config = from_tree(tree)
+    read = tomllib.loads(as_toml(sections(config), base="paper"))
+    assert read.pop("base") == "paper"
+    assert from_tree(read) == config
+
+
+@pytest.mark.parametrize("value", [0.1, 1e-5, 123456.789, 1 / 3, 5.0])
+def test_a_number_is_shown_as_it_is(value):
+    assert float(shown(value)) == value
+
+
+def test_lists_and_nothing_are_shown():
+    assert shown((1.5, 2)) == "1.5, 2"
+    assert shown(None) == "none"

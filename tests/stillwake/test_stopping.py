@@ -1,0 +1,89 @@
+"""A real process of a command that is stopped: one line, and the status that shells expect."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from stillwake import stopping
+from stillwake.own_rooms import HOME
+
+# A command of two lines in place of a long one; shells start background jobs deaf to Ctrl-C, and a test may run in one.
+WAITS = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from stillwake import __main__ as door
+from stillwake.stopping import go_on_with
+
+@door.app.command()
+def wait(stubborn: bool = False) -> None:
+    with go_on_with("the same command goes on"):
+        try:
+            print("waiting", flush=True)
+            time.sleep(60.0)
+        finally:
+            print("clears away", flush=True)
+            if stubborn:
+                time.sleep(60.0)
+
+door.main()
+"""
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", WAITS, "wait", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(HOME)},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "waiting\n"
+    return process
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_command_clears_away_and_says_how_to_go_on(number, status):
+    process = start()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60.0)
+    assert (process.returncode, out, err) == (status, "clears away\n", "stopped; the same command goes on\n")
+
+
+@pytest.mark.processes
+def test_a_second_sigterm_kills():
+    process = start("--stubborn")
+    process.send_signal(signal.SIGTERM)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "clears away\n"
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=60.0)
+    assert process.returncode == -signal.SIGTERM
+
+
+def test_another_thread_leaves_the_signals_alone():
+    before, failed = signal.getsignal(signal.SIGTERM), []
+
+    def run() -> None:
+        try:
+            stopping.ends_like_ctrl_c()
+        except ValueError as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join(10.0)
+    assert not failed
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_advice_is_given_once():
+    with pytest.raises(KeyboardInterrupt), stopping.go_on_with("go on"):
+        raise KeyboardInterrupt
+    assert stopping.outcome() == (130, "stopped; go on")
+    assert stopping.outcome() == (130, "stopped")
