@@ -225,7 +225,7 @@ def test_the_first_schema_takes_no_rounds(refused, recording, random_release):
             del node["Cd_slot_viscous"]
             node.move("Cd_slot_pressure", "Cd_slot")
     line = refused("record", recording, "--under", random_release)
-    assert "episodes can only be added to 'stillwake-dataset/2'" in line
+    assert "episodes can only be added to 'stillwake-dataset/3'" in line
 
 
 @pytest.mark.slow
