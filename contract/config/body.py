@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from contract.config.rules import AtLeastOne, Rule, Settings, require
+from contract.config.units import WIDTHS
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 
 _LENGTH: Final = Rule(
@@ -28,9 +29,9 @@ class BodyConfig(Settings):
     `stillwake develop`.
     """
 
-    length: Annotated[float, _LENGTH] = LENGTH
-    """In widths W. 1 is a square cylinder."""
-    leading_edge_radius: Annotated[float, _RADIUS] = LEADING_EDGE_RADIUS
+    length: Annotated[float, _LENGTH, WIDTHS] = LENGTH
+    """1 is a square cylinder."""
+    leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Of the two front corners; 0 leaves them sharp."""
     sensors_per_side: AtLeastOne[int] = 40
     """Evenly spaced between the rounded edge and the base, on the upper and on the lower side."""

@@ -16,6 +16,8 @@ class Unit:
     name: str
 
 
+WIDTHS: Final = Unit("W")
+"""Widths of the body."""
 TIME: Final = Unit("t_c")
 """Convective times, W / U_inf."""
 FREQUENCY: Final = Unit("1/t_c")

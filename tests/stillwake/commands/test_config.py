@@ -54,7 +54,7 @@ def test_a_prefix_selects_and_explains(cli):
 def test_an_unknown_prefix_is_refused(cli):
     outcome = cli("config", "nonsense")
     assert outcome.code == 1
-    assert outcome.err.startswith("error: no setting begins with 'nonsense'; the sections are operating_point, flow")
+    assert outcome.err.startswith("error: no setting begins with 'nonsense'; the sections are operating_point, body")
 
 
 def test_changed_leaves_out_what_is_the_papers(cli, tmp_path):

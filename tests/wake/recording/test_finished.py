@@ -113,7 +113,7 @@ def test_the_old_one_stays_until_the_new_one_is_whole(output: Path) -> None:
 
 
 def test_a_start_that_failed_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def diverging(config: object) -> None:
+    def diverging(config: object, body: object) -> None:
         raise PlantError("flow diverged")
 
     monkeypatch.setattr(recorder, "TruckWake", diverging)
