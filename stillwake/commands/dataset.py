@@ -67,6 +67,7 @@ def import_(
         *(Source(path=path, role="controlled") for path in controlled),
     ]
     layout = read_sensors(sensors, symmetric=not asymmetric)
+    unread: list[str] = []
     with console.status("reading") as status:
         made = assemble(
             sources,
@@ -75,10 +76,13 @@ def import_(
             dynamic_pressure=dynamic_pressure,
             renamed=_renamed(rename),
             progress=lambda path: status.update(f"reading {path}"),
+            unread=lambda path, names: unread.append(f"note: {path}: not used: {', '.join(names)}"),
         )
         write(output, made)
     console.print(_episodes_table(made))
     console.print(_sensors_line(layout), soft_wrap=True, markup=False)
+    for line in unread:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(f"wrote {output}; next: stillwake dataset check {output}", soft_wrap=True, markup=False)
 
 
@@ -103,10 +107,7 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
         if any(name.startswith("flow.") for name in given):
             config = loaded.config
         elif config.flow != loaded.config.flow:
-            hint = (
-                "its control period, action limit or Reynolds number is not the release's: train with --config and what"
-            )
-            lines.append(("[yellow]note[/]   ", f"{hint} `stillwake dataset show {file} --settings` prints"))
+            lines.append(("[yellow]note[/]   ", _needs_settings(file)))
         lines += [(marks[item.stops], item.text) for item in findings(found, config)]
     for mark, line in lines:
         console.print(mark, end="", markup=True)
@@ -147,6 +148,14 @@ def show(
 
         draw(found, picture)
         typer.echo(f"wrote {picture}", err=settings)
+
+
+def _needs_settings(file: Path) -> str:
+    kept = file.with_suffix(".toml")
+    return (
+        f"control period, action limit or Reynolds number differ from the release's: keep the settings that fit with "
+        f"`stillwake dataset show {file} --settings > {kept}`, and train with --config {kept}"
+    )
 
 
 def _renamed(texts: list[str]) -> dict[str, str]:

@@ -139,7 +139,31 @@ def test_a_constant_signal_is_named(sound):
             for item, values in zip(sound.episodes, pressures, strict=True)
         ),
     )
-    assert texts(stuck) == ["sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from"]
+    assert texts(stuck) == [
+        "sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from; leave it out"
+    ]
+
+
+def test_slips_of_units_are_noted(sound):
+    """Places in millimetres, a limit in percent, times in seconds (W / U_inf = 5 ms): each note says what to do."""
+    places = replace(sound.layout, positions=100.0 * sound.layout.positions)
+    assert any("divide lengths by the width" in text for text in texts(replace(sound, layout=places), stops=None))
+    percent = replace(sound, facts=replace(sound.facts, action_limit=20.0))
+    assert any("--limit should be about" in text for text in texts(percent, stops=None))
+    period = 0.005 * PERIOD
+    seconds = replace(
+        sound,
+        episodes=tuple(replace(item, series={**item.series, "t": 0.005 * item.series["t"]}) for item in sound.episodes),
+        facts=replace(sound.facts, control_period=period),
+    )
+    config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
+    assert any("divide seconds by that" in text for text in texts(seconds, config, stops=None))
+
+
+def test_a_sensor_without_a_partner_is_named(sound):
+    layout = SensorLayout.of(("up", "down", "odd"), np.array([[1, 0.5], [1, -0.5], [0.5, 0.5]]))
+    assert layout.mirror is None
+    assert layout.without_partner() == ("odd",)
 
 
 @pytest.mark.parametrize(("role", "index"), [("train", slice(2, 3)), ("test", slice(0, 2))])

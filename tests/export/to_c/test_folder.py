@@ -63,7 +63,7 @@ def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder, fla
 
 
 def test_an_expected_answer_depends_on_its_window_alone(folder):
-    """So a difference in rounding cannot grow from answer to answer: without its first row, a sequence has the others'."""
+    """So a difference in rounding cannot grow from answer to answer: without the first row, all others stay."""
     sources = [item.name for item in folder.glob("*.c")]
     assert done([*host_compiler(), "-std=c99", "-O1", *sources, "-o", "replay"], folder).returncode == 0
     for name in (RECORDED, EXPECTED):
