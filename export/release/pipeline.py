@@ -36,7 +36,7 @@ from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
 
-PHASES: Final = ("read", "round weights", "lower and gate", "write")
+PHASES: Final = ("read", "round weights", "make and check", "write")
 """Of an export, in order."""
 
 
@@ -150,7 +150,7 @@ def export_all(
 
     phase("round weights")
     rounded = rounded_on(program, calibration) if precision == "int8" else program
-    phase("lower and gate")
+    phase("make and check")
     gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
 
     phase("write")
