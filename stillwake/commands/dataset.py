@@ -152,10 +152,11 @@ def show(
 
 def _needs_settings(file: Path) -> str:
     kept = file.with_suffix(".toml")
-    return (
-        f"control period, action limit or Reynolds number differ from the release's: keep the settings that fit with "
-        f"`stillwake dataset show {file} --settings > {kept}`, and train with --config {kept}"
-    )
+    differ = "control period, action limit or Reynolds number differ from the release's"
+    if kept.exists():
+        return f"{differ}: check and train with --config {kept}, if those are its settings"
+    keep = f"`stillwake dataset show {file} --settings > {kept}`"
+    return f"{differ}: keep the settings that fit with {keep}, and train with --config {kept}"
 
 
 def _renamed(texts: list[str]) -> dict[str, str]:
@@ -171,8 +172,8 @@ def _renamed(texts: list[str]) -> dict[str, str]:
 def _episodes_table(found: "Dataset") -> Table:
     from contract.recording.summary import summarise
 
-    table = Table(box=SIMPLE)
-    table.add_column("episode", overflow="fold")
+    table = Table(box=SIMPLE, padding=0)
+    table.add_column("episode", overflow="fold", min_width=min(20, max(len(item.name) for item in found.episodes)))
     for name in ("role", "steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c"):
         table.add_column(name, justify="left" if name == "role" else "right")
     for item in summarise(found):

@@ -32,7 +32,9 @@ def export(
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
         Path | None,
-        typer.Option(help="Data set that the model was trained on; the checks replay it. Default: the shipped recording."),
+        typer.Option(
+            help="Data set that the model was trained on; the checks replay it. Default: the shipped recording."
+        ),
     ] = None,
     c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,

@@ -42,8 +42,12 @@ Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the sine, U_
 Frequency = Annotated[float, typer.Option(help="Frequency of the sine, 1/t_c.")]
 Seed = Annotated[int, typer.Option(help="Seed of the training waveform.", min=0)]
 RunFolder = Annotated[Path | None, typer.Option("--run", help="Folder written by `run`: replay its actions.")]
-DatasetFile = Annotated[Path | None, typer.Option("--dataset", help="Data set: replay the actions of one of its episodes.")]
-EpisodeName = Annotated[str | None, typer.Option("--episode", help="Episode of the data set, by its name; default: the first.")]
+DatasetFile = Annotated[
+    Path | None, typer.Option("--dataset", help="Data set: replay the actions of one of its episodes.")
+]
+EpisodeName = Annotated[
+    str | None, typer.Option("--episode", help="Episode of the data set, by its name; default: the first.")
+]
 Duration = Annotated[
     float | None, typer.Option(help="How long to run, in t_c; default: 25, or all of a run folder.", min=0.2)
 ]

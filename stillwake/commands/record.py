@@ -26,8 +26,16 @@ SUFFIXES: Final = (".h5", ".hdf5")
 
 def record(
     output: Annotated[Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under, to add to.")],
-    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform, a sine whose frequency and amplitude vary (6000).", min=0)] = None,
-    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, a slow sweep of the frequency, to test on (1500).", min=0)] = None,
+    training: Annotated[
+        int | None,
+        typer.Option(
+            help="Control steps of the training waveform, a sine whose frequency and amplitude vary (6000).", min=0
+        ),
+    ] = None,
+    chirp: Annotated[
+        int | None,
+        typer.Option(help="Control steps of the chirp, a slow sweep of the frequency, to test on (1500).", min=0),
+    ] = None,
     uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).", min=0)] = None,
     paper: Annotated[
         bool,

@@ -213,8 +213,8 @@ def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout, head):
 def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, layout):
     """A clock called "time" would otherwise be passed over in silence, and with it a wrong period."""
     values = foreign_plant.series(20, 3)
-    path = foreign_plant.write_npz(tmp_path / "a.npz", values | {"time": 0.001 * np.arange(20)})
-    told = []
+    path = foreign_plant.write_npz(tmp_path / "a.npz", values | {"time": np.linspace(0.0, 0.019, 20)})
+    told: list[tuple[str, tuple[str, ...]]] = []
     imported(path, layout, unread=lambda path, names: told.append((path.name, names)))
     assert told == [("a.npz", ("time",))]
     with pytest.raises(DatasetError, match=r"t rises by 0\.001"):
