@@ -58,6 +58,7 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
         *_missing_roles(dataset),
         *(item for episode in dataset.episodes for item in _of_episode(episode, dataset, config)),
         *_lengths(dataset, config),
+        *_compute_time(config),
         *_constants(dataset, config),
         *(_selection(dataset, config) if choosing else ()),
         *_hints(dataset, config),
@@ -188,6 +189,16 @@ def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
                 text=f"{role} episodes are too short, the longest is {longest.name} with {len(longest)} steps: "
                 f"{_needed(need)}",
             )
+
+
+def _compute_time(config: Config) -> Iterator[Finding]:
+    period_ms = config.period_ns / 1e6
+    if config.ecu.compute_time_ms > period_ms:
+        yield Finding(
+            stops="export",
+            text=f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period, which is "
+            f"{period_ms:g} ms at this operating_point",
+        )
 
 
 def _needed(need: Need) -> str:

@@ -10,6 +10,7 @@ from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError
+from contract.operating_point import OperatingPoint
 from contract.recording import dataset, needs
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
@@ -142,6 +143,13 @@ def test_a_constant_signal_is_named(sound):
     assert texts(stuck) == [
         "sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from; leave it out"
     ]
+
+
+def test_a_control_step_longer_than_a_period_stops_the_export(sound):
+    """W = 0.1 m, 20 m/s: t_c is 5 ms, a period of 0.3 t_c 1.5 ms, and the release's step takes 8 ms."""
+    rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
+    (text,) = texts(sound, rig, stops="export")
+    assert text.startswith("ecu.compute_time_ms = 8: must be within the control period, which is 1.5 ms")
 
 
 def test_slips_of_units_are_noted(sound):
