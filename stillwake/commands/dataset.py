@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 dataset = typer.Typer(no_args_is_help=True, help="Data sets: make one of your own files, check it, show what is in it.")
 
 File = Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)]
-Files = Annotated[list[Path], typer.Option(help="CSV, NPZ or HDF5 file of one episode (repeatable).")]
 
 
 @dataset.command(name="import")
@@ -27,31 +26,39 @@ def import_(
     sensors: Annotated[Path, typer.Option(help="CSV file with the sensors: name,x,y and, if known, base (0 or 1).")],
     period: Annotated[float, typer.Option(help="Control period in t_c = W / U_inf: the time between two rows.")],
     limit: Annotated[float, typer.Option(help="Largest action, in U_inf W.")],
-    train: Files = [],  # noqa: B006
-    test: Files = [],  # noqa: B006
-    extended: Files = [],  # noqa: B006
-    controlled: Files = [],  # noqa: B006
+    train: Annotated[list[Path], typer.Option(help="File to fit the model to (repeatable).")] = [],  # noqa: B006
+    test: Annotated[list[Path], typer.Option(help="File to judge the model on (repeatable).")] = [],  # noqa: B006
+    extended: Annotated[
+        list[Path], typer.Option(help="File with forcing outside the range of training, kept aside (repeatable).")
+    ] = [],  # noqa: B006
+    controlled: Annotated[
+        list[Path], typer.Option(help="File recorded under a controller, kept aside (repeatable).")
+    ] = [],  # noqa: B006
     reynolds: Annotated[float | None, typer.Option(help="U_inf W / nu, if it is known.")] = None,
-    asymmetric: Annotated[bool, typer.Option(help="Body or jets are not their own mirror image in y = 0.")] = False,
+    asymmetric: Annotated[
+        bool, typer.Option("--asymmetric", help="Body or jets are not their own mirror image in y = 0.")
+    ] = False,
     dynamic_pressure: Annotated[
         float | None, typer.Option(help="rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.")
     ] = None,
     rename: Annotated[
         list[str], typer.Option("--map", help="NAME=COLUMN where a file has another name, e.g. Cd=drag (repeatable).")
     ] = [],  # noqa: B006
-    overwrite: Annotated[bool, typer.Option(help="Replace a file that is there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
 ) -> None:
-    """Make a data set of your own files, one episode a file.
+    """Make a data set of your own CSV, NPZ or HDF5 files, one episode a file.
 
-    A file has the series action, Cd, Cl, and a column for every sensor's Cp,
+    Lengths are in W, speeds in U_inf, times in W / U_inf. A file has the
+    series action, Cd, Cl, and a column for every sensor's Cp,
     under its name in --sensors; NPZ and HDF5 files may have one array Cp of
     shape (steps, sensors) instead. A series t is optional, and so is
     initial_action, the action before the first row (otherwise 0). Row k has
     what was measured at t_k and the action commanded then.
 
     --train, --test, --extended and --controlled say what an episode is for;
-    training needs the first two. The file's name becomes the episode's.
-    Nothing is written unless every file fits.
+    training needs the first two. The file's name becomes the episode's. Nothing
+    is written unless every file fits. docs/how-to/use-your-own-data.md has
+    examples.
     """
     from contract.recording.dataset import write
     from contract.recording.facts import PlantFacts
@@ -121,7 +128,9 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
 @dataset.command()
 def show(
     file: File,
-    settings: Annotated[bool, typer.Option(help="Print the settings that fit, as TOML for --config.")] = False,
+    settings: Annotated[
+        bool, typer.Option("--settings", help="Print the settings that fit, as TOML for --config.")
+    ] = False,
     picture: Annotated[Path | None, typer.Option(help="Also draw sensors and first series into this PNG.")] = None,
 ) -> None:
     """Show what is in a data set: episodes, sensors, and facts of the plant.
