@@ -71,6 +71,11 @@ class SensorLayout:
             mirror=_mirror(positions) if symmetric else None,
         )
 
+    def without_partner(self) -> tuple[str, ...]:
+        """Names of the sensors with none at (x, -y)."""
+        far = _distance_to_images(self.positions).min(axis=1) > _SAME
+        return tuple(name for name, alone in zip(self.names, far, strict=True) if alone)
+
     def indices(self, names: Sequence[str]) -> Index:
         """Columns of named sensors.
 
@@ -120,12 +125,18 @@ def _mirror(positions: Array) -> Index | None:
     """The column at (x, -y) for every column; None if one has no partner."""
     if positions.ndim != 2 or not len(positions):
         return None
-    reflected = positions * (1.0, -1.0)
-    distance = np.abs(positions[None, :, :] - reflected[:, None, :]).max(axis=2)
+    distance = _distance_to_images(positions)
     partner = distance.argmin(axis=1)
     if (distance[np.arange(len(positions)), partner] > _SAME).any() or len(set(partner.tolist())) != len(positions):
         return None
     return np.asarray(partner, dtype=np.intp)
+
+
+def _distance_to_images(positions: Array) -> Array:
+    """(n, n): from the mirror image of every position to every position, the larger of |dx| and |dy|."""
+    reflected = positions * (1.0, -1.0)
+    distance: Array = np.abs(positions[None, :, :] - reflected[:, None, :]).max(axis=2)
+    return distance
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from contract.recording import needs
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.facts import FACTS, facts_in
 from contract.recording.needs import Need
+from contract.recording.spectrum import dominant_frequency
 
 STEP_TOLERANCE: Final = 0.05
 """Of one step from the control period: a clock that is read to a twentieth of a period blurs the jets' ramp less than
@@ -23,6 +24,12 @@ LIMIT_TOLERANCE: Final = 1e-6
 """Of an action beyond the limit, as a share of it: rounding of a text file, not a command."""
 QUIET: Final = 0.05
 """Share of the action limit up to which jets count as off or weak."""
+_SPAN: Final = (0.05, 50.0)
+"""Extent of the sensors' places, in W, that a body has; in millimetres or in metres it mostly lies outside."""
+_USED: Final = 0.25
+"""Part of the action limit that training episodes reach at least; percent or another unit make it far less."""
+_FREQUENCY: Final = (0.02, 2.0)
+"""Peak of Cl's spectrum, in U_inf / W, that a wake may have, with a wide margin; seconds make it another."""
 _SAME: Final = 1e-6
 """Relative difference up to which a fact and a setting are the same number."""
 
@@ -51,6 +58,7 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
         *_missing_roles(dataset),
         *(item for episode in dataset.episodes for item in _of_episode(episode, dataset, config)),
         *_lengths(dataset, config),
+        *_compute_time(config),
         *_constants(dataset, config),
         *(_selection(dataset, config) if choosing else ()),
         *_hints(dataset, config),
@@ -109,7 +117,8 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[Finding]:
 def _missing_roles(dataset: Dataset) -> Iterator[Finding]:
     for role, use in (("train", "to fit the model to"), ("test", "to judge the model on")):
         if not any(item.role == role for item in dataset.episodes):
-            yield Finding(stops="training", text=f"dataset has no episode with role {role!r}, {use}")
+            remedy = f"import one with --{role} FILE; a long file can be cut in two"
+            yield Finding(stops="training", text=f"dataset has no episode with role {role!r}, {use}: {remedy}")
 
 
 def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[Finding]:
@@ -182,6 +191,16 @@ def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
             )
 
 
+def _compute_time(config: Config) -> Iterator[Finding]:
+    period_ms = config.period_ns / 1e6
+    if config.ecu.compute_time_ms > period_ms:
+        yield Finding(
+            stops="export",
+            text=f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period, which is "
+            f"{period_ms:g} ms at this operating_point",
+        )
+
+
 def _needed(need: Need) -> str:
     return f"{need.reason} need {need.steps}"
 
@@ -191,7 +210,7 @@ def _constants(dataset: Dataset, config: Config) -> Iterator[Finding]:
     if kept:
         pressure = np.concatenate([item.series["Cp"] for item in kept])
         for name, values in zip(dataset.layout.names, pressure.T, strict=True):
-            yield from _constant(f"sensor {name}", values, "training", "nothing to learn from")
+            yield from _constant(f"sensor {name}", values, "training", "nothing to learn from; leave it out")
         for name in ("action", "Cd", "Cl"):
             values = np.concatenate([item.series[name] for item in kept])
             yield from _constant(name, values, "training", "nothing to learn from")
@@ -228,9 +247,14 @@ def _selection(dataset: Dataset, config: Config) -> Iterator[Finding]:
 
 def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
     if dataset.layout.mirror is None:
-        yield Finding(
-            stops=None, text="the sensors have no mirror images: training has the recording alone, half of the data"
+        alone = dataset.layout.without_partner()
+        why = (
+            f"the sensors have no mirror images, {alone[0]} for one: no sensor is at (x, -y)"
+            if alone
+            else ("the sensors have no mirror images, because body or jets are not symmetric")
         )
+        yield Finding(stops=None, text=f"{why}; training has the recording alone, half of the data")
+    yield from _units(dataset)
     training = [item for item in dataset.episodes if item.role == "train"]
     limit = dataset.plant.action_limit or config.flow.action_limit
     window = config.model.window
@@ -239,6 +263,36 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
             stops=None,
             text=f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
             f"the model does not see the uncontrolled wake",
+        )
+
+
+def _units(dataset: Dataset) -> Iterator[Finding]:
+    """Numbers that a slip of units would explain: millimetres, seconds, a limit in other units than the actions."""
+    positions = dataset.layout.positions
+    span = float(np.ptp(positions, axis=0).max())
+    if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:
+        yield Finding(
+            stops=None,
+            text=f"the sensors span {span:.3g} W: places are in W, so divide lengths by the width of the body",
+        )
+    training = [item for item in dataset.episodes if item.role == "train"]
+    limit, period = dataset.plant.action_limit, dataset.plant.control_period
+    largest = max((float(np.abs(item.series["action"]).max()) for item in training), default=0.0)
+    if limit is not None and 0.0 < largest < _USED * limit:
+        yield Finding(
+            stops=None,
+            text=f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
+            f"not know larger ones; --limit should be about the largest action that was recorded",
+        )
+    if not training or period is None:
+        return
+    longest = max(training, key=len)
+    frequency = dominant_frequency(longest.series["Cl"], period)
+    if frequency is not None and not _FREQUENCY[0] <= frequency <= _FREQUENCY[1]:
+        yield Finding(
+            stops=None,
+            text=f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
+            f"t and --period are in W / U_inf, so divide seconds by that",
         )
 
 

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from contract.arrays import Array
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.findings import QUIET, longest_run
+from contract.recording.spectrum import dominant_frequency
 
 HORIZON_CYCLES: Final = 1.0
 """The MPC looks one shedding cycle ahead (paper, section 2.4)."""
@@ -47,21 +47,6 @@ def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
     """Figures of every episode, in order."""
     period = dataset.plant.control_period
     return tuple(_summary(episode, period) for episode in dataset.episodes)
-
-
-def dominant_frequency(values: Array, period: float) -> float | None:
-    """Frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant.
-
-    Hann window, zero-padded eightfold: the peak is found to an eighth of 1 / duration.
-    """
-    fluctuation = values - values.mean()
-    if len(values) < 16 or not fluctuation.any():
-        return None
-    padded = 8 * len(values)
-    spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # Slower than one and a half periods of the record is drift.
-    first = 12
-    return float((first + spectrum[first:].argmax()) / (padded * period))
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:

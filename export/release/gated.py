@@ -41,7 +41,7 @@ class LibraryReport:
         parity: float32 against the reference; None for int8.
         quantisation: int8, integer products included, against the float reference; None for float32.
         workspace_bytes: scratch memory that a caller has to own.
-        replayed: (n, 4), what the library's example program answers to the windows: action, mean Cd and Cl, cost.
+        replayed: (n, 4), what the library's example program must answer to the windows: action, mean Cd and Cl, cost.
     """
 
     parity: ParityReport | None

@@ -36,7 +36,7 @@ from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
 
-PHASES: Final = ("read", "round weights", "lower and gate", "write")
+PHASES: Final = ("read", "round weights", "make and check", "write")
 """Of an export, in order."""
 
 
@@ -150,7 +150,7 @@ def export_all(
 
     phase("round weights")
     rounded = rounded_on(program, calibration) if precision == "int8" else program
-    phase("lower and gate")
+    phase("make and check")
     gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
 
     phase("write")
@@ -176,7 +176,16 @@ def _positions(model: Description) -> tuple[tuple[float, float], ...]:
 
 
 def _check_settings(model: Description, config: Config) -> None:
-    """The controller's clock and limit are what the model was trained with."""
+    """The controller's clock and limit are what the model was trained with, and its time fits into the clock's period.
+
+    The manifest would refuse that too, but only after the work, and with the C library written.
+    """
+    vehicle = Vehicle.of(config)
+    if vehicle.compute_time_ms > vehicle.budget_ms:
+        raise ExportError(
+            f"ecu.compute_time_ms = {vehicle.compute_time_ms:g}: must be within the control period of "
+            f"{vehicle.budget_ms:g} ms (flow.control_period in W / U_inf of operating_point)"
+        )
     for name in ("control_period", "action_limit"):
         trained, here = getattr(model.config.flow, name), getattr(config.flow, name)
         if trained != here:

@@ -23,19 +23,17 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
-    """What the example program prints, (n, 4): the planned action, the predicted mean Cd and Cl, and the cost.
+    """What the example program expects, (n, 4): the planned action, the predicted mean Cd and Cl, and the cost.
+
+    Every answer starts from a plan of zeros. Were a plan to go into the next step, a difference in rounding could grow
+    from answer to answer, and more with one plant than with another.
 
     Args:
-        windows: n consecutive windows (L, S+1); the first is answered without a plan, and every answer's plan goes
-            into the next.
+        windows: n windows (L, S+1), each a control step after the other.
     """
     plan, free = np.zeros(horizon), np.ones(horizon)
-    lines = []
-    for window in windows:
-        step = controller.control_step(window, plan, free)
-        plan = step.plan
-        lines.append([plan[0], *step.forces.mean(axis=0), step.cost])
-    return np.array(lines)
+    steps = [controller.control_step(window, plan, free) for window in windows]
+    return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])
 
 
 def _facts(settings: Settings) -> dict[str, str | int]:

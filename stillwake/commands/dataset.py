@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 dataset = typer.Typer(no_args_is_help=True, help="Data sets: make one of your own files, check it, show what is in it.")
 
 File = Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)]
-Files = Annotated[list[Path], typer.Option(help="CSV, NPZ or HDF5 file of one episode (repeatable).")]
 
 
 @dataset.command(name="import")
@@ -27,31 +26,39 @@ def import_(
     sensors: Annotated[Path, typer.Option(help="CSV file with the sensors: name,x,y and, if known, base (0 or 1).")],
     period: Annotated[float, typer.Option(help="Control period in t_c = W / U_inf: the time between two rows.")],
     limit: Annotated[float, typer.Option(help="Largest action, in U_inf W.")],
-    train: Files = [],  # noqa: B006
-    test: Files = [],  # noqa: B006
-    extended: Files = [],  # noqa: B006
-    controlled: Files = [],  # noqa: B006
+    train: Annotated[list[Path], typer.Option(help="File to fit the model to (repeatable).")] = [],  # noqa: B006
+    test: Annotated[list[Path], typer.Option(help="File to judge the model on (repeatable).")] = [],  # noqa: B006
+    extended: Annotated[
+        list[Path], typer.Option(help="File with forcing outside the range of training, kept aside (repeatable).")
+    ] = [],  # noqa: B006
+    controlled: Annotated[
+        list[Path], typer.Option(help="File recorded under a controller, kept aside (repeatable).")
+    ] = [],  # noqa: B006
     reynolds: Annotated[float | None, typer.Option(help="U_inf W / nu, if it is known.")] = None,
-    asymmetric: Annotated[bool, typer.Option(help="Body or jets are not their own mirror image in y = 0.")] = False,
+    asymmetric: Annotated[
+        bool, typer.Option("--asymmetric", help="Body or jets are not their own mirror image in y = 0.")
+    ] = False,
     dynamic_pressure: Annotated[
         float | None, typer.Option(help="rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.")
     ] = None,
     rename: Annotated[
         list[str], typer.Option("--map", help="NAME=COLUMN where a file has another name, e.g. Cd=drag (repeatable).")
     ] = [],  # noqa: B006
-    overwrite: Annotated[bool, typer.Option(help="Replace a file that is there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
 ) -> None:
-    """Make a data set of your own files, one episode a file.
+    """Make a data set of your own CSV, NPZ or HDF5 files, one episode a file.
 
-    A file has the series action, Cd, Cl, and a column for every sensor's Cp,
+    Lengths are in W, speeds in U_inf, times in W / U_inf. A file has the
+    series action, Cd, Cl, and a column for every sensor's Cp,
     under its name in --sensors; NPZ and HDF5 files may have one array Cp of
     shape (steps, sensors) instead. A series t is optional, and so is
     initial_action, the action before the first row (otherwise 0). Row k has
     what was measured at t_k and the action commanded then.
 
     --train, --test, --extended and --controlled say what an episode is for;
-    training needs the first two. The file's name becomes the episode's.
-    Nothing is written unless every file fits.
+    training needs the first two. The file's name becomes the episode's. Nothing
+    is written unless every file fits. docs/how-to/use-your-own-data.md has
+    examples.
     """
     from contract.recording.dataset import write
     from contract.recording.facts import PlantFacts
@@ -67,6 +74,7 @@ def import_(
         *(Source(path=path, role="controlled") for path in controlled),
     ]
     layout = read_sensors(sensors, symmetric=not asymmetric)
+    unread: list[str] = []
     with console.status("reading") as status:
         made = assemble(
             sources,
@@ -75,10 +83,13 @@ def import_(
             dynamic_pressure=dynamic_pressure,
             renamed=_renamed(rename),
             progress=lambda path: status.update(f"reading {path}"),
+            unread=lambda path, names: unread.append(f"note: {path}: not used: {', '.join(names)}"),
         )
         write(output, made)
     console.print(_episodes_table(made))
     console.print(_sensors_line(layout), soft_wrap=True, markup=False)
+    for line in unread:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(f"wrote {output}; next: stillwake dataset check {output}", soft_wrap=True, markup=False)
 
 
@@ -103,10 +114,7 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
         if any(name.startswith("flow.") for name in given):
             config = loaded.config
         elif config.flow != loaded.config.flow:
-            hint = (
-                "its control period, action limit or Reynolds number is not the release's: train with --config and what"
-            )
-            lines.append(("[yellow]note[/]   ", f"{hint} `stillwake dataset show {file} --settings` prints"))
+            lines.append(("[yellow]note[/]   ", _needs_settings(file)))
         lines += [(marks[item.stops], item.text) for item in findings(found, config)]
     for mark, line in lines:
         console.print(mark, end="", markup=True)
@@ -120,7 +128,9 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
 @dataset.command()
 def show(
     file: File,
-    settings: Annotated[bool, typer.Option(help="Print the settings that fit, as TOML for --config.")] = False,
+    settings: Annotated[
+        bool, typer.Option("--settings", help="Print the settings that fit, as TOML for --config.")
+    ] = False,
     picture: Annotated[Path | None, typer.Option(help="Also draw sensors and first series into this PNG.")] = None,
 ) -> None:
     """Show what is in a data set: episodes, sensors, and facts of the plant.
@@ -149,6 +159,15 @@ def show(
         typer.echo(f"wrote {picture}", err=settings)
 
 
+def _needs_settings(file: Path) -> str:
+    kept = file.with_suffix(".toml")
+    differ = "control period, action limit or Reynolds number differ from the release's"
+    if kept.exists():
+        return f"{differ}: check and train with --config {kept}, if those are its settings"
+    keep = f"`stillwake dataset show {file} --settings > {kept}`"
+    return f"{differ}: keep the settings that fit with {keep}, and train with --config {kept}"
+
+
 def _renamed(texts: list[str]) -> dict[str, str]:
     pairs = {}
     for text in texts:
@@ -162,8 +181,8 @@ def _renamed(texts: list[str]) -> dict[str, str]:
 def _episodes_table(found: "Dataset") -> Table:
     from contract.recording.summary import summarise
 
-    table = Table(box=SIMPLE)
-    table.add_column("episode", overflow="fold")
+    table = Table(box=SIMPLE, padding=0)
+    table.add_column("episode", overflow="fold", min_width=min(20, max(len(item.name) for item in found.episodes)))
     for name in ("role", "steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c"):
         table.add_column(name, justify="left" if name == "role" else "right")
     for item in summarise(found):

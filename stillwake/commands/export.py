@@ -32,7 +32,9 @@ def export(
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
         Path | None,
-        typer.Option(help="Recording that calibrates int8 and that the gates replay: the model's. Default: shipped."),
+        typer.Option(
+            help="Data set that the model was trained on; the checks replay it. Default: the shipped recording."
+        ),
     ] = None,
     c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,
@@ -40,12 +42,12 @@ def export(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Lower a trained model to one ONNX graph of a control step and pack a release bundle.
+    """Turn a trained model into a controller: one ONNX graph of a control step, in a release bundle.
 
     Settings are those that the model was trained with; --config and --set go
     on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
-    the graph agrees with the reference, and so does the C library where one
-    is asked for. The shipped bundle has no model next to it, so --c needs a
+    the graph agrees with the reference computation in NumPy, and so does the
+    C library where one is asked for. The shipped bundle has no model next to it, so --c needs a
     model of your own.
     """
     signing_key = None if key is None else read_private_key(key)
@@ -73,7 +75,7 @@ def export(
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
-    table = Table("gate", "measured")
+    table = Table("check", "measured")
     for title, value in gate_figures(done):
         table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)

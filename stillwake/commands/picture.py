@@ -38,13 +38,19 @@ SensorNames = Annotated[
     str, typer.Option("--sensors", help="Comma-separated sensors to colour by Cp; default: a run's, or all.")
 ]
 ForcingName = Annotated[Forcing, typer.Option(help="What the jets do.")]
-Amplitude = Annotated[float | None, typer.Option(help="Of the sine, U_inf W; default: the action's bound.")]
-Frequency = Annotated[float, typer.Option(help="Of the sine, 1/t_c.")]
-Seed = Annotated[int, typer.Option(help="Of the training waveform.", min=0)]
+Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the sine, U_inf W; default: the action's limit.")]
+Frequency = Annotated[float, typer.Option(help="Frequency of the sine, 1/t_c.")]
+Seed = Annotated[int, typer.Option(help="Seed of the training waveform.", min=0)]
 RunFolder = Annotated[Path | None, typer.Option("--run", help="Folder written by `run`: replay its actions.")]
-DatasetFile = Annotated[Path | None, typer.Option("--dataset", help="Recording: replay an episode's actions.")]
-EpisodeName = Annotated[str | None, typer.Option("--episode", help="Of the recording; default: its first.")]
-Duration = Annotated[float | None, typer.Option(help="Time run, t_c; default: 25, or all of a run folder.", min=0.2)]
+DatasetFile = Annotated[
+    Path | None, typer.Option("--dataset", help="Data set: replay the actions of one of its episodes.")
+]
+EpisodeName = Annotated[
+    str | None, typer.Option("--episode", help="Episode of the data set, by its name; default: the first.")
+]
+Duration = Annotated[
+    float | None, typer.Option(help="How long to run, in t_c; default: 25, or all of a run folder.", min=0.2)
+]
 
 
 @picture.command()

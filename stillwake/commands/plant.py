@@ -25,10 +25,12 @@ def develop(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Start the flow from rest and let the wake establish itself: how the shipped start was made.
+    """Start the flow from rest and run it until the wake sheds; write its state, for runs to begin from.
 
-    `record --start` and `picture --state` begin with such a file. Another
-    Reynolds number needs one: --set flow.reynolds=1000 here and there.
+    The shipped start was made in this way. `run --start`, `record --start` and
+    `picture --state` begin from such a file. Another Reynolds number or body
+    needs one of its own, with the same settings in both commands, for example
+    --set flow.reynolds=1000.
     """
     config = settings("develop", config_file, overrides, uses=USES).config
     steps_of("--duration", duration, config.flow.control_period)
@@ -53,7 +55,11 @@ def steady(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Let the wake settle with shedding suppressed by symmetry: the bound on what suppressing it can save."""
+    """Compute the flow with its two halves held symmetric, so that no vortices are shed, until it is steady.
+
+    Its drag is the least that a controller can reach by suppressing the
+    shedding alone.
+    """
     config = settings("steady", config_file, overrides, uses=USES).config
     check_output(output, overwrite=overwrite)
     check_json(json_file)

@@ -26,8 +26,16 @@ SUFFIXES: Final = (".h5", ".hdf5")
 
 def record(
     output: Annotated[Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under, to add to.")],
-    training: Annotated[int | None, typer.Option(help="Control steps of the training waveform (6000).", min=0)] = None,
-    chirp: Annotated[int | None, typer.Option(help="Control steps of the chirp, test data (1500).", min=0)] = None,
+    training: Annotated[
+        int | None,
+        typer.Option(
+            help="Control steps of the training waveform, a sine whose frequency and amplitude vary (6000).", min=0
+        ),
+    ] = None,
+    chirp: Annotated[
+        int | None,
+        typer.Option(help="Control steps of the chirp, a slow sweep of the frequency, to test on (1500).", min=0),
+    ] = None,
     uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).", min=0)] = None,
     paper: Annotated[
         bool,
@@ -55,7 +63,8 @@ def record(
     seed: Annotated[
         int,
         typer.Option(
-            help="Of the training waveform; with --under, of exploration and phases.",
+            help="Seed of the training waveform; with --paper, of the first of its ten episodes, and the others count "
+            "on from it; with --under, of the exploration and of where episodes begin.",
             min=0,
         ),
     ] = 1,
@@ -74,7 +83,7 @@ def record(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
-    """Record the forced wake: 90 wall pressures, forces and the drag ledger at every control step.
+    """Record the forced wake at every control step: pressures at all sensors, drag and side force.
 
     With --under, record it under a controller with exploration, and add the
     episodes. It can be stopped at any time. The same command continues where

@@ -156,7 +156,7 @@ def report(
     picture: Annotated[Path | None, typer.Option(help="Also write the run as one picture (.png, .pdf, .svg).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Also write the series as CSV, units in the header.")] = None,
 ) -> None:
-    """Write a run's HTML page anew from its series."""
+    """Write the HTML page of a finished run again, from its stored series."""
     from firmware_sim.runs.report import write_picture, write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load

@@ -18,6 +18,7 @@ from contract.recording.importing.source_file import INITIAL_ACTION, read_source
 from contract.sensor_layout import SensorLayout
 
 _SERIES: Final = tuple(name for name in UNITS if name != "Cp")
+_SECONDS: Final = "; t and --period are in W / U_inf, so divide seconds by that"
 _LARGEST: Final = 127.0
 """A coefficient beyond this does not fit the format; a pressure in Pa does not either."""
 
@@ -38,6 +39,7 @@ def assemble(
     dynamic_pressure: float | None = None,
     renamed: Mapping[str, str] | None = None,
     progress: Callable[[Path], None] = lambda path: None,
+    unread: Callable[[Path, tuple[str, ...]], None] = lambda path, names: None,
 ) -> Dataset:
     """Read every file into an episode.
 
@@ -47,6 +49,7 @@ def assemble(
         dynamic_pressure: rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.
         renamed: by the name here, the name in the files.
         progress: called with every file before it is read.
+        unread: called with a file and the names in it that are no series and no sensor, if there are any.
 
     Raises:
         DatasetError: a file cannot be read or does not fit; the message names file and place, and what would be right.
@@ -69,13 +72,21 @@ def assemble(
     episodes = []
     for source in sources:
         progress(source.path)
-        episodes.append(_episode(source, layout, facts, dynamic_pressure or 1.0, renamed))
+        contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed)
+        episodes.append(_episode(source, contents.arrays, layout, facts, dynamic_pressure or 1.0, renamed))
+        if contents.unread:
+            unread(source.path, contents.unread)
     return Dataset(episodes=tuple(episodes), layout=layout, facts=facts)
 
 
 def _check_names(sources: Sequence[Source]) -> None:
     names = [source.path.stem for source in sources]
+    paths = [source.path for source in sources]
     for source in sources:
+        if paths.count(source.path) > 1:
+            raise DatasetError(
+                f"{source.path}: given twice; an episode has one role, so cut the file in two if you have no other"
+            )
         if names.count(source.path.stem) > 1:
             raise DatasetError(
                 f"{source.path}: two files would make an episode called {source.path.stem!r}: rename one of them"
@@ -83,19 +94,21 @@ def _check_names(sources: Sequence[Source]) -> None:
 
 
 def _episode(
-    source: Source, layout: SensorLayout, facts: PlantFacts, dynamic_pressure: float, renamed: Mapping[str, str]
+    source: Source,
+    arrays: dict[str, Array],
+    layout: SensorLayout,
+    facts: PlantFacts,
+    dynamic_pressure: float,
+    renamed: Mapping[str, str],
 ) -> Episode:
     path, period, limit = source.path, facts.control_period, facts.action_limit
     assert period is not None
     assert limit is not None
-    arrays = read_source(path, layout, (*_SERIES, INITIAL_ACTION), renamed)
     # In a CSV file a column of that name: its first row counts.
     initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
     for name in REQUIRED:
         if name not in arrays and name != "t":
-            raise DatasetError(
-                f"{path}: no column {renamed.get(name, name)!r}; if it has another name there, use --map {name}=NAME"
-            )
+            raise DatasetError(f"{path}: no column {name!r}; if it has another name there, use --map {name}=NAME")
     steps = len(arrays["action"])
     if steps == 0:
         raise DatasetError(f"{path}: holds no control step")
@@ -130,10 +143,10 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
     finer = round(period / mean) if mean > 0 else 0
     if finer >= 2 and abs(finer * mean / period - 1.0) < 0.01:
         raise DatasetError(
-            f"{path}: t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep every "
-            f"{finer}. row, so that row k has the pressures at t_k and the action commanded then"
+            f"{path}: t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep one row "
+            f"of {finer}, so that row k has the pressures at t_k and the action commanded then{_SECONDS}"
         )
-    raise DatasetError(f"{path}: {problem}")
+    raise DatasetError(f"{path}: {problem}{_SECONDS}")
 
 
 def _check_action(path: Path, action: Array, limit: float) -> None:
@@ -141,7 +154,7 @@ def _check_action(path: Path, action: Array, limit: float) -> None:
     if abs(action[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
         raise DatasetError(
             f"{path}: action is {action[largest]:g} at step {largest}, beyond the limit of {limit:g} (--limit); "
-            f"an action is the jets' flow rate in U_inf W"
+            f"an action is the jets' flow rate in U_inf W, and no percentage of it"
         )
 
 
@@ -156,5 +169,5 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout) -
     if 0.0 < spread[weakest] < CP_QUANTUM:
         raise DatasetError(
             f"{path}: sensor {layout.names[weakest]} varies by {spread[weakest]:.2g}, less than the {CP_QUANTUM:.2g} "
-            f"that a data set resolves: is --dynamic-pressure too large, or the sensor dead?"
+            f"that a data set resolves; correct --dynamic-pressure, or take the sensor out of the list if it is dead"
         )

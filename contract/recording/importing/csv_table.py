@@ -1,6 +1,7 @@
 """Tables of comma-separated values, read so that an error names file, line and column."""
 
 import csv
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from contract.arrays import Array
 from contract.errors import DatasetError
 
 _SEPARATORS: Final = ",;\t"
+_DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +40,11 @@ class CsvTable:
             try:
                 values[k] = float(row[column])
             except ValueError as error:
-                raise DatasetError(f"{self._cell(k, name)}: {row[column]!r} is not a number") from error
+                raise DatasetError(
+                    f"{self._cell(k, name)}: {row[column]!r} is not a number{_remedy(row[column])}"
+                ) from error
             if not np.isfinite(values[k]):
-                raise DatasetError(f"{self._cell(k, name)}: {row[column]} is not finite")
+                raise DatasetError(f"{self._cell(k, name)}: {row[column]} is not finite{_GAP}")
         return values
 
     def texts(self, name: str) -> tuple[str, ...]:
@@ -55,17 +59,21 @@ class CsvTable:
 def read_csv(path: Path) -> CsvTable:
     """Read a table: a header line, then rows; separated by commas, semicolons or tabs; empty lines are skipped.
 
+    Lines that begin with # above the header are comments. If numbers follow them, the last one is the header, as
+    `numpy.savetxt` writes it.
+
     Raises:
         DatasetError: the file cannot be read as text, has no header or rows, or a row of another length.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DatasetError(f"{path}: is not a text file in UTF-8") from error
+        raise DatasetError(f"{path}: is not a text file in UTF-8: save it as UTF-8") from error
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read ({error.strerror or error})") from error
-    first = text.lstrip("\r\n").split("\n", 1)[0]
-    reader = csv.reader(text.splitlines(), delimiter=max(_SEPARATORS, key=first.count), skipinitialspace=True)
+    content = _with_header(text.splitlines())
+    first = next((line for line in content if line.strip()), "")
+    reader = csv.reader(content, delimiter=max(_SEPARATORS, key=first.count), skipinitialspace=True)
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
     try:
@@ -78,13 +86,54 @@ def read_csv(path: Path) -> CsvTable:
     if len(rows) < 2:
         raise DatasetError(f"{path}: must have a line with the names of the columns and at least one row below it")
     header = rows[0]
+    _check_header(path, lines[0], header)
     for name in header:
         if header.count(name) > 1:
-            raise DatasetError(f"{path}: line {lines[0]}: column {name!r} is there twice")
+            hint = "; the first line must have the names of the columns" if _is_number(name) else ""
+            raise DatasetError(f"{path}: line {lines[0]}: column {name!r} is there twice{hint}")
     for row, line in zip(rows[1:], lines[1:], strict=True):
         if len(row) != len(header):
             raise DatasetError(f"{path}: line {line}: {len(row)} values, the header has {len(header)} columns")
     return CsvTable(path=path, header=header, rows=tuple(rows[1:]), lines=tuple(lines[1:]))
+
+
+_GAP: Final = "; fill the gap, or cut the file in two there"
+
+
+def _remedy(cell: str) -> str:
+    if _DECIMAL_COMMA.fullmatch(cell):
+        return f": write {cell.replace(',', '.')}, with a decimal point"
+    return _GAP if not cell else ""
+
+
+def _with_header(content: list[str]) -> list[str]:
+    """The lines with comments emptied, so that numbers of lines stay; a header that is commented out counts."""
+    comments = 0
+    while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
+        comments += 1
+    kept = [""] * comments + content[comments:]
+    heads = [k for k in range(comments) if content[k].strip()]
+    if heads and comments < len(content) and _is_number(re.split(f"[{_SEPARATORS}]", content[comments])[0]):
+        kept[heads[-1]] = content[heads[-1]].removeprefix("#").lstrip()
+    return kept
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
+    """Refuse what is no row of names, before a missing column is blamed for it."""
+    if all(map(_is_number, header)):
+        raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
+    if len(header) == 1 and len(header[0].split()) > 1:
+        raise DatasetError(
+            f"{path}: line {line}: columns must be separated by commas, semicolons or tabs; spaces do not separate them"
+        )
 
 
 def columns_of(table: CsvTable, wanted: Mapping[str, str]) -> dict[str, Array]:

@@ -29,7 +29,8 @@ def read_sensors(path: Path, *, symmetric: bool) -> SensorLayout:
     for column in ("name", "x", "y"):
         if column not in table.header:
             raise DatasetError(
-                f"{path}: no column {column!r}; it has {', '.join(table.header)}, must have name, x, y, may have base"
+                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, it must have name, x, y "
+                f"and may have base"
             )
     names = table.texts("name")
     for line, name in zip(table.lines, names, strict=True):

@@ -1,6 +1,7 @@
 """One file of the user's, CSV, NPZ or HDF5, as arrays by the names that they have here."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,15 +17,29 @@ SUFFIXES: Final = (".csv", ".tsv", ".txt", ".npz", ".h5", ".hdf5")
 INITIAL_ACTION: Final = "initial_action"
 
 
-def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed: Mapping[str, str]) -> dict[str, Array]:
-    """The arrays among `names` that the file has, with one "Cp" of shape (n, sensors) in the layout's order.
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """What a file has.
+
+    Attributes:
+        arrays: by the names that they have here, with one "Cp" of shape (n, sensors) in the layout's order.
+        unread: names in the file that nobody asked for.
+    """
+
+    arrays: dict[str, Array]
+    unread: tuple[str, ...]
+
+
+def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed: Mapping[str, str]) -> Contents:
+    """The arrays among `names` that the file has, and the pressures.
 
     Args:
         names: of series that may be there, without Cp.
         renamed: by the name here (of a series, a sensor or Cp), the name in the file where it is another one.
 
     Raises:
-        DatasetError: the file cannot be read, or an array is no series of numbers; the message names both.
+        DatasetError: the file cannot be read, lacks a renamed array, or an array is no series of numbers; the message
+            names both.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")
@@ -32,19 +47,33 @@ def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed:
     if suffix not in SUFFIXES:
         raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}")
     if suffix == ".npz":
-        arrays = _read_npz(path)
+        stored = _read_npz(path)
     elif suffix in (".h5", ".hdf5"):
-        arrays = _read_hdf5(path)
+        stored = _read_hdf5(path)
     else:
         table = read_csv(path)
         wanted = {name: renamed.get(name, name) for name in (*names, *layout.names)}
-        return _with_pressures(path, columns_of(table, wanted), layout, renamed, table.header)
+        _check_renamed(path, table.header, renamed)
+        arrays = _with_pressures(path, columns_of(table, wanted), layout, renamed, table.header)
+        return Contents(arrays=arrays, unread=tuple(name for name in table.header if name not in wanted.values()))
+    _check_renamed(path, tuple(stored), renamed)
     found: dict[str, Array] = {}
     for name in (*names, "Cp", *layout.names):
         inside = renamed.get(name, name)
-        if inside in arrays:
-            found[name] = _numbers(path, inside, arrays[inside], columns=name == "Cp")
-    return _with_pressures(path, found, layout, renamed, tuple(arrays))
+        if inside in stored:
+            found[name] = _numbers(path, inside, stored[inside], columns=name == "Cp")
+    asked = {renamed.get(name, name) for name in found}
+    unread = tuple(name for name in stored if name not in asked)
+    return Contents(arrays=_with_pressures(path, found, layout, renamed, tuple(stored)), unread=unread)
+
+
+def _check_renamed(path: Path, there: Sequence[str], renamed: Mapping[str, str]) -> None:
+    """Refuse a name that the user gave and the file lacks: without it, a series such as t would be passed over."""
+    for name, inside in renamed.items():
+        if inside not in there:
+            raise DatasetError(
+                f"{path}: no column {inside!r}, which --map {name}={inside} names; it has {_listed(there)}"
+            )
 
 
 def _with_pressures(
@@ -58,7 +87,8 @@ def _with_pressures(
     if len(found) < len(layout):
         missing = next(name for name, column in zip(layout.names, columns, strict=True) if column is None)
         raise DatasetError(
-            f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; it has {_listed(there)}"
+            f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; it has {_listed(there)}. "
+            f"Name another with --map {missing}=NAME, or take the sensor out of the list of sensors"
         )
     lengths = {len(column) for column in found}
     if len(lengths) > 1:

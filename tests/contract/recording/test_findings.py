@@ -10,6 +10,7 @@ from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError
+from contract.operating_point import OperatingPoint
 from contract.recording import dataset, needs
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
@@ -139,7 +140,38 @@ def test_a_constant_signal_is_named(sound):
             for item, values in zip(sound.episodes, pressures, strict=True)
         ),
     )
-    assert texts(stuck) == ["sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from"]
+    assert texts(stuck) == [
+        "sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from; leave it out"
+    ]
+
+
+def test_a_control_step_longer_than_a_period_stops_the_export(sound):
+    """W = 0.1 m, 20 m/s: t_c is 5 ms, a period of 0.3 t_c 1.5 ms, and the release's step takes 8 ms."""
+    rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
+    (text,) = texts(sound, rig, stops="export")
+    assert text.startswith("ecu.compute_time_ms = 8: must be within the control period, which is 1.5 ms")
+
+
+def test_slips_of_units_are_noted(sound):
+    """Places in millimetres, a limit in percent, times in seconds (W / U_inf = 5 ms): each note says what to do."""
+    places = replace(sound.layout, positions=100.0 * sound.layout.positions)
+    assert any("divide lengths by the width" in text for text in texts(replace(sound, layout=places), stops=None))
+    percent = replace(sound, facts=replace(sound.facts, action_limit=20.0))
+    assert any("--limit should be about" in text for text in texts(percent, stops=None))
+    period = 0.005 * PERIOD
+    seconds = replace(
+        sound,
+        episodes=tuple(replace(item, series={**item.series, "t": 0.005 * item.series["t"]}) for item in sound.episodes),
+        facts=replace(sound.facts, control_period=period),
+    )
+    config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
+    assert any("divide seconds by that" in text for text in texts(seconds, config, stops=None))
+
+
+def test_a_sensor_without_a_partner_is_named(sound):
+    layout = SensorLayout.of(("up", "down", "odd"), np.array([[1, 0.5], [1, -0.5], [0.5, 0.5]]))
+    assert layout.mirror is None
+    assert layout.without_partner() == ("odd",)
 
 
 @pytest.mark.parametrize(("role", "index"), [("train", slice(2, 3)), ("test", slice(0, 2))])

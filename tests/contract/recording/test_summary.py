@@ -7,7 +7,7 @@ import pytest
 
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.facts import PlantFacts
-from contract.recording.summary import dominant_frequency, fitting_settings, summarise, uncontrolled
+from contract.recording.summary import fitting_settings, summarise, uncontrolled
 from contract.sensor_layout import SensorLayout
 
 PERIOD = 0.25
@@ -40,18 +40,6 @@ def test_figures_of_a_wave():
     assert found.drag == 1.25
     assert found.lift == pytest.approx(np.sqrt(2))
     assert found.frequency == pytest.approx(1 / (20 * PERIOD), rel=1e-2)
-
-
-@pytest.mark.parametrize("cycle", [7.3, 25.0, 60.0])
-def test_a_frequency_between_the_lines_of_the_spectrum_is_found(cycle):
-    values = 3.0 + np.sin(2 * np.pi * np.arange(500) / cycle + 1.0)
-    # An eighth of 1 / duration.
-    assert dominant_frequency(values, PERIOD) == pytest.approx(1 / (cycle * PERIOD), abs=1 / (8 * 500 * PERIOD))
-
-
-def test_no_frequency_without_a_wave():
-    assert dominant_frequency(np.ones(100), PERIOD) is None
-    assert dominant_frequency(np.arange(5.0), PERIOD) is None
 
 
 def test_the_longest_calm_stretch_is_the_uncontrolled_wake():

@@ -15,6 +15,7 @@ from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError, StillwakeError
+from contract.operating_point import OperatingPoint
 from contract.recording import dataset
 from contract.recording.dataset import UNITS, Dataset, Episode
 from contract.release import bundle
@@ -147,6 +148,16 @@ def test_a_precision_that_does_not_exist_is_refused(export, tmp_path):
     with pytest.raises(ExportError, match="--precision int4: must be int8 or float32"):
         export(precision="int4")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_step_that_takes_longer_than_a_period_is_refused_before_the_work(export, tmp_path):
+    """A rig of 0.1 m at 20 m/s: a period of 0.2 t_c is 1 ms."""
+    rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
+    phases: list[str] = []
+    with pytest.raises(ExportError, match=r"ecu\.compute_time_ms = 8: must be within the control period of 1 ms"):
+        export(config=rig, phase=phases.append)
+    assert phases == ["read"]
+    assert not list(tmp_path.iterdir())
 
 
 def test_every_phase_is_announced_once_and_in_order(export):

@@ -5,20 +5,28 @@
  *     ./replay recorded.txt expected.txt
  *
  * A row is the pressures Cp at the sensors and the action that was commanded one step before. From the first full window
- * on, each row is answered by a line: the planned action, the predicted mean Cd and Cl, and the cost. With a second file
- * the answers are compared with its lines, and the status is 1 if one of them is further off than compilers differ.
+ * on, each row has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
+ *
+ * With one file, each answer is printed, and its plan goes into the next step, as on a vehicle. With a second file,
+ * each answer starts from a plan of zeros and is compared with a line of that file. The last line says how many agree;
+ * the status is 1 if one of them is further off than compilers differ.
  */
 #include <stdio.h>
 
 #include "stillwake.h"
+#include "sw_weights.h"
 
 static sw_workspace workspace;
 static sw_input input;
 static sw_output output;
 
 /* Compilers round in different orders. A gradient near zero may change its sign with that, and Adam makes a step of its
- * learning rate, 1e-3, of every sign; each answer goes into the next one. */
-static const double tolerance = 5e-3;
+ * learning rate, 1e-3, of every sign. What such steps change in the forces depends on the plant, so those are compared
+ * in parts of the standard deviation that they had in training. Plans are not handed on: a sequence of control steps
+ * can make any such difference larger. */
+static const double tolerance = 5e-3, force_tolerance = 3e-2;
+
+static const char *const names[4] = {"action", "mean Cd", "mean Cl", "cost"};
 
 static int read_row(FILE *rows, float pressures[SW_SENSORS], float *previous_action)
 {
@@ -32,13 +40,14 @@ static int read_row(FILE *rows, float pressures[SW_SENSORS], float *previous_act
 static int is_expected(FILE *expected, const double answer[4], int row)
 {
     for (int i = 0; i < 4; i++) {
+        const double allowed = i == 1 || i == 2 ? force_tolerance * (double)sw_force_std[i - 1] : tolerance;
         double number;
         if (fscanf(expected, "%lf", &number) != 1) {
             fprintf(stderr, "row %d: no answer is expected\n", row);
             return 0;
         }
-        if (!(answer[i] - number <= tolerance && number - answer[i] <= tolerance)) {
-            fprintf(stderr, "row %d: %.9g, expected %.9g\n", row, answer[i], number);
+        if (!(answer[i] - number <= allowed && number - answer[i] <= allowed)) {
+            fprintf(stderr, "row %d, %s: %.9g, expected %.9g within %.2g\n", row, names[i], answer[i], number, allowed);
             return 0;
         }
     }
@@ -67,16 +76,17 @@ int main(int argc, char **argv)
         for (int k = 0; k < SW_HORIZON; k++) {
             drag += output.forces[k][0] / (float)SW_HORIZON;
             lift += output.forces[k][1] / (float)SW_HORIZON;
-            input.plan[k] = output.plan[k];
+            input.plan[k] = expected == NULL ? output.plan[k] : 0.0f;
         }
         const double answer[4] = {(double)output.plan[0], (double)drag, (double)lift, (double)output.cost};
         if (expected != NULL && !is_expected(expected, answer, row)) return 1;
-        printf("%.9g %.9g %.9g %.9g\n", answer[0], answer[1], answer[2], answer[3]);
+        if (expected == NULL) printf("%.9g %.9g %.9g %.9g\n", answer[0], answer[1], answer[2], answer[3]);
         answers++;
     }
     if (answers == 0) {
         fprintf(stderr, "fewer rows than a window has\n");
         return 1;
     }
+    if (expected != NULL) printf("%d answers, all as expected\n", answers);
     return 0;
 }

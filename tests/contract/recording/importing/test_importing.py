@@ -148,6 +148,10 @@ T = PERIOD * np.arange(20)
         (raw("a.npz", b"PK"), r"a\.npz: damaged or not an NPZ"),
         (raw("a.h5", b"text"), r"a\.h5: damaged or not an HDF5"),
         (raw("a.csv", b"\xff\xfe\x00"), r"a\.csv: is not a text file in UTF-8"),
+        (raw("a.csv", b"1,2\n3,4\n"), r"a\.csv: line 1 holds numbers; the first line must have the names"),
+        (raw("a.csv", b"t action\n0 1\n"), r"a\.csv: line 1: columns must be separated by commas"),
+        (raw("a.csv", b"action;Cd\n0,5;1\n"), r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
+        (table(ROW.replace("1,0", "1,")), r"line 2, column 'Cl': '' is not a number; fill the gap, or cut the file"),
         (raw("a.csv", b""), "must have a line with the names"),
         (table(), "at least one row below"),
         (table(ROW, "0.1,1,0,1,2,3,4,5,6"), r"a\.csv: line 3: 9 values, the header has 10 columns"),
@@ -168,7 +172,10 @@ T = PERIOD * np.arange(20)
         (changed(Cp=500.0 * np.ones((20, 7))), "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
         (changed(Cl=np.linspace(0, 200, 20)), "'Cl' reaches 200"),
         (changed(action=np.linspace(0, 0.4, 20)), r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
-        (changed(t=T / 10), "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep every 10. row"),
+        (
+            changed(t=T / 10),
+            "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10, .*divide seconds",
+        ),
         (changed(t=2 * T), "t rises by 0.6, must rise by the control period of 0.3"),
         (changed(t=T[::-1]), "t does not rise from step 0 to 1"),
         (changed(t=np.where(T > 3, T + 0.2, T)), "t rises by 0.5 from step 10 to 11"),
@@ -182,8 +189,50 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout,
 
 
 @pytest.mark.parametrize(
+    "head",
+    [
+        "# {}\n",
+        "#{}\n",
+        "# my rig, 2026\n# {}\n",
+        "# my rig, 2026\n\n{}\n",
+        "\ufeff{}\r\n",
+        " {}\n".replace(",", " , "),
+    ],
+)
+def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout, head):
+    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or spaces."""
+    values = foreign_plant.series(20, 3)
+    path = foreign_plant.write_csv(tmp_path / "a.csv", values)
+    names, rows = path.read_text().split("\n", 1)
+    path.write_text(head.format(names) + rows, encoding="utf-8")
+    series = imported(path, layout).episodes[0].series
+    np.testing.assert_allclose(series["t"], values["t"], atol=1e-6)
+    np.testing.assert_allclose(series["Cp"], values["Cp"], atol=1e-6)
+
+
+def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, layout):
+    """A clock called "time" would otherwise be passed over in silence, and with it a wrong period."""
+    values = foreign_plant.series(20, 3)
+    path = foreign_plant.write_npz(tmp_path / "a.npz", values | {"time": np.linspace(0.0, 0.019, 20)})
+    told: list[tuple[str, tuple[str, ...]]] = []
+    imported(path, layout, unread=lambda path, names: told.append((path.name, names)))
+    assert told == [("a.npz", ("time",))]
+    with pytest.raises(DatasetError, match=r"t rises by 0\.001"):
+        imported(path, layout, renamed={"t": "time"})
+    with pytest.raises(DatasetError, match=r"a\.npz: no column 'zeit', which --map t=zeit names; it has .*time"):
+        imported(path, layout, renamed={"t": "zeit"})
+
+
+def test_a_file_has_one_role(tmp_path, layout):
+    path = foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3))
+    with pytest.raises(DatasetError, match=r"a\.npz: given twice; an episode has one role"):
+        assemble([Source(path=path, role="train"), Source(path=path, role="test")], layout, FACTS)
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
         ("name,x\na,1\n", "no column 'y'"),
         ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
         ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),

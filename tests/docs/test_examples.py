@@ -1,0 +1,56 @@
+"""The Python examples of the pages run as they stand."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from stillwake.shipped import BUNDLE
+
+ROOT = Path(__file__).parents[2]
+
+
+def python_blocks(page: str) -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def test_the_loop_around_the_onnx_graph_commands_within_the_limit():
+    """Zero until the window of 32 is full; then actions that differ and keep the shipped bundle's limit of 0.075."""
+    (code,) = python_blocks("docs/how-to/use-the-onnx-graph.md")
+    assert '"runs/bundle"' in code
+    commanded: list[float] = []
+
+    def pressures(sensors: list[str]) -> list[float]:
+        phase = 2 * np.pi * len(commanded) / 25 + np.arange(len(sensors))
+        return (-0.4 + 0.1 * np.sin(phase)).tolist()
+
+    names = {"read_pressures": pressures, "command": commanded.append}
+    exec(compile(code.replace('"runs/bundle"', repr(str(BUNDLE))), "page", "exec"), names)
+    assert commanded[:31] == [0.0] * 31
+    assert np.std(commanded[31:]) > 0.01
+    assert np.abs(commanded).max() <= 0.075 * (1 + 1e-6)
+
+
+def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypatch):
+    """The same signals in seconds, pascals and newtons, at W = 0.1 m, 20 m/s, 1.2 kg/m3 and a span of 0.4 m."""
+    (code,) = python_blocks("docs/how-to/use-your-own-data.md")
+    monkeypatch.chdir(tmp_path)
+    step = np.arange(400)
+    names = [f"p{k}" for k in range(1, 9)]
+    # 3 kHz; forces over (240 Pa) (0.1 m) (0.4 m) = 9.6 N, a volume flow over 20 m/s 0.1 m 0.4 m = 0.8 m3/s.
+    series = {
+        "time_s": step / 3000,
+        "flow_m3s": np.full(400, 0.04),
+        "drag_N": np.full(400, 9.6),
+        "side_N": -4.8 + 0 * step,
+    }
+    series |= {name: np.full(400, -120.0) for name in names}
+    table = np.column_stack(list(series.values()))
+    np.savetxt("rig.csv", table, delimiter=",", header=",".join(series), comments="")
+    exec(compile(code, "page", "exec"), {})
+    made = np.genfromtxt("sweep.csv", delimiter=",", names=True)
+    assert made.dtype.names == ("t", "action", "Cd", "Cl", *names)
+    # 5 ms is the time W / U_inf, so 1 ms, three samples, is a period of 0.2.
+    np.testing.assert_allclose(np.diff(made["t"]), 0.2, rtol=1e-6)
+    np.testing.assert_allclose([made[name][7] for name in ("action", "Cd", "Cl", "p3")], [0.05, 1.0, -0.5, -0.5])
