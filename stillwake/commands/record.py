@@ -152,12 +152,11 @@ def _record_round(
     check_flow(release, config.flow)
     planned = ControlledRound(**of_plan, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
-    BundlePolicy(release)
+    policy = partial(BundlePolicy, release, layout=layout_of(config.body))
+    policy()
     console.print(*describe(release), sep="\n", soft_wrap=True)
     with _continued(output), _progress(planned.episodes) as shown:
-        number = record_round(
-            output, planned, config, partial(BundlePolicy, release, layout=layout_of(config.body)), **recording, **shown
-        )
+        number = record_round(output, planned, config, policy, **recording, **shown)
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
         f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",
