@@ -67,8 +67,8 @@ def refused(cli, tmp_path) -> Callable[..., str]:
         # Row 21, with a command that works.
         (
             [*QUICK, "--set", "flow.reynolds=400"],
-            "the shipped start is of 500; `stillwake develop start.npz --set flow.reynolds=400` makes one, to be given "
-            "with `--start start.npz --set flow.reynolds=400`",
+            "the shipped start is of 500; `stillwake develop start_re400.npz --set flow.reynolds=400` makes one, to be "
+            "given with `--start start_re400.npz --set flow.reynolds=400`",
         ),
         ([*QUICK, "--start", "nowhere.npz"], "nowhere.npz: not a flow state"),
         (["--plant", "water-tunnel"], "--plant water-tunnel: must be stillwake or openfoam"),
