@@ -13,10 +13,6 @@ from benchmarks.wake import grid_figure
 def main() -> None:
     """Draw the pictures anew."""
     results = ROOT / "results"
-    draw(
-        {
-            "cp_along_body": grid_figure.draw(results),
-            "truncation": truncation_figure.draw(results),
-            **figures.drawn(results / "model.json"),
-        }
-    )
+    draw({"cp_along_body": grid_figure.draw(results)}, results / "wake.json")
+    draw({"truncation": truncation_figure.draw(results)}, results / "truncation.json")
+    draw(figures.drawn(results / "model.json"), results / "model.json")

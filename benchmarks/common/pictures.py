@@ -1,6 +1,8 @@
-"""Where the documents' pictures lie, and how they are written."""
+"""Where the documents' pictures lie, how they are written, and how one tells that they are stale."""
 
+import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Final
 
 from matplotlib.figure import Figure
@@ -9,10 +11,18 @@ from benchmarks.common.commands import ROOT
 from contract.atomic import replacing
 
 PICTURES: Final = ROOT / "docs" / "pictures"
+SOURCE: Final = "Source"
+"""Name of the text in a PNG that says what it was drawn from."""
 
 
-def draw(figures: Mapping[str, Figure]) -> None:
-    """Write figures by the names of their files."""
+def draw(figures: Mapping[str, Figure], source: Path) -> None:
+    """Write figures, by the names of their files, that were drawn from one file of results."""
     for name, figure in figures.items():
         with replacing(PICTURES / f"{name}.png") as temporary:
-            figure.savefig(temporary, format="png")
+            figure.savefig(temporary, format="png", metadata={SOURCE: source_text(source)})
+
+
+def source_text(source: Path) -> str:
+    """What a picture says of the file it was drawn from: its place in the project and its SHA-256."""
+    place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
+    return f"{place} {hashlib.sha256(source.read_bytes()).hexdigest()}"

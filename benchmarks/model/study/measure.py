@@ -48,7 +48,7 @@ def main(
                 future.result()
                 bar.update(task, advance=1, description=running[future].name)
     save(json_file, figures=collected(lab), facts=facts(lab))
-    draw({**figures.drawn(json_file), **network_figures.drawn(lab)})
+    draw({**figures.drawn(json_file), **network_figures.drawn(lab)}, json_file.resolve())
 
 
 def collected(lab: Lab) -> dict[str, Any]:
