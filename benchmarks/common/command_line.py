@@ -1,18 +1,20 @@
 """What the benchmarks' command lines share: options, the two consoles, and where figures go."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 import typer
-from rich.console import Console
 
 from contract.results import write_result
+from stillwake.terminal import make_console, progress_bar
 
-console: Final = Console()
+T = TypeVar("T")
+
+console: Final = make_console()
 """Tables, for whoever reads or redirects them."""
-progress: Final = Console(stderr=True)
+progress: Final = make_console(stderr=True)
 """Bars, which are no part of the result."""
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
@@ -22,6 +24,17 @@ Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; 
 
 MODEL: Final = Path("runs/model")
 """Where `make retrain` writes its model."""
+
+
+def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
+    """The items, with progress: a bar, or lines where there is no terminal."""
+    total = len(items) if total is None and isinstance(items, Sized) else total
+    # An item may take minutes: the speed is that of the last hour.
+    with progress_bar(unit, estimate_over=3600.0, console=progress) as bar:
+        task = bar.add_task(label, total=total, note="")
+        for done, item in enumerate(items, start=1):
+            yield item
+            bar.update(task, completed=done)
 
 
 def save(json_file: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:

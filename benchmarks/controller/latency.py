@@ -17,10 +17,9 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 import typer
-from rich.progress import track
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, console, save, track
 from benchmarks.controller.eager import EagerController
 from benchmarks.controller.situations import choose_episode
 from contract import model_folder
@@ -87,7 +86,7 @@ def main(
     for step in steps.values():
         step()  # warm caches and allocators
     times: dict[str, list[float]] = {name: [] for name in steps}
-    for i in track(range(repeats), "control steps", console=progress):
+    for i in track(range(repeats), "control steps", "steps"):
         for name, step in steps.items():
             if name != "eager_ms" or i % _EAGER_EVERY == 0:
                 times[name].append(_timed(step))

@@ -9,10 +9,9 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from rich.progress import track
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, console, save, track
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.results import versions
@@ -36,7 +35,7 @@ _ROWS = 4
 def main(json_file: JsonFile = None) -> None:
     """Measure every size and print a table."""
     rows = []
-    for dynamics, decoder, iterations, precision in track(CASES, "sizes", console=progress):
+    for dynamics, decoder, iterations, precision in track(CASES, "sizes", "sizes"):
         model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
         program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
         rng = np.random.default_rng(0)

@@ -4,9 +4,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from rich.console import Console
-from rich.progress import track
 
+from benchmarks.common.command_line import track
 from contract.arrays import Array
 from contract.recording.dataset import Dataset, Episode
 from export.program.controller_program import ControllerProgram
@@ -50,7 +49,7 @@ def receding(program: ControllerProgram, z: Array, previous_action: Array, learn
     plans = [np.zeros((len(learning_rates), program.mpc.horizon))]
     every = np.tile(learning_rates, (program.mpc.iterations, 1))
     steps = list(zip(z, previous_action, strict=True))
-    for now, before in track(steps, "receding", console=Console(stderr=True)):
+    for now, before in track(steps, "receding", "steps"):
         *_, plan = adam(program, now, shift(plans[-1]), before, every)
         plans.append(plan)
     return np.array(plans[1:])

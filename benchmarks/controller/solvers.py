@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
+from benchmarks.common.command_line import track
 from benchmarks.controller.casadi_mpc import variants
 from benchmarks.controller.situations import encode_windows, receding, snapshot_steps
 from contract.arrays import Array
@@ -60,7 +59,7 @@ def compare(program: ControllerProgram, problems: list[Problem]) -> dict[str, An
     """
     solvers = variants(program)
     prices, times = [], []
-    for problem in track(problems, "CasADi", console=Console(stderr=True)):
+    for problem in track(problems, "CasADi", "problems"):
         plans, taken = [np.zeros_like(problem.start), problem.start, _ours(program, problem)], []
         for solver in solvers:
             begin = time.perf_counter()

@@ -18,10 +18,9 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.progress import track
 from rich.table import Table
 
-from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, console, progress, save
+from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, console, save, track
 from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
 from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
 from contract import model_folder
@@ -94,7 +93,7 @@ def at_snapshots(
     learning_rates = np.full(max(ITERATIONS), program.mpc.learning_rate)
     ladder: dict[tuple[str, int], list[tuple[float, float]]] = {}
     spreads, optimisers = [], []
-    for i in track(range(snapshots), "snapshots", console=progress):
+    for i in track(range(snapshots), "snapshots", "snapshots"):
         now, before = z[-1, i], float(previous_action[-1, i])
         begin = {"cold": np.zeros(horizon), "warm": shift(warm[i])}
         plans, scattered = np.array(list(begin.values())), rng.uniform(-limit, limit, (starts, horizon))
@@ -139,7 +138,7 @@ def by_learning_rate(
     # The optimum of every step by Adam alone, from a zero plan, the plans of two rates, and a random one.
     starts = (np.zeros_like(plans[:, 0]), plans[:, 2], plans[:, n - 1], rng.uniform(-limit, limit, plans[:, 0].shape))
     ended = []
-    for start in track(starts, "optimum of every step", console=progress):
+    for start in track(starts, "optimum of every step", "steps"):
         *_, plan = adam(program, z, start, previous_action, FALLING)
         ended.append(plan)
     candidates = np.stack([*ended, *(plans[:, j] for j in range(n))], axis=1)

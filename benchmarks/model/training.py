@@ -16,11 +16,10 @@ from typing import Annotated, Any, Final
 
 import torch
 import typer
-from rich.progress import track
 from rich.table import Table
 from torch import Tensor, nn
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, console, save, track
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.recording import dataset
@@ -59,7 +58,7 @@ def main(
     for call in calls.values():
         call()
     taken: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in track(range(repeats), "repeats", console=progress):
+    for _ in track(range(repeats), "repeats", "repeats"):
         for name, call in calls.items():
             began = time.perf_counter()
             call()

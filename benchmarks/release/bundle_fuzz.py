@@ -25,10 +25,9 @@ from time import perf_counter
 from typing import Annotated, Any, Final
 
 import typer
-from rich.progress import track
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, console, save, track
 from benchmarks.release import damage
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -130,7 +129,7 @@ def main(
     pieces = [range(start, min(start + PIECE, cases)) for start in range(0, cases, PIECE)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         parts = pool.map(run_cases, repeat(seed), pieces)
-        for part in track(parts, "cases", total=len(pieces), console=progress):
+        for part in track(parts, "cases", "parts", total=len(pieces)):
             tally.add(part)
     figures = tally.figures()
     table = Table("damaged", "cases", "accepted", "refused", "slowest, ms")

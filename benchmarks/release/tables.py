@@ -1,6 +1,8 @@
 """The tables of the shipped release in the closed loop, from what `stillwake run` and `stillwake steady` measured."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from benchmarks.common.markdown import read, table
 
@@ -11,6 +13,7 @@ def tables(results: Path) -> dict[str, str]:
         "summary": summary(results),
         "demo": demo(results),
         "limits": limits(results),
+        "square_loop": square_loop(results),
         "steady": steady(results),
         "bundle_fuzz": bundle_fuzz(results),
     }
@@ -70,6 +73,29 @@ def demo(results: Path) -> str:
     """The loop of `make demo`, without control and with it."""
     found = read(results / "demo.json")
     figures, facts = found["figures"], found["facts"]
+    latency = "/".join(f"{figures[name]:.2f}" for name in ("mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"))
+    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])},
+{facts["config"]["ecu"]["compute_time_ms"]:g} ms charged for a control step. Wall drag reduced by
+**{figures["reduction_percent"]:.1f} %**.
+
+{_before_and_under(figures)}
+
+Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:g} ms. Frames sent
+{figures["frames_sent"]}, lost {figures["frames_lost"]}, rejected {figures["frames_rejected"]}."""
+
+
+def square_loop(results: Path) -> str:
+    """The loop around the square cylinder."""
+    found = read(results / "square_loop.json")
+    figures = found["figures"]
+    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])}. Wall drag
+reduced by **{figures["reduction_percent"]:.1f} %**.
+
+{_before_and_under(figures)}"""
+
+
+def _before_and_under(figures: Mapping[str, Any]) -> str:
+    """Averages of a run without and with control."""
     rows = [
         ("mean Cd (wall)", figures["Cd_uncontrolled"], figures["Cd_controlled"]),
         ("mean base Cp", figures["base_Cp_uncontrolled"], figures["base_Cp_controlled"]),
@@ -79,15 +105,7 @@ def demo(results: Path) -> str:
         ("mean Cd, wall + slots + jet momentum", figures["Cd_net_uncontrolled"], figures["Cd_net_controlled"]),
         ("mean jet power / (rho U_inf^3 W / 2)", 0.0, figures["jet_power_controlled"]),
     ]
-    latency = "/".join(f"{figures[name]:.2f}" for name in ("mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"))
-    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])},
-{facts["config"]["ecu"]["compute_time_ms"]:g} ms charged for a control step. Wall drag reduced by
-**{figures["reduction_percent"]:.1f} %**.
-
-{table(("", "uncontrolled", "controlled"), rows)}
-
-Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:g} ms. Frames sent
-{figures["frames_sent"]}, lost {figures["frames_lost"]}, rejected {figures["frames_rejected"]}."""
+    return table(("", "uncontrolled", "controlled"), rows)
 
 
 def limits(results: Path) -> str:

@@ -24,6 +24,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.plant import FlowConfig
 from contract.results import versions
+from stillwake.terminal import progress_bar
 from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
 from wake.truck.sample import Sample
@@ -50,7 +51,7 @@ def main(
     """Run each case and print a table."""
     times = {"develop_time": develop_time, "average_time": average_time, "settle_time": settle_time}
     rows: list[dict[str, Any]] = []
-    with Progress(console=progress) as bar:
+    with progress_bar("t_c", console=progress) as bar:
         for name in case:
             refinement, substeps = name.split(":")
             path = parts / f"{refinement}_{substeps}_{develop_time:g}_{average_time:g}_{settle_time:g}.json"
@@ -72,11 +73,13 @@ def _study(
 ) -> dict[str, Any]:
     wake = TruckWake(FlowConfig(substeps=substeps), refinement)
     nx, ny = wake.grid.shape
-    task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + 2 * average_time + settle_time)
+    task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + 2 * average_time + settle_time, note="")
     began = time.process_time()
-    develop(wake, develop_time, lambda t, _: bar.update(task, completed=t))
+    develop(wake, develop_time, lambda t, _: bar.update(task, completed=round(t, 1)))
     cpu = {"cpu_s_per_t_c": (time.process_time() - began) / develop_time}
-    free = cycle_average(wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=develop_time + t))
+    free = cycle_average(
+        wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=round(develop_time + t, 1))
+    )
     limit, settled = wake.config.action_limit, average_time
 
     def sine(t: float) -> float:
@@ -84,8 +87,8 @@ def _study(
 
     while wake.t < settled + settle_time:
         wake.advance(sine(wake.t))
-        bar.update(task, completed=develop_time + wake.t)
-    forced = cycle_average(wake, average_time, sine, lambda t: bar.update(task, completed=develop_time + t))
+        bar.update(task, completed=round(develop_time + wake.t, 1))
+    forced = cycle_average(wake, average_time, sine, lambda t: bar.update(task, completed=round(develop_time + t, 1)))
     return {
         "case": f"{nx} x {ny}, dt 1/{5 * substeps}",
         "refinement": refinement,

@@ -3,22 +3,21 @@
     python -m benchmarks open-loop [--json FILE] [--frequency 0.20 ...]
 
 Full amplitude, begun at two phases of the shedding cycle: the wake locks onto one of several states, and which one
-depends on that. Averages leave out the settling time. The figures are those of a closed-loop run, so that both can
-be in one table.
+depends on that. Averages leave out the settling time and hold whole cycles: of the
+sine, or without one of the lift. The figures are those of a closed-loop run, so that both can be in one table.
 """
 
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.progress import track
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, console, save, track
 from contract import sensors
 from contract.arrays import Array
 from contract.results import versions
-from wake.truck.averages import Average
+from wake.truck.averages import over_cycles, over_last_cycles
 from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
@@ -38,7 +37,7 @@ def main(
     """Run each frequency and print a table."""
     wake = TruckWake()
     cases = [(0.0, 0), *((f, k) for f in frequency for k in lead)]
-    rows = [_force(wake, *case, controlled, settle) for case in track(cases, "sines", console=progress)]
+    rows = [_force(wake, *case, controlled, settle) for case in track(cases, "sines", "runs")]
     table = Table(*rows[0])
     for row in rows:
         table.add_row(*(f"{value:.4g}" for value in row.values()))
@@ -67,7 +66,8 @@ def _force(wake: TruckWake, frequency: float, lead: int, controlled: float, sett
     def series(name: str) -> Array:
         return np.array([getattr(s, name) for s in samples])
 
-    average = Average.of_all(len(samples))
+    t = series("t")
+    average = over_last_cycles(t, frequency) if frequency else over_cycles(t, series("Cl"))
     return {
         "frequency": frequency,
         "lead": lead,

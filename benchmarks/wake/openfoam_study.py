@@ -31,6 +31,7 @@ from contract.results import versions
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.summary import summary
 from stillwake.shipped import BUNDLE
+from stillwake.terminal import progress_bar
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
 from wake.openfoam.measurements import Instruments, read_all
@@ -68,11 +69,11 @@ def main(
         "loop": _loop,
     }
     figures: dict[str, list[dict[str, Any]]] = {}
-    with Progress(console=progress) as bar:
+    with progress_bar("t_c", console=progress) as bar:
         for name, part in parts.items():
             kept = FOLDER / f"{name}.json"
             if only in ("", name) and not kept.is_file():
-                found = part(partial(_show, bar, bar.add_task(name, total=None)))
+                found = part(partial(_show, bar, bar.add_task(name, total=None, note="")))
                 with replacing(kept) as temporary:
                     temporary.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
             if kept.is_file():
@@ -95,7 +96,7 @@ def _case(refinement: float) -> Path:
 
 
 def _show(bar: Progress, task: TaskID, done: float, total: float) -> None:
-    bar.update(task, completed=done, total=total)
+    bar.update(task, completed=round(done, 1), total=total)
 
 
 def _uncontrolled(index: int, show: Bar) -> list[dict[str, Any]]:

@@ -16,11 +16,10 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 from numba import njit
-from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, console, save, track
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions
@@ -53,7 +52,7 @@ def main(
     plants = [_plant(value) for value in refinement]
     spent: list[defaultdict[str, list[float]]] = [defaultdict(list) for _ in plants]
     with threadpool_limits(1):
-        for _ in track(range(rounds), "rounds", console=progress):
+        for _ in track(range(rounds), "rounds", "rounds"):
             for wake, times in zip(plants, spent, strict=True):
                 _visit(wake, times)
     rows = [_row(wake, value, times) for wake, value, times in zip(plants, refinement, spent, strict=True)]

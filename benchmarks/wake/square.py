@@ -23,6 +23,7 @@ from contract.atomic import replacing
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.results import versions
+from stillwake.terminal import progress_bar
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
 
@@ -51,7 +52,7 @@ def main(
 ) -> None:
     """Run each case and print a table."""
     rows: list[dict[str, Any]] = []
-    with Progress(console=progress) as bar:
+    with progress_bar("t_c", console=progress) as bar:
         for name in case:
             refinement, substeps = name.split(":")
             path = parts / f"{refinement}_{substeps}_{develop_time:g}_{average_time:g}.json"
@@ -78,9 +79,11 @@ def main(
 def _study(refinement: float, substeps: int, develop_time: float, average_time: float, bar: Progress) -> dict[str, Any]:
     wake = TruckWake(FlowConfig(reynolds=REYNOLDS, substeps=substeps), refinement, body=SQUARE)
     nx, ny = wake.grid.shape
-    task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + average_time)
-    develop(wake, develop_time, lambda t, _: bar.update(task, completed=t))
-    free = cycle_average(wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=develop_time + t))
+    task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + average_time, note="")
+    develop(wake, develop_time, lambda t, _: bar.update(task, completed=round(t, 1)))
+    free = cycle_average(
+        wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=round(develop_time + t, 1))
+    )
     return {
         "case": f"{nx} x {ny}, dt 1/{5 * substeps}",
         "refinement": refinement,

@@ -126,6 +126,7 @@ def _open_loop(results: Path) -> str:
     found = read(results / "open_loop.json")
     facts = found["facts"]
     rows = [[f"{row['frequency']:.2f}", row["lead"], *(row[name] for name in names)] for row in found["figures"]]
-    return f"""Measured on {found["date"]}, averages from {facts["settle"]:g} to {facts["controlled"]:g} t_c.
+    span = f"{facts['settle']:g} to {facts['controlled']:g} t_c"
+    return f"""Measured on {found["date"]}, averages over the whole cycles of the sine in {span}.
 
 {table(("frequency", "begins after", *names), rows)}"""

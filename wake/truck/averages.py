@@ -15,8 +15,7 @@ A wake under control may hardly shed. Its lift then crosses zero many times with
 motion and by what the jets do, and the crossings mark no cycles. But the wake and the jets still act near the shedding
 frequency, so a controlled wake is averaged over whole cycles of the uncontrolled one: as many as fit, counted back from
 the last sample (`over_last_cycles`). Where control fails, the wake sheds as before and the rule is the first one again,
-with another phase. A sine without feedback is averaged plainly, over every sample after its settling time
-(`Average.of_all`).
+with another phase. A wake that a sine drives is averaged over the sine's last cycles in the same way.
 """
 
 from dataclasses import dataclass
@@ -33,17 +32,6 @@ class Average:
     """Weights (n,) of the samples; their sum is 1."""
 
     weights: Array
-
-    @classmethod
-    def of_all(cls, count: int) -> "Average":
-        """The plain average over so many samples.
-
-        Raises:
-            PlantError: if there are none.
-        """
-        if count == 0:
-            raise PlantError("average over 0 samples: at least 1 is needed, so run longer or leave out less")
-        return cls(weights=np.full(count, 1.0 / count))
 
     def mean(self, values: npt.ArrayLike) -> Array:
         """Of (n, ...) over the samples, (...)."""

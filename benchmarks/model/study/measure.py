@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks.common.command_line import Parts, progress, save
 from benchmarks.common.pictures import draw
@@ -21,7 +20,7 @@ from benchmarks.model.study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model.study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
 from contract.config.loading import load_config, to_tree
 from contract.results import versions
-from stillwake.terminal import ConfigFile, Overrides
+from stillwake.terminal import ConfigFile, Overrides, progress_bar
 from train.selection.correlation import correlation
 from train.selection.methods import METHODS
 
@@ -36,17 +35,16 @@ def main(
     """Run every part that is missing, then write figures and pictures."""
     config = load_config(config_file, overrides)
     lab = open_lab(config, parts)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with (
-        Progress(*columns, console=progress) as bar,
+        progress_bar("parts", estimate_over=3600.0, console=progress) as bar,
         ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=quiet) as pool,
     ):
-        task = bar.add_task("parts", total=sum(len(stage) for stage in stages()))
+        task = bar.add_task("parts", total=sum(len(stage) for stage in stages()), note="")
         for stage in stages():
             running = {pool.submit(run, lab, part): part for part in stage}
             for future in as_completed(running):
                 future.result()
-                bar.update(task, advance=1, description=running[future].name)
+                bar.update(task, advance=1, note=running[future].name)
     save(json_file, figures=collected(lab), facts=facts(lab))
     draw({**figures.drawn(json_file), **network_figures.drawn(lab)}, json_file.resolve())
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract.errors import PlantError
-from wake.truck.averages import Average, over_cycles, over_last_cycles
+from wake.truck.averages import over_cycles, over_last_cycles
 
 DT = 0.2
 
@@ -64,15 +64,6 @@ def test_less_than_a_cycle_is_refused() -> None:
     t, lift = series(0.2, 0.0, 30)
     with pytest.raises(PlantError, match=r"crosses zero upwards 1 times in 30 samples: .* run longer"):
         over_cycles(t, lift)
-
-
-def test_the_plain_average() -> None:
-    values = np.array([1.0, 2.0, 6.0])
-    average = Average.of_all(3)
-    assert average.mean(values) == pytest.approx(3.0)
-    assert average.std(values) == pytest.approx(values.std())
-    with pytest.raises(PlantError, match="0 samples"):
-        Average.of_all(0)
 
 
 @pytest.mark.parametrize("count", [60, 83, 300])
