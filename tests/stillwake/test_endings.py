@@ -113,6 +113,7 @@ def stillwake(*arguments: str, cwd: Path, **options: object) -> subprocess.Compl
     return subprocess.run(command, cwd=cwd, env=environment, text=True, timeout=120.0, check=False, **options)  # type: ignore[call-overload]
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("name", ["train.py", "contract.py", "wake/__init__.py"])
 def test_a_file_that_hides_a_package_of_ours_is_named(tmp_path, name):
     (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -124,6 +125,7 @@ def test_a_file_that_hides_a_package_of_ours_is_named(tmp_path, name):
     assert done.stderr == f"error: {tmp_path / name} {line}\n"
 
 
+@pytest.mark.processes
 def test_other_files_in_the_working_folder_do_no_harm(tmp_path):
     (tmp_path / "wake").mkdir()  # without __init__.py: a folder of data
     (tmp_path / "data.py").write_text("")
@@ -132,6 +134,7 @@ def test_other_files_in_the_working_folder_do_no_harm(tmp_path):
     assert re.fullmatch(r"stillwake \d+\.\d+\.\d+\S*\n", done.stdout)
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk to write to")
 @pytest.mark.parametrize("arguments", [["--help"], ["config"], ["bundle", "verify"], ["--version"]])
 def test_a_full_disk_is_one_line(tmp_path, arguments):
@@ -141,6 +144,7 @@ def test_a_full_disk_is_one_line(tmp_path, arguments):
     assert done.stderr == "error: cannot write to standard output: No space left on device\n"
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("arguments", [["--help"], ["config"]])
 def test_a_reader_that_has_seen_enough_is_no_error(tmp_path, arguments):
     read, write = os.pipe()
@@ -151,6 +155,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path, arguments):
     assert done.returncode in (0, 1)
 
 
+@pytest.mark.processes
 def test_a_terminal_without_the_character_gets_it_written_out(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(HOME), "PYTHONIOENCODING": "ascii"}
     command = [sys.executable, "-m", "stillwake", "config", "bus.channel", "--set", "bus.channel=Zürich", "--toml"]

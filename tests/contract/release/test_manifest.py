@@ -174,6 +174,7 @@ def test_json_that_has_two_readings_is_refused(raw, named):
     assert named in refusal(raw)
 
 
+@pytest.mark.slow  # 300 manifests
 @settings(max_examples=300, deadline=None)
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused_in_one_line(data):

@@ -224,6 +224,7 @@ def test_a_state_of_another_kind_is_named_without_advice_to_unpickle_it(
     assert line == f"error: {state}: not a flow state (another kind of file, or damaged)\n"
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("extra", ["h5py", "torch", "numba", "scipy", "matplotlib", "distributed"])
 def test_the_command_line_starts_without_what_a_vehicle_does_not_install(extra: str) -> None:
     script = f"import sys; sys.modules[{extra!r}] = None; import stillwake.__main__"
