@@ -12,7 +12,7 @@ import numpy as np
 from contract.arrays import Array, Index
 from contract.errors import ConfigError
 
-_SAME: Final = 1e-4
+SAME_PLACE: Final = 1e-4
 """Two positions closer than this, in W, are one: the paper's own table mirrors to 1e-5."""
 
 
@@ -107,7 +107,7 @@ class SensorLayout:
         if self.names != other.names:
             return f"names: {_listed(self.names)}, and {_listed(other.names)}"
         for name, here, there in zip(self.names, self.positions, other.positions, strict=True):
-            if not (np.abs(here - there) < _SAME).all():
+            if not (np.abs(here - there) < SAME_PLACE).all():
                 return f"the position of {name}: {tuple(here.tolist())}, and {tuple(there.tolist())}"
         if not np.array_equal(self.base, other.base):
             return "the sensors on the base"
@@ -127,7 +127,8 @@ def _mirror(positions: Array) -> Index | None:
         return None
     distance = _distance_to_images(positions)
     partner = distance.argmin(axis=1)
-    if (distance[np.arange(len(positions)), partner] > _SAME).any() or len(set(partner.tolist())) != len(positions):
+    nearest = distance[np.arange(len(positions)), partner]
+    if (nearest > SAME_PLACE).any() or len(set(partner.tolist())) != len(positions):
         return None
     return np.asarray(partner, dtype=np.intp)
 

@@ -24,5 +24,6 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
         raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {LONGEST:g}")
     steps = round(duration / period)
     if steps < least:
-        raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control periods")
+        plural = "period" if least == 1 else "periods"
+        raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control {plural}")
     return steps

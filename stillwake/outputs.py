@@ -1,16 +1,26 @@
 """Where a command writes: checked before it works, and never replaced unless the user says so."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from contract.atomic import check_writable
 from contract.errors import OutputError
 
+DATASET_SUFFIXES: Final = (".h5", ".hdf5")
+"""How a data set's name ends."""
+
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace what is there, once the new one is whole; refused without.")
 ]
+
+
+def check_dataset_name(path: Path) -> None:
+    """Refuse a data set that would not be known as one by its name; raises OutputError."""
+    if path.suffix.lower() not in DATASET_SUFFIXES:
+        endings = " or ".join(DATASET_SUFFIXES)
+        raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
 
 
 def check_output(path: Path, *, overwrite: bool, folder: bool = False, found: str = "") -> None:

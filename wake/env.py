@@ -52,7 +52,8 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         body: the truck by default; another body needs a `start` of its own.
 
     Raises:
-        ConfigError: for a sensor that does not exist or is named twice, or a setting out of its range.
+        ConfigError: for a sensor that does not exist or is named twice, one name in place of a sequence, or a setting
+            out of its range.
         PlantError: for a start of another plant or inside a control period, or flow settings whose time step would
             diverge.
     """
@@ -74,6 +75,10 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
                 raise ConfigError(f"{name} = {value}: must be at least {least}")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
+        if isinstance(sensor_names, str):
+            raise ConfigError(
+                f"sensor_names = {sensor_names!r}: must be a sequence of names, such as [{sensor_names!r}]"
+            )
         layout = layout_of(body)
         self._names = layout.names if sensor_names is None else tuple(sensor_names)
         self._columns = layout.indices(self._names)

@@ -9,7 +9,7 @@ from typing import Literal
 from contract.config.tree import Config
 from contract.errors import PlantError
 from wake.plant import LivePlant
-from wake.truck.state import State, check_body, developed_state, load_state
+from wake.truck.state import State, check_body, developed_state, develops, load_state, start_name
 from wake.truck.truck_wake import TruckWake
 
 PlantName = Literal["stillwake", "openfoam"]
@@ -65,9 +65,8 @@ def _start(path: Path | None, config: Config) -> State:
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:
         name = "the shipped start" if path is None else f"start {path}"
-        setting = f"--set flow.reynolds={reynolds:g}"
         raise PlantError(
-            f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `stillwake develop start.npz "
-            f"{setting}` makes one, to be given with `--start start.npz {setting}`"
+            f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `{develops(reynolds)}` makes one, "
+            f"to be given with `--start {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
         )
     return replace(state, substep=0, action=0.0)

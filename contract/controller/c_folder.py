@@ -25,6 +25,7 @@ WEIGHTS: Final = "sw_weights.c"
 REPLAY: Final = "replay.c"
 """Example program: runs control steps from recorded rows on a host; not part of the library."""
 RECORDED: Final = "recorded.txt"
+NO_LIBRARY: Final = "this is no folder written by `stillwake export --c`"
 """Rows for the example program: pressures, then the action commanded one step before."""
 EXPECTED: Final = "expected.txt"
 """What the example program answers to those rows."""
@@ -56,7 +57,7 @@ class Settings:
     def of(cls, contents: Mapping[str, bytes]) -> "Settings":
         """Those of a library's files; raises LibraryError if the header is not among them."""
         if SETTINGS not in contents:
-            raise LibraryError(f"{SETTINGS} is missing: this is no folder written by `stillwake export --c`")
+            raise LibraryError(f"{SETTINGS} is missing: {NO_LIBRARY}")
         return cls(contents[SETTINGS])
 
     def text(self, name: str) -> str:
@@ -139,6 +140,10 @@ def read_recorded(folder: Path) -> Rows:
         if not text.strip():
             raise ValueError("holds no rows")
         return rows_from_text(text)
+    except FileNotFoundError as error:
+        if not folder.is_dir():
+            raise LibraryError(f"library {folder}: No such file or directory") from error
+        raise LibraryError(f"library {folder}: {RECORDED} is missing: {NO_LIBRARY}") from error
     except OSError as error:
         raise LibraryError(f"{path}: {error.strerror or error}") from error
     except ValueError as error:

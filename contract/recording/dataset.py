@@ -88,11 +88,12 @@ def read(path: Path) -> Dataset:
 
     Raises:
         DatasetError: if the file is missing, truncated, of another schema, or a field does not fit; the
-            message names the episode and the field.
+            message names the file, the episode and the field.
     """
     dataset, problems = survey(path)
     if dataset is None or problems:
-        raise DatasetError(problems[0])
+        first = problems[0]
+        raise DatasetError(first if str(path) in first else f"{path}: {first}")
     return dataset
 
 

@@ -109,8 +109,8 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[Finding]:
             yield Finding(
                 stops="training",
                 text=f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the "
-                f"settings: use --set flow.{name}={value!r}, or --config with what `stillwake dataset show --settings` "
-                f"prints",
+                f"settings: use --set flow.{name}={value!r}, or --config with what `stillwake dataset show FILE "
+                f"--settings` prints",
             )
 
 

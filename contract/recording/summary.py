@@ -17,6 +17,8 @@ WINDOW_CYCLES: Final = 1.28
 _PRACTICAL: Final = (10, 60)
 """Control steps of a cycle for which horizon and window are set from it. With fewer the jets' ramp is coarse, with more
 a control step gets slow."""
+LEAST_CALM: Final = 25
+"""Control steps without forcing whose mean stands for the uncontrolled flow: a cycle of the truck's wake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +83,12 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
     for name, value in plant.as_dict().items():
         yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
     calm = uncontrolled(dataset)
-    where = f"uncontrolled, {len(calm)} steps of {calm.name}" if calm else "all episodes: none is uncontrolled"
+    calm = None if calm is None or len(calm) < LEAST_CALM else calm
+    where = (
+        f"uncontrolled, {len(calm)} steps of {calm.name}"
+        if calm
+        else f"all episodes: none is uncontrolled for {LEAST_CALM} steps"
+    )
     drag = np.concatenate([item.series["Cd"] for item in ([calm] if calm else dataset.episodes)])
     frequency = dominant_frequency(calm.series["Cl"], period) if calm and period else None
     cycle = round(1.0 / (frequency * period)) if frequency and period else None

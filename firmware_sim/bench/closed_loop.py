@@ -18,8 +18,9 @@ from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rates
 from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.runs import run_log
 from firmware_sim.runs.metadata import RunMetadata, RunOrigin
 from firmware_sim.runs.run_folder import RunFolder
@@ -83,7 +84,9 @@ def run_closed_loop(
         )
         capture = stack.enter_context(frame_log.recording(folder.frames))
         bus = SimulatedBus(config.bus, capture)
+        check_bit_rates(bus, config.period_ns)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
+        check_sensors(bundle, wake.layout)
         node = VehicleNode(bundle.manifest.sensors, config, wake.layout)
         loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
         ready(total)

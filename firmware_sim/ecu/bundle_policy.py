@@ -5,12 +5,12 @@ import numpy as np
 from contract.arrays import Array
 from contract.controller.interface import Controller
 from contract.controller.onnx_session import OnnxController
-from contract.errors import BundleError, ConfigError
 from contract.release.bundle import Bundle
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
+from firmware_sim.ecu.fit import check_sensors
 
 
 class BundlePolicy:
@@ -26,15 +26,13 @@ class BundlePolicy:
         layout: of the plant's sensors, the columns of the Cp that it is stepped with.
 
     Raises:
-        BundleError: if the model does not load, or reads a sensor that the plant does not have.
+        BundleError: if the model does not load, or reads a sensor that the plant does not have, or has elsewhere.
     """
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
         manifest = bundle.manifest
-        try:
-            self._columns = layout.indices(manifest.sensors)
-        except ConfigError as error:
-            raise BundleError(f"bundle {manifest.name!r} is of another plant: {error}") from error
+        check_sensors(bundle, layout)
+        self._columns = layout.indices(manifest.sensors)
         self._shape = (manifest.window, len(manifest.sensors) + 1)
         self._horizon = manifest.mpc.horizon
         self._controller = OnnxController.of(bundle) if controller is None else controller

@@ -1,10 +1,16 @@
 """Whether a release was made for this flow and this vehicle; a refusal names both values."""
 
+import numpy as np
+
 from can_bridge.wire.messages import SENSORS
+from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import BundleError
+from contract.errors import BundleError, ConfigError
+from contract.operating_point import OperatingPoint
 from contract.release.bundle import Bundle
+from contract.sensor_layout import SAME_PLACE, SensorLayout
+from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
@@ -15,7 +21,8 @@ def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
 def check_vehicle(bundle: Bundle, config: Config) -> None:
     """Raises BundleError if the controller was built for another vehicle, bus or actuator delay."""
     manifest = bundle.manifest
-    _check_equal(bundle, "operating point", manifest.operating_point, config.operating_point, owner="vehicle")
+    points = (_values(point) for point in (manifest.operating_point, config.operating_point))
+    _check_equal(bundle, "operating point", *points, owner="vehicle")
     _check_flow(bundle, config.flow, owner="vehicle")
     if len(manifest.sensors) != SENSORS:
         raise BundleError(
@@ -25,6 +32,38 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
         raise BundleError(
             f"ecu.delay_steps = {config.ecu.delay_steps}: must be below the horizon {manifest.mpc.horizon}"
         )
+
+
+def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
+    """Raises BundleError if a sensor of the controller is not on the plant, or lies elsewhere on it.
+
+    A bundle that states no positions is of the time when there was no body but the truck: the names are the truck's.
+    """
+    manifest = bundle.manifest
+    try:
+        columns = layout.indices(manifest.sensors)
+    except ConfigError as error:
+        raise BundleError(f"bundle {manifest.name!r} is of another plant: {error}") from error
+    if manifest.sensor_positions is not None:
+        built_for = np.array(manifest.sensor_positions)
+    elif set(manifest.sensors) <= set(TRUCK.names):
+        built_for = TRUCK.positions[TRUCK.indices(manifest.sensors)]
+    else:
+        return
+    for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
+        if np.abs(there - here).max() > SAME_PLACE:
+            raise BundleError(
+                f"bundle {manifest.name!r} was built for another body: its sensor {name} lies at {_place(there)}, on "
+                f"this plant at {_place(here)}, in W"
+            )
+
+
+def _values(point: OperatingPoint) -> str:
+    return ", ".join(f"{name} {value}" for name, value in vars(point).items())
+
+
+def _place(position: Array) -> str:
+    return "({:g}, {:g})".format(*position)
 
 
 def _check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str) -> None:

@@ -45,7 +45,7 @@ def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
 def _compile(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:
     compiler = zig_compiler()
     if compiler is None:
-        raise McuError("the compiler is missing: pip install 'stillwake[mcu]'")
+        raise McuError("the compiler is missing: pip install 'stillwake[mcu]', or in a checkout pip install '.[mcu]'")
     try:
         compile_c(sources, output, compiler=compiler, flags=flags)
     except LibraryError as error:

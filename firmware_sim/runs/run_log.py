@@ -143,5 +143,7 @@ def load(path: Path) -> RunLog:
                 bus=BusTotals(**header["bus"]),
                 metadata=RunMetadata.from_tree(header["metadata"]),
             )
+    except FileNotFoundError as error:
+        raise StillwakeError(f"{path}: not the series of a run (there is no such file)") from error
     except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, BadZipFile, ConfigError) as error:
         raise StillwakeError(f"{path}: not the series of a run ({error})") from error

@@ -24,10 +24,10 @@ _DRAG_ROWS: Final = (
     ("rms action / U_inf W", "rms_action", ".4f"),
     ("mean Cd, wall + slots + jet momentum", "Cd_net", ".4f"),
     ("mean jet power / (rho U_inf^3 W / 2)", "jet_power", ".4f"),
-    ("std of Uy at (10, 0)", "Uy_std", ".3f"),
+    ("std of Uy at {probe}", "Uy_std", ".3f"),
     ("whole shedding cycles averaged", "cycles", "d"),
 )
-"""Label, field of `Regime`, number format."""
+"""Label, in which the wake probe's place is filled in, field of `Regime`, number format."""
 
 _STILL: Final = 0.01
 """Share of the action's bound below which the jets count as still, by their root mean square: a controller that works
@@ -39,8 +39,9 @@ def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
     found = averages(log)
     if isinstance(found, NoAverages):
         return [(found.why, "", "")]
+    probe = "({:g}, {:g})".format(*log.metadata.config.body.wake_probe)
     return [
-        (label, f"{getattr(found.before, name):{style}}", f"{getattr(found.under, name):{style}}")
+        (label.format(probe=probe), f"{getattr(found.before, name):{style}}", f"{getattr(found.under, name):{style}}")
         for label, name, style in _DRAG_ROWS
     ]
 

@@ -8,7 +8,8 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from contract.config.loading import load
-from contract.errors import ConfigError, DatasetError
+from contract.errors import ConfigError, DatasetError, OutputError
+from stillwake.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.terminal import ConfigFile, Overrides, console
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def import_(
     rename: Annotated[
         list[str], typer.Option("--map", help="NAME=COLUMN where a file has another name, e.g. Cd=drag (repeatable).")
     ] = [],  # noqa: B006
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Make a data set of your own CSV, NPZ or HDF5 files, one episode a file.
 
@@ -65,8 +66,11 @@ def import_(
     from contract.recording.importing.assemble import Source, assemble
     from contract.recording.importing.sensor_table import read_sensors
 
-    if output.exists() and not overwrite:
-        raise DatasetError(f"{output}: exists; name another file, or use --overwrite to replace it")
+    for path in (*train, *test, *extended, *controlled, sensors):
+        if output.resolve() == path.resolve():
+            raise OutputError(f"{output}: is one of the files to read; give another name")
+    check_output(output, overwrite=overwrite)
+    check_dataset_name(output)
     sources = [
         *(Source(path=path, role="train") for path in train),
         *(Source(path=path, role="test") for path in test),

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import typer
 from rich.progress import TaskID
@@ -13,15 +13,12 @@ from rich.progress import TaskID
 from contract.atomic import check_writable
 from contract.body_sensors import layout_of
 from contract.config.tree import Config
-from contract.errors import OutputError, StillwakeError
-from stillwake.outputs import Overwrite
+from contract.errors import StillwakeError
+from stillwake.outputs import Overwrite, check_dataset_name
 from stillwake.releases import describe, open_release
 from stillwake.settings import settings
 from stillwake.stopping import go_on_with
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
-
-SUFFIXES: Final = (".h5", ".hdf5")
-"""How a data set's name ends."""
 
 
 def record(
@@ -92,8 +89,7 @@ def record(
     uses = ("body", "flow", "forcing" if under is None else "forcing.exploration_time")
     config = settings("record", config_file, overrides, uses=uses).config
     check_writable(output)
-    if output.suffix.lower() not in SUFFIXES:
-        raise OutputError(f"{output}: a data set is an HDF5 file; its name must end in {' or '.join(SUFFIXES)}")
+    check_dataset_name(output)
     lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
     of_round = {"controlled": controlled, "episodes": episodes, "exploration": exploration, "role": role}
     recording = {"workers": _cores() if workers is None else workers, "scheduler": scheduler, "start": start}
@@ -161,12 +157,11 @@ def _record_round(
     check_flow(release, config.flow)
     planned = ControlledRound(**of_plan, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
-    BundlePolicy(release)
+    policy = partial(BundlePolicy, release, layout=layout_of(config.body))
+    policy()
     console.print(*describe(release), sep="\n", soft_wrap=True)
     with _continued(output), _progress(planned.episodes) as shown:
-        number = record_round(
-            output, planned, config, partial(BundlePolicy, release, layout=layout_of(config.body)), **recording, **shown
-        )
+        number = record_round(output, planned, config, policy, **recording, **shown)
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
         f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",

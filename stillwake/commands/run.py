@@ -18,6 +18,7 @@ from contract.config.loading import Loaded
 from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Bundle
 from contract.results import write_result
+from stillwake.outputs import check_json
 from stillwake.releases import Trust, describe, open_release
 from stillwake.settings import WEIGHTS, settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
@@ -83,6 +84,7 @@ def run(
         raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
     folder = RunFolder(output)
     folder.check_free(overwrite=overwrite)
+    check_json(json_file)
     uses = (*_USES, "mpc", *(["openfoam"] if plant == "openfoam" else []))
     loaded = settings("run", config_file, overrides, uses=uses)
     release = open_release(bundle, trust)

@@ -155,6 +155,10 @@ def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
     ("settings", "message"),
     [
         ({"sensor_names": ("left_front",)}, "left_front"),
+        (
+            {"sensor_names": "upper_39"},
+            r"sensor_names = 'upper_39': must be a sequence of names, such as \['upper_39'\]",
+        ),
         ({"sensor_names": ("base_0", "base_0")}, "twice"),
         ({"sensor_names": ()}, "at least one sensor"),
         ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),

@@ -121,7 +121,7 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length).shape),
         # The path is of one machine: name and hash tell which state it was.
-        "start": "wake/data/developed.npz" if start is None else start.name,
+        "start": (developed() if start is None else start).name,
         "start_sha256": _sha256(developed() if start is None else start),
         "versions": {
             "python": platform.python_version(),

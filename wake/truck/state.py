@@ -54,12 +54,22 @@ class State:
     origin: Origin | None = None
 
 
+def start_name(reynolds: float) -> str:
+    """What a message calls a start that is still to be made: not as the file at hand, which must not be replaced."""
+    return f"start_re{reynolds:g}.npz"
+
+
+def develops(reynolds: float) -> str:
+    """The command that makes a start."""
+    return f"stillwake develop {start_name(reynolds)} --set flow.reynolds={reynolds:g}"
+
+
 def check_reynolds(origin: Origin, reynolds: float) -> None:
     """Raise PlantError if a state was made at another Reynolds number than the plant's."""
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`stillwake develop start.npz --set flow.reynolds={reynolds:g}` makes a start for it, which "
+            f"`{develops(reynolds)}` makes a start for it, which "
             "--start (record, run) or --state (picture, animate) takes"
         )
 
@@ -70,7 +80,8 @@ def check_body(origin: Origin, body: BodyConfig) -> None:
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-            "`stillwake develop` with the same body.* makes a start for it"
+            "`stillwake develop` with the same --set body.* makes a start for it, which --start (record, run) or "
+            "--state (picture, animate) takes"
         )
 
 

@@ -72,7 +72,9 @@ def test_another_folder_is_never_replaced(tmp_path):
 def test_what_is_missing_or_damaged_is_named(tmp_path):
     with pytest.raises(LibraryError, match=r"nowhere: No such file"):
         read_sources(tmp_path / "nowhere")
-    with pytest.raises(LibraryError, match=r"recorded\.txt: No such file"):
+    with pytest.raises(
+        LibraryError, match=r"recorded\.txt is missing: this is no folder written by `stillwake export --c`"
+    ):
         read_recorded(tmp_path)
     (tmp_path / RECORDED).write_text("1 2\n3 four\n")
     with pytest.raises(LibraryError, match=r"recorded\.txt: .*four"):

@@ -341,8 +341,9 @@ def wider_integers(file: h5py.File) -> None:
 def test_spoilt_file_is_refused_by_name(written, spoil, culprit):
     with h5py.File(written, "r+") as file:
         spoil(file)
-    with pytest.raises(DatasetError, match=culprit):
+    with pytest.raises(DatasetError, match=culprit) as caught:
         dataset.read(written)
+    assert str(caught.value).startswith(f"{written}: ")
 
 
 def test_missing_file_and_wrong_kind_of_file_are_named(tmp_path):

@@ -76,7 +76,7 @@ def test_settings_of_another_plant_are_named_with_what_to_set(sound, flow, messa
     other = replace(CONFIG, flow=replace(CONFIG.flow, **flow))
     with pytest.raises(DatasetError, match=message) as caught:
         refuse_unfit(findings(sound, other), "a.h5")
-    assert "show --settings" in str(caught.value)
+    assert "`stillwake dataset show FILE --settings`" in str(caught.value)
     assert texts(sound, agreeing(sound, other)) == []
 
 

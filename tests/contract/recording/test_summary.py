@@ -60,6 +60,12 @@ def test_settings_follow_from_the_data():
     }
 
 
+def test_a_moment_without_forcing_is_no_uncontrolled_flow():
+    text = fitting_settings(data(wave("forced", 300, 20.0, 0.1), wave("moment", 24, 20.0, 0.0), action_limit=0.1))
+    assert "all episodes: none is uncontrolled for 25 steps" in text
+    assert "horizon" not in tomllib.loads(text)["mpc"]
+
+
 def test_what_is_not_known_is_left_to_the_settings_and_said():
     text = fitting_settings(data(wave("calm", 900, 150.0, 0.0)))
     assert tomllib.loads(text)["flow"] == {"control_period": PERIOD}

@@ -2,13 +2,17 @@
 
 import pytest
 
+from contract.body_sensors import layout_of
+from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import BundleError
 from contract.operating_point import OperatingPoint
+from contract.sensors import TRUCK
+from firmware_sim.ecu.bundle_policy import BundlePolicy
 from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.fit import check_flow, check_vehicle
+from firmware_sim.ecu.fit import check_flow, check_sensors, check_vehicle
 
 
 @pytest.mark.parametrize(
@@ -40,3 +44,31 @@ def test_a_bundle_for_another_vehicle_is_refused(bundle_of, recording_controller
         check_vehicle(bundle_of(**bundle_changes), config)
     with pytest.raises(BundleError, match=named):
         Ecu(bundle_of(**bundle_changes), recording_controller(), config)
+
+
+SHORTER = layout_of(BodyConfig(length=5.0))
+"""Names of the sensors as the truck's, places on another body: base_0 lies at x = 5, on the truck at 7.647."""
+
+
+def test_a_bundle_for_another_body_is_refused(bundle_of, recording_controller):
+    truck = bundle_of()
+    check_sensors(truck, TRUCK)
+    named = r"'small' was built for another body: its sensor \w+ lies at .*, on this plant at .*, in W"
+    for refuse in (lambda: check_sensors(truck, SHORTER), lambda: BundlePolicy(truck, recording_controller(), SHORTER)):
+        with pytest.raises(BundleError, match=named):
+            refuse()
+
+
+def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
+    sensors = ("base_0", "base_1", "base_2", "base_3")
+    places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in sensors)
+    built_for_it = bundle_of(sensors=sensors, sensor_positions=places)
+    check_sensors(built_for_it, SHORTER)
+    with pytest.raises(BundleError, match=r"sensor base_0 lies at \(5, 0\.\d+\), on this plant at \(7\.647, "):
+        check_sensors(built_for_it, TRUCK)
+
+
+def test_a_sensor_that_the_plant_lacks_is_named(bundle_of):
+    few = layout_of(BodyConfig(sensors_per_side=10))
+    with pytest.raises(BundleError, match="'small' is of another plant: unknown sensor 'upper_39'"):
+        check_sensors(bundle_of(), few)

@@ -28,7 +28,7 @@ def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
 
 def test_a_file_that_is_no_run_is_refused_by_name(tmp_path):
     path = tmp_path / "series.npz"
-    with pytest.raises(StillwakeError, match=r"series\.npz: not the series of a run"):
+    with pytest.raises(StillwakeError, match=r"series\.npz: not the series of a run \(there is no such file\)$"):
         run_log.load(path)
     for content in (b"", b"PK\x03\x04 nonsense", b"\x93NUMPY"):
         path.write_bytes(content)

@@ -39,6 +39,13 @@ def test_tables_show_the_figures(shedding):
     assert service["cost weights"] == "the bundle's"
 
 
+def test_the_wake_probe_is_named_by_its_place_behind_this_body(shedding):
+    log = shedding()
+    assert "std of Uy at (10, 0)" in [row[0] for row in drag_rows(log)]
+    shorter = late(log, body=replace(log.metadata.config.body, length=5.0))
+    assert "std of Uy at (7.353, 0)" in [row[0] for row in drag_rows(shorter)]
+
+
 def test_only_periods_with_a_request_are_counted(shedding):
     assert dict(service_rows(shedding()))["periods in control / requested"] == "100 / 100"
     filling = shedding(modes=dict.fromkeys(range(7), Mode.WARMUP))

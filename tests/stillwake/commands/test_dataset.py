@@ -98,6 +98,21 @@ def test_a_file_that_is_there_is_replaced_only_when_asked(run: Run, made: Path, 
     assert dataset.read(made).plant.reynolds == 90.0
 
 
+def test_a_file_to_read_is_never_written(run: Run, files: list[object], tmp_path: Path) -> None:
+    source = tmp_path / "held out.h5"
+    before = source.read_bytes()
+    status, _, errors = run("import", source, *files, "--overwrite")
+    assert (status, errors) == (1, f"error: {source}: is one of the files to read; give another name\n")
+    assert source.read_bytes() == before
+
+
+def test_a_data_set_is_named_as_one(run: Run, files: list[object], tmp_path: Path) -> None:
+    status, _, errors = run("import", tmp_path / "my.csv", *files)
+    assert status == 1
+    assert "a data set is an HDF5 file; its name must end in .h5 or .hdf5" in errors
+    assert not (tmp_path / "my.csv").exists()
+
+
 def test_nothing_is_written_unless_every_file_fits(run: Run, files: list[object], tmp_path: Path) -> None:
     text = (tmp_path / "sweep.csv").read_text().splitlines()
     text[40] = text[40].replace(text[40].split(",")[3], "")

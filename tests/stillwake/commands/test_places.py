@@ -93,7 +93,7 @@ def test_a_place_that_cannot_be_written_is_noticed_before_the_work(
     assert "cannot write" in line or "must be a file" in line
 
 
-@pytest.mark.parametrize("verb", [["steady", "s.npz"], ["train", "m"], ["mcu", "library"]])
+@pytest.mark.parametrize("verb", [["steady", "s.npz"], ["train", "m"], ["mcu", "library"], ["run", "r"]])
 def test_so_is_a_place_for_the_figures(
     refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: list[str]
 ) -> None:

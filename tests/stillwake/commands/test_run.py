@@ -67,8 +67,8 @@ def refused(cli, tmp_path) -> Callable[..., str]:
         # Row 21, with a command that works.
         (
             [*QUICK, "--set", "flow.reynolds=400"],
-            "the shipped start is of 500; `stillwake develop start.npz --set flow.reynolds=400` makes one, to be given "
-            "with `--start start.npz --set flow.reynolds=400`",
+            "the shipped start is of 500; `stillwake develop start_re400.npz --set flow.reynolds=400` makes one, to be "
+            "given with `--start start_re400.npz --set flow.reynolds=400`",
         ),
         ([*QUICK, "--start", "nowhere.npz"], "nowhere.npz: not a flow state"),
         (["--plant", "water-tunnel"], "--plant water-tunnel: must be stillwake or openfoam"),
@@ -79,10 +79,11 @@ def test_what_cannot_be_run_is_one_line(refused, short_release, arguments, named
 
 
 def test_a_bus_that_is_too_slow_is_one_line(cli, tmp_path, short_release):
-    """Row 23. It is found in the first period, so the bar is there."""
+    """Row 23."""
     outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, "--set", "bus.data_bitrate=100")
     assert outcome.code == 1
     assert "raise bus.nominal_bitrate or bus.data_bitrate" in outcome.err
+    assert "closed loop" not in outcome.out  # no progress of a run that never begins
     assert list(tmp_path.iterdir()) == []
 
 

@@ -116,7 +116,10 @@ def test_a_state_of_another_reynolds_number_names_a_command_that_makes_one(
 ) -> None:
     outcome = cli("record", tmp_path / "a.h5", "--set", "flow.reynolds=1000")
     assert outcome.code == 1
-    assert "`stillwake develop start.npz --set flow.reynolds=1000` makes a start for it, which --start" in outcome.err
+    assert (
+        "`stillwake develop start_re1000.npz --set flow.reynolds=1000` makes a start for it, which --start"
+        in outcome.err
+    )
     # Nothing is shown before the error, and nothing is left.
     assert outcome.out.strip() == ""
     assert list(tmp_path.iterdir()) == []

@@ -130,7 +130,7 @@ def test_a_recording_begins_in_the_state_it_is_given(tmp_path: Path, oscillator:
     start = tmp_path / "start.npz"
     save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(1, 2), reynolds=1000.0)))
     output, config = tmp_path / "a.h5", replace(Config(), flow=replace(Config().flow, reynolds=1000.0))
-    with pytest.raises(PlantError, match=r"reynolds = 1000, this plant has 500: `stillwake develop start\.npz"):
+    with pytest.raises(PlantError, match=r"reynolds = 1000, this plant has 500: `stillwake develop start_re500\.npz"):
         record(output, (NONE,), start=start)
     assert not output.with_name("a.h5.parts").exists()
     assert record(output, (NONE,), config, start=start)
@@ -141,5 +141,7 @@ def test_a_recording_begins_in_the_state_it_is_given(tmp_path: Path, oscillator:
     assert episode.provenance["start"] == "start.npz"
     assert episode.provenance["start_sha256"] == hashlib.sha256(start.read_bytes()).hexdigest()
     assert not record(output, (NONE,), config, start=start)
-    with pytest.raises(OutputError, match=r"has start = start\.npz, not wake/data/developed\.npz"):
+    with pytest.raises(OutputError, match=r"has start = start\.npz, not developed\.npz"):
         record(output, (NONE,), config)
+    renamed = start.rename(tmp_path / "renamed.npz")
+    assert not record(output, (NONE,), config, start=renamed)
