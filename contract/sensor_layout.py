@@ -73,7 +73,7 @@ class SensorLayout:
 
     def without_partner(self) -> tuple[str, ...]:
         """Names of the sensors with none at (x, -y)."""
-        far = _distance_to_images(self.positions).min(axis=1) > _SAME
+        far = _distance_to_images(self.positions).min(axis=1) > SAME_PLACE
         return tuple(name for name, alone in zip(self.names, far, strict=True) if alone)
 
     def indices(self, names: Sequence[str]) -> Index:

@@ -97,4 +97,7 @@ def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *
         found, allowed = getattr(report, figure), getattr(limits, figure)
         # Written so that a NaN fails.
         if not found <= allowed:
-            raise ExportError(f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed")
+            raise ExportError(
+                f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed; "
+                "train longer, or export with --precision float32"
+            )

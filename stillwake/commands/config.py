@@ -28,7 +28,8 @@ def config(
     """Show the settings: values, units, and where each value comes from.
 
     Sources: "paper" is a default, "release" a setting of the shipped release, "file" the file of --config, and "--set"
-    the command line. The same --config and --set give the same settings to every other command.
+    the command line. The same --config and --set give the same settings to every other command but
+    `export`, which begins with its model's own.
     """
     loaded = load(config_file, overrides)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)

@@ -29,7 +29,7 @@ def test_the_shipped_start_is_of_one_reynolds_number(tmp_path):
         assert wake.t == 0.0
     with (
         pytest.raises(
-            PlantError, match=r"flow\.reynolds = 400: the shipped start is of 500; `stillwake develop start\.npz"
+            PlantError, match=r"flow\.reynolds = 400: the shipped start is of 500; `stillwake develop start_re400\.npz"
         ),
         open_plant("stillwake", tmp_path, SLOW),
     ):
