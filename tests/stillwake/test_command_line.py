@@ -56,7 +56,7 @@ def test_every_verb_explains_itself(cli, verb, option):
 def test_the_first_page_says_what_the_letters_mean(cli):
     text = " ".join(cli("--help").out.split())
     assert all(
-        word in text for word in ("W, the truck's width", "t_c = W / U_inf", "Cp that of pressure", "An action is")
+        word in text for word in ("W, the body's width", "t_c = W / U_inf", "Cp that of pressure", "An action is")
     )
 
 
