@@ -192,7 +192,7 @@ def test_only_the_virtual_bus_carries_virtual_time(release, tmp_path):
 
 
 def test_jets_that_could_never_move_are_refused(release, tmp_path):
-    """Newcomers' table A2: actuator_delay = 1000 ran to the end and reported a reduction."""
+    """Before: actuator_delay = 1000 ran to the end and reported a reduction."""
     config = replace(CONFIG, vehicle=VehicleConfig(actuator_delay=5))
     with pytest.raises(StillwakeError, match=r"actuator_delay = 5: control is requested for 5 periods, so the jets"):
         run_closed_loop(tmp_path / "run", release, config, **SHORT)

@@ -22,7 +22,7 @@ def test_a_span_must_be_a_number(name, value, averages):
     ("changes", "named"),
     [
         ({"lead_in": 9.8}, "--lead-in = 9.8: must be at least 10 t_c, 2 shedding cycles, .*--no-averages"),
-        # Newcomers' tables A2 and E: these two ran to the end and gave nan.
+        # Before, these two ran to the end and gave nan.
         ({"controlled": 6.0}, "--controlled = 6 less --settle = 40 leaves -34 t_c: must be at least 10 t_c"),
         ({"controlled": 2.0, "settle": 200.0}, "--controlled = 2 less --settle = 200 leaves -198 t_c"),
         ({"controlled": 9.9, "settle": 0.0}, "leaves 9.9 t_c"),

@@ -91,7 +91,7 @@ def test_the_headline_judges_whether_a_reduction_counts(shedding, cd, cl, contai
 
 
 def test_a_side_force_that_did_not_fall_is_not_a_deflected_wake(shedding):
-    """Newcomers' table A2: mean |Cl| 0.97 with a mean Cl of -0.01 was called deflected."""
+    """Before: mean |Cl| 0.97 with a mean Cl of -0.01 was called deflected."""
     swinging = 1.2 * np.sin(2.0 * np.pi * np.arange(99) / 25.0)
     text = headline(shedding(Cl=swinging))
     assert "but the side force did not fall (mean |Cl| 0.64 to 0.76)" in text
@@ -120,7 +120,7 @@ def test_control_lost_while_settling_is_said_and_the_reduction_claimed(shedding)
 
 
 def test_jets_that_hardly_move_claim_nothing(shedding):
-    """Newcomers' table A2: command_step = 1e-5 gave a reduction of 1.63 %."""
+    """Before: command_step = 1e-5 gave a reduction of 1.63 %."""
     assert "no reduction is claimed: the jets hardly moved (rms action 1e-05)" in headline(shedding(action=1e-5))
 
 

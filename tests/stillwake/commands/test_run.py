@@ -41,7 +41,7 @@ def refused(cli, tmp_path) -> Callable[..., str]:
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        # Newcomers' table E, rows 5 and 6; table A2.
+        # Numbers that are none, and spans too short for averages.
         (["--controlled", "inf"], "--controlled = inf: must be a number of t_c"),
         (["--settle", "inf"], "--settle = inf: must be a number of t_c"),
         (["--lead-in", "inf"], "--lead-in = inf: must be a number of t_c"),
@@ -53,12 +53,13 @@ def refused(cli, tmp_path) -> Callable[..., str]:
         (["--lead-in", 5], "--lead-in = 5: must be at least 10 t_c"),
         ([*QUICK, "--require-reduction", 20], "--require-reduction needs averages"),
         (["--require-reduction", "nan"], "--require-reduction nan: must be a number of percent"),
-        # Row 22.
+        # Another bus than the simulated one.
         ([*QUICK, "--set", "bus.interface=socketcan"], "bus.interface = 'socketcan': a run is in virtual time"),
-        # Table A2: accepted and ignored before.
+        # Accepted and ignored before.
         (["--set", "mpc.iterations=50"], "mpc.iterations = 50: fixed when the bundle was exported, to 5; make another"),
         (["--set", "mpc.iterations=5"], "mpc.iterations = 5: fixed when the bundle was exported"),
         (["--set", "train.epochs=3"], "--set train.epochs: `run` does not use it"),
+        (["--set", "bus.channel=can0"], "--set bus.channel: `run` does not use it"),
         (["--set", "openfoam.refinement=0.5"], "--set openfoam.refinement: `run` does not use it"),
         (
             [*QUICK, "--set", "vehicle.actuator_delay=1000"],
@@ -188,7 +189,7 @@ def test_a_picture_of_another_kind_is_refused_before_the_run_is_read(cli, tmp_pa
 
 @pytest.mark.slow
 def test_a_fault_is_said_first_kept_and_ends_with_status_3(cli, tmp_path, short_release):
-    """Newcomers' table A2 and E, row 24: exit 0, a drag figure, and no word of the fault."""
+    """Before: exit 0, a drag figure, and no word of the fault."""
     late = ["--set", "ecu.compute_time_ms=25"]
     outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *late)
     assert (outcome.code, outcome.err) == (3, "")
