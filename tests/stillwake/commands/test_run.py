@@ -65,7 +65,7 @@ def refused(cli, tmp_path) -> Callable[..., str]:
             [*QUICK, "--set", "vehicle.actuator_delay=1000"],
             "vehicle.actuator_delay = 1000: control is requested for 5 pe",
         ),
-        # Row 21, with a command that works.
+        # A start of another Reynolds number, with a command that works.
         (
             [*QUICK, "--set", "flow.reynolds=400"],
             "the shipped start is of 500; `stillwake develop start_re400.npz --set flow.reynolds=400` makes one, to be "
@@ -80,7 +80,7 @@ def test_what_cannot_be_run_is_one_line(refused, short_release, arguments, named
 
 
 def test_a_bus_that_is_too_slow_is_one_line(cli, tmp_path, short_release):
-    """Row 23."""
+    """Before: it ran."""
     outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, "--set", "bus.data_bitrate=100")
     assert outcome.code == 1
     assert "raise bus.nominal_bitrate or bus.data_bitrate" in outcome.err
@@ -89,7 +89,7 @@ def test_a_bus_that_is_too_slow_is_one_line(cli, tmp_path, short_release):
 
 
 def test_a_file_in_the_folders_place_is_named(cli, tmp_path, short_release):
-    """Row 14."""
+    """A file where the run folder should be."""
     (tmp_path / "my.h5").write_text("")
     outcome = cli("run", tmp_path / "my.h5", "--bundle", short_release, *QUICK)
     assert outcome.code == 1
@@ -221,7 +221,7 @@ def test_a_reduction_that_is_not_reached_ends_with_status_4(cli, tmp_path, short
 
 @pytest.mark.processes
 def test_a_run_stopped_by_sigterm_leaves_nothing(tmp_path, short_release):
-    """Row 56: `.frames.log.PID.part` stayed."""
+    """Before: `.frames.log.PID.part` stayed."""
     words = ["run", tmp_path / "run", "--bundle", short_release, *QUICK[:2], "--controlled", 1000, "--no-averages"]
     process = subprocess.Popen(
         [sys.executable, "-m", "stillwake", *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
