@@ -13,7 +13,7 @@ from contract.recording import needs
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.facts import FACTS, facts_in
 from contract.recording.needs import Need
-from contract.recording.spectrum import dominant_frequency
+from contract.recording.spectrum import dominant_frequency, share_near
 
 STEP_TOLERANCE: Final = 0.05
 """Of one step from the control period: a clock that is read to a twentieth of a period blurs the jets' ramp less than
@@ -30,6 +30,11 @@ _USED: Final = 0.25
 """Part of the action limit that training episodes reach at least; percent or another unit make it far less."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Peak of Cl's spectrum, in U_inf / W, that a wake may have, with a wide margin; seconds make it another."""
+_NARROW: Final = 0.1
+"""Relative width of a band that counts as one frequency."""
+_POOR: Final = 0.9
+"""Share of the actions' power in one such band above which the forcing is of one frequency. A sine has 1, even with an
+envelope; the paper's training waveform 0.24, its chirp 0.42."""
 _SAME: Final = 1e-6
 """Relative difference up to which a fact and a setting are the same number."""
 
@@ -255,6 +260,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
         )
         yield Finding(stops=None, text=f"{why}; training has the recording alone, half of the data")
     yield from _units(dataset)
+    yield from _forcing(dataset)
     training = [item for item in dataset.episodes if item.role == "train"]
     limit = dataset.plant.action_limit or config.flow.action_limit
     window = config.model.window
@@ -263,6 +269,30 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
             stops=None,
             text=f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
             f"the model does not see the uncontrolled wake",
+        )
+
+
+def _forcing(dataset: Dataset) -> Iterator[Finding]:
+    """Training episodes that are all forced at one frequency."""
+    period = dataset.plant.control_period
+    if period is None:
+        return
+    peaks: list[float] = []
+    for episode in dataset.episodes:
+        action = episode.series["action"]
+        peak = dominant_frequency(action, period) if episode.role == "train" else None
+        if peak is None:
+            continue
+        if len(action) * period * peak < 2.0 / _NARROW:
+            return  # too short to tell frequencies so near apart
+        if share_near(action, period, peak, _NARROW) < _POOR or (peaks and abs(peak / peaks[0] - 1.0) > _NARROW):
+            return
+        peaks.append(peak)
+    if peaks:
+        yield Finding(
+            stops=None,
+            text=f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model of it "
+            f"knows no other response; sweep the frequencies that a controller may use",
         )
 
 

@@ -1,4 +1,4 @@
-"""At which frequency a series of a recording has most of its power."""
+"""At which frequency a series of a recording has most of its power, and how much of it."""
 
 import numpy as np
 
@@ -18,3 +18,14 @@ def dominant_frequency(values: Array, period: float) -> float | None:
     # Slower than one and a half periods of the record is drift.
     first = 12
     return float((first + spectrum[first:].argmax()) / (padded * period))
+
+
+def share_near(values: Array, period: float, frequency: float, width: float) -> float:
+    """Share of a series' fluctuations within `width`, relative, of a frequency; Hann window.
+
+    Never narrower than two bins of the spectrum, the width of the window's own peak.
+    """
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    bins = np.fft.rfftfreq(len(values), period)
+    near = np.abs(bins - frequency) <= max(width * frequency, 2.0 / (len(values) * period))
+    return float(power[near].sum() / power.sum())

@@ -1,11 +1,13 @@
 """What training or export would stumble over is found beforehand, each thing by itself and all at once."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from contract.arrays import Array
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
@@ -242,3 +244,36 @@ def test_the_longest_stretch():
 def test_the_shipped_recording_is_sound():
 
     assert findings(dataset.read(RECORDING), Config()) == ()
+
+
+def forced_by(*waves: Callable[[Array], Array], steps: int = 500) -> Dataset:
+    """A data set whose training episodes are forced by these waves of t."""
+    t = PERIOD * np.arange(steps, dtype=np.float64)
+    training = [
+        episode(f"wave {i}", "train", steps, series={"action": 0.5 * LIMIT * wave(t)}) for i, wave in enumerate(waves)
+    ]
+    return Dataset(episodes=(*training, episode("held out", "test", 90)), layout=LAYOUT, facts=FACTS)
+
+
+def sine(frequency: float) -> Callable[[Array], Array]:
+    return lambda t: np.sin(2.0 * np.pi * frequency * t)
+
+
+@pytest.mark.parametrize(
+    ("waves", "noted"),
+    [
+        ([sine(0.2)], True),
+        ([lambda t: sine(0.2)(t) * (1.0 + 0.45 * sine(0.005)(t))], True),
+        ([sine(0.2), sine(0.205)], True),
+        ([sine(0.15), sine(0.25)], False),
+        ([lambda t: np.sin(2.0 * np.pi * (0.1 + 0.1 * t / t[-1]) * t)], False),
+    ],
+    ids=["sine", "envelope", "two alike", "two", "sweep"],
+)
+def test_forcing_at_one_frequency_is_noted(waves, noted):
+    found = texts(forced_by(*waves), stops=None)
+    assert any("are of one frequency, 0.2 U_inf / W" in text for text in found) == noted
+
+
+def test_an_episode_too_short_to_tell_frequencies_apart_is_not_blamed():
+    assert not any("one frequency" in text for text in texts(forced_by(sine(0.2), steps=120), stops=None))

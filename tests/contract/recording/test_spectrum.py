@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.recording.spectrum import dominant_frequency
+from contract.recording.spectrum import dominant_frequency, share_near
 
 PERIOD = 0.25
 
@@ -18,3 +18,10 @@ def test_a_frequency_between_the_lines_of_the_spectrum_is_found(cycle):
 def test_no_frequency_without_a_wave():
     assert dominant_frequency(np.ones(100), PERIOD) is None
     assert dominant_frequency(np.arange(5.0), PERIOD) is None
+
+
+def test_two_waves_share_the_power_by_their_squares():
+    t = 0.2 * np.arange(2000)
+    waves = 3.0 * np.sin(2.0 * np.pi * 0.2 * t) + 1.0 * np.cos(2.0 * np.pi * 0.4 * t)
+    assert share_near(waves, 0.2, 0.2, 0.1) == pytest.approx(0.9, abs=1e-3)
+    assert share_near(waves, 0.2, 0.4, 0.1) == pytest.approx(0.1, abs=1e-3)
