@@ -186,6 +186,7 @@ def test_a_file_that_is_too_large_is_refused():
 SOUND = graph_of().SerializeToString()
 
 
+@pytest.mark.slow  # hundreds of graphs
 @settings(max_examples=500, deadline=None)
 @given(data=st.data())
 def test_a_damaged_file_is_refused_or_is_the_graph_that_onnx_reads(data):

@@ -52,6 +52,7 @@ def folder(request, samples, tmp_path) -> Path:
     return shutil.copytree(samples / request.param, tmp_path / "c")
 
 
+@pytest.mark.slow  # builds programs
 @pytest.mark.parametrize("flags", [("-O0",), ("-O3", "-march=native", "-ffp-contract=fast")])
 def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder, flags):
     sources = [item.name for item in folder.glob("*.c")]

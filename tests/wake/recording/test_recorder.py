@@ -89,6 +89,7 @@ def test_a_stopped_recording_continues_without_a_seam(tmp_path: Path, done: int)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["stopped.h5", "whole.h5"]
 
 
+@pytest.mark.slow  # records once for every change
 def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: type) -> None:
     plans = [EpisodePlan(forcing="training", steps=5, seed=5, lead=2)]
     whole = recorded(tmp_path / "whole.h5", plans)
