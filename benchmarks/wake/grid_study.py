@@ -8,9 +8,9 @@ Each case develops its own wake from rest, then averages without control, then u
 cases stay in `runs/grid_study`, so that an interrupted study continues; the finest takes five minutes on one core.
 """
 
-import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -20,8 +20,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
+from benchmarks.common.parts import part
 from contract.arrays import Array
-from contract.atomic import replacing
 from contract.config.plant import FlowConfig
 from contract.results import versions
 from stillwake.terminal import progress_bar
@@ -55,11 +55,7 @@ def main(
         for name in case:
             refinement, substeps = name.split(":")
             path = parts / f"{refinement}_{substeps}_{develop_time:g}_{average_time:g}_{settle_time:g}.json"
-            if not path.is_file():
-                row = _study(float(refinement), int(substeps), **times, bar=bar)
-                with replacing(path) as temporary:
-                    temporary.write_text(json.dumps(row), encoding="utf-8")
-            rows.append(json.loads(path.read_text(encoding="utf-8")))
+            rows.append(part(path, partial(_study, float(refinement), int(substeps), **times, bar=bar)))
     table = Table("case", *_COLUMNS)
     for row in rows:
         table.add_row(row["case"], *(f"{row[name]:.4f}" for name in _COLUMNS))

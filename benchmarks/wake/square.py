@@ -9,7 +9,7 @@ Each case develops its own wake from rest, then averages over whole cycles of th
 stay in `runs/square`, so that an interrupted study continues.
 """
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -18,8 +18,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
+from benchmarks.common.parts import part
 from benchmarks.wake.grid_study import cycle_average
-from contract.atomic import replacing
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.results import versions
@@ -56,11 +56,7 @@ def main(
         for name in case:
             refinement, substeps = name.split(":")
             path = parts / f"{refinement}_{substeps}_{develop_time:g}_{average_time:g}.json"
-            if not path.is_file():
-                row = _study(float(refinement), int(substeps), develop_time, average_time, bar)
-                with replacing(path) as temporary:
-                    temporary.write_text(json.dumps(row), encoding="utf-8")
-            rows.append(json.loads(path.read_text(encoding="utf-8")))
+            rows.append(part(path, partial(_study, float(refinement), int(substeps), develop_time, average_time, bar)))
     table = Table("case", *_COLUMNS)
     for row in rows:
         table.add_row(row["case"], *(f"{row[name]:.4f}" for name in _COLUMNS))

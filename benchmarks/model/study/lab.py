@@ -11,8 +11,8 @@ from typing import Any, Final
 import torch
 
 from benchmarks.common.paper_data import of_the_paper, paper_file
+from benchmarks.common.parts import part
 from contract import sensors
-from contract.atomic import replacing
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.recording import dataset
@@ -45,12 +45,7 @@ class Lab:
 
     def part(self, name: str, make: Callable[[], Any]) -> Any:
         """The finished part of that name, made now if it is not there: plain values for JSON."""
-        path = self.folder / f"{name}.json"
-        if not path.is_file():
-            made = make()
-            with replacing(path) as temporary:
-                temporary.write_text(json.dumps(made), encoding="utf-8")
-        return json.loads(path.read_text(encoding="utf-8"))
+        return part(self.folder / f"{name}.json", make)
 
     def has(self, name: str) -> bool:
         return (self.folder / f"{name}.json").is_file()
