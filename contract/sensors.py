@@ -3,13 +3,11 @@
 Order: 0-39 upper side front to rear, 40-79 lower side front to rear, 80-89 base from top to bottom.
 """
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from contract.arrays import Array, Index
-from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from contract.sensor_layout import SensorLayout
 
@@ -48,20 +46,6 @@ def mirror_permutation() -> Index:
     upper, lower = np.arange(PER_SIDE), np.arange(PER_SIDE, 2 * PER_SIDE)
     base = np.arange(2 * PER_SIDE, COUNT)
     return np.concatenate([lower, upper, base[::-1]])
-
-
-def indices(names: Sequence[str]) -> Index:
-    """Positions of named sensors in the order above.
-
-    Raises:
-        ConfigError: for a name that does not exist or is given twice.
-    """
-    for name in names:
-        if name not in NAMES:
-            raise ConfigError(f"unknown sensor {name!r}: use upper_00..upper_39, lower_00..lower_39, base_0..base_9")
-    if len(set(names)) != len(names):
-        raise ConfigError(f"sensor named twice in {list(names)}")
-    return np.array([NAMES.index(name) for name in names], dtype=np.intp)
 
 
 TRUCK: Final = SensorLayout.of(NAMES, positions(), base=range(2 * PER_SIDE, COUNT))

@@ -93,7 +93,7 @@ def _recorded(output: Path, before: Path, bundle: Path, episodes: int, steps: in
 
 def _row(parts: Path, number: int, held_out: Path) -> dict[str, Any]:
     trained = model_store.load(parts / f"model_{number}")
-    chosen = sensors.indices(trained.sensors)
+    chosen = sensors.TRUCK.indices(trained.sensors)
     found: dict[str, Any] = {}
     roles: dict[str, Role] = {"chirp": "test", "controlled": "controlled"}
     for name, role in roles.items():

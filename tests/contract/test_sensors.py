@@ -44,7 +44,7 @@ def test_mirror_permutation_is_the_reflection_of_the_positions():
 
 @given(st.lists(st.sampled_from(range(sensors.COUNT)), unique=True))
 def test_indices_invert_names(order):
-    assert sensors.indices([sensors.NAMES[i] for i in order]).tolist() == order
+    assert sensors.TRUCK.indices([sensors.NAMES[i] for i in order]).tolist() == order
 
 
 @pytest.mark.parametrize(
@@ -58,4 +58,4 @@ def test_indices_invert_names(order):
 )
 def test_bad_names_are_refused_by_name(names, culprit):
     with pytest.raises(ConfigError, match=culprit):
-        sensors.indices(names)
+        sensors.TRUCK.indices(names)

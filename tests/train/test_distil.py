@@ -40,7 +40,7 @@ def test_the_student_follows_a_frozen_teacher(small_recording: Dataset, small_co
     with seeded(5, torch.device("cpu")):
         teacher = WakeModel(90, config.model).encoder
     before = [parameter.clone() for parameter in teacher.parameters()]
-    chosen = sensors.indices(["upper_39", "lower_39", "base_0", "base_9"])
+    chosen = sensors.TRUCK.indices(["upper_39", "lower_39", "base_0", "base_9"])
     slim = distil(teacher, rows, chosen, config)
     assert slim.lstm.input_size == 5
     assert all(torch.equal(a, b) for a, b in zip(before, teacher.parameters(), strict=True))

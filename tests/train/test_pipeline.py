@@ -60,7 +60,7 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
     rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
     again = evaluate(model.teacher.encoder, model.teacher, rows)
     assert again == model.metrics.teacher
-    slim_rows = rows.with_sensors(sensors.indices(model.sensors))
+    slim_rows = rows.with_sensors(sensors.TRUCK.indices(model.sensors))
     assert evaluate(model.slim, model.deployed, slim_rows) == model.metrics.slim
     assert encode_all(model.slim, slim_rows).shape == (200, 8)
 
@@ -217,7 +217,7 @@ def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(
     assert wide.predictor is None
     assert wide.metrics.deployed is None
     rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
-    again = evaluate(model.slim, model.deployed, rows.with_sensors(sensors.indices(model.sensors)))
+    again = evaluate(model.slim, model.deployed, rows.with_sensors(sensors.TRUCK.indices(model.sensors)))
     assert again == model.metrics.deployed
 
 

@@ -29,5 +29,5 @@ def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode) -> N
 
 
 def test_chosen_sensors_keep_their_order_and_the_action(rows: Rows) -> None:
-    slim = rows.with_sensors(sensors.indices(["base_9", "upper_02"]))
+    slim = rows.with_sensors(sensors.TRUCK.indices(["base_9", "upper_02"]))
     assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])

@@ -70,7 +70,7 @@ def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording:
     episodes = small_recording.with_role("train")
     scaling = fit_scaling(episodes)
     rows = prepare(episodes, scaling, mirrored=False)
-    chosen = sensors.indices(["upper_00", "base_0"])
+    chosen = sensors.TRUCK.indices(["upper_00", "base_0"])
     few = rows.with_sensors(chosen)
     physical = few.noise(0.3).numpy() * np.array(scaling.pressure_std)[chosen]
     assert physical == pytest.approx(0.3 * np.sqrt(np.square(scaling.pressure_std).mean()), rel=1e-5)

@@ -50,7 +50,7 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
     config = replace(small_config, train=replace(small_config.train, stream_epochs=300.0))
     torch.manual_seed(5)
     teacher = WakeModel(90, config.model).encoder
-    chosen = sensors.indices(["upper_39", "lower_39", "base_0", "base_9"])
+    chosen = sensors.TRUCK.indices(["upper_39", "lower_39", "base_0", "base_9"])
     with seeded(0, torch.device("cpu")):
         student = Encoder(len(chosen), config.model)
         fit_stream(student, encode_all(teacher, rows), rows.with_sensors(chosen), config)

@@ -43,7 +43,7 @@ def measure(lab: Lab, scaling: Scaling) -> dict[str, Any]:
     trained, hardened = lab.model(), load(lab.variant("hardened"))
     teacher = trained.teacher
     encoders = {"shap": (trained.slim, trained.sensors), "hardened": (hardened.slim, hardened.sensors)}
-    chosen = {name: sensors.indices(names) for name, (_, names) in encoders.items()}
+    chosen = {name: sensors.TRUCK.indices(names) for name, (_, names) in encoders.items()}
     extended = {
         name: _slid(slim, teacher, test_rows("extended").with_sensors(chosen[name]))
         for name, (slim, _) in encoders.items()
@@ -60,7 +60,7 @@ def measure(lab: Lab, scaling: Scaling) -> dict[str, Any]:
 
 
 def _faults(slim: Encoder, names: tuple[str, ...], teacher: WakeModel, scaling: Scaling) -> dict[str, Any]:
-    chosen = sensors.indices(names)
+    chosen = sensors.TRUCK.indices(names)
     unit, rows = unit_steps(scaling, chosen), test_rows().with_sensors(chosen)
 
     def evaluated(start: StartFault) -> dict[str, Any]:

@@ -35,7 +35,7 @@ def importance(seed: Mapping[str, Any]) -> Figure:
     """Mean |SHAP| of every sensor at its place, its spread over the repeats, and the chosen ones."""
     ranking = seed["ranking"]
     mean, std = np.array(ranking["mean"]), np.array(ranking["std"])
-    chosen = sensors.indices(seed["sensors"])
+    chosen = sensors.TRUCK.indices(seed["sensors"])
     places = sensors.positions()
     figure = Figure(figsize=(10.0, 5.4), dpi=100, layout="constrained")
     body, bars = figure.subplots(2, 1, height_ratios=(1, 1.3))

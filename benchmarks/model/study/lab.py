@@ -114,7 +114,7 @@ def test_rows(role: str = "test") -> Rows:
 
 def student(lab: Lab, teacher: WakeModel, names: tuple[str, ...], seed: int) -> tuple[Encoder, dict[str, Any]]:
     """A slim encoder on these sensors, and its figures on the chirp with the teacher's dynamics and decoder."""
-    chosen = sensors.indices(names)
+    chosen = sensors.TRUCK.indices(names)
     config = lab.seeded(seed)
     shorter = replace(config.train, stream_epochs=STREAM_EPOCHS, distil_epochs=DISTIL_EPOCHS)
     slim = distil(teacher.encoder, training_rows(), chosen, replace(config, train=shorter))

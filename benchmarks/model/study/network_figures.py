@@ -26,7 +26,7 @@ def forces(lab: Lab) -> Figure:
     """Two stretches of the chirp: recorded forces, and what the release's networks make of 4 pressures."""
     trained = load(lab.variant("hardened"))
     rows = test_rows()
-    latents = encode_all(trained.slim, rows.with_sensors(sensors.indices(trained.sensors)))
+    latents = encode_all(trained.slim, rows.with_sensors(sensors.TRUCK.indices(trained.sensors)))
     with torch.no_grad():
         decoded = trained.deployed.decoder(latents)
     mean, std = np.array(scaling().force_mean), np.array(scaling().force_std)

@@ -83,7 +83,7 @@ def model(lab: Lab, seed: int) -> dict[str, Any]:
     trained, rows = lab.model(seed), test_rows()
     latents = encode_all(trained.teacher.encoder, training_rows())
     latents = latents[~latents[:, 0].isnan()]
-    slim_rows = rows.with_sensors(sensors.indices(trained.sensors))
+    slim_rows = rows.with_sensors(sensors.TRUCK.indices(trained.sensors))
     return {
         "seed": seed,
         "sensors": list(trained.sensors),
@@ -135,7 +135,7 @@ def hardened(lab: Lab, seed: int) -> dict[str, Any]:
     trained = lab.model(seed)
     settings = replace(lab.config.train, selection="greedy", sensor_noise=HARDENED, seed=seed)
     names = select("greedy", trained.teacher.encoder, training_rows(), settings.sensors, settings=settings)
-    chosen = sensors.indices(names)
+    chosen = sensors.TRUCK.indices(names)
     slim = distil(trained.teacher.encoder, training_rows(), chosen, replace(lab.config, train=settings))
     if seed == SEEDS[0]:
         model_store.save(lab.variant("hardened"), replace(trained, slim=slim, sensors=names))
@@ -186,7 +186,7 @@ def width(lab: Lab, dynamics: int, decoder: int) -> dict[str, Any]:
     trained = lab.model()
     slimmed = replace(lab.config.model, slim_dynamics_width=dynamics, slim_decoder_width=decoder)
     student_networks = distil_predictor(trained.teacher, training_rows(), replace(lab.config, model=slimmed))
-    rows = test_rows().with_sensors(sensors.indices(trained.sensors))
+    rows = test_rows().with_sensors(sensors.TRUCK.indices(trained.sensors))
     found = evaluate(trained.slim, student_networks, rows).as_tree()
     narrow = replace(trained, config=replace(trained.config, model=slimmed), predictor=student_networks)
     model_store.save(lab.variant(f"{dynamics}_{decoder}"), narrow)
@@ -204,7 +204,7 @@ def stream(lab: Lab) -> dict[str, Any]:
     """A student that carries its state on, beside the released one that reads windows."""
     began = time.process_time()
     trained, config = lab.model(), lab.config
-    chosen = sensors.indices(trained.sensors)
+    chosen = sensors.TRUCK.indices(trained.sensors)
     rows, test = training_rows().with_sensors(chosen), test_rows().with_sensors(chosen)
     target = encode_all(trained.teacher.encoder, training_rows())
     with seeded(config.train.seed, torch.device("cpu")):

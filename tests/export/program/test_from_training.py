@@ -59,7 +59,7 @@ def test_the_networks_compute_what_the_trained_modules_do(directory, trained):
     assert (program.mpc, program.window, program.sensors) == (mpc, 6, CHOSEN)
     assert program.action_limit == trained.config.flow.action_limit
     rng = np.random.default_rng(1)
-    chosen = sensors.indices(CHOSEN)
+    chosen = sensors.TRUCK.indices(CHOSEN)
     pressure, action = rng.normal(size=(6, 4)), rng.uniform(-0.07, 0.07, 6)
     scaled = (pressure - np.array(trained.scaling.pressure_mean)[chosen]) / np.array(trained.scaling.pressure_std)[
         chosen

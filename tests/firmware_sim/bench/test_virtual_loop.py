@@ -341,7 +341,7 @@ def test_a_row_is_the_plants_sample_at_the_periods_start(harness):
     h.run(WARM)
     sample = h.plant.sample()
     row = h.run(1)[0]
-    assert row.columns()["base_Cp"] == sample.Cp[sensors.indices([f"base_{i}" for i in range(10)])].mean()
+    assert row.columns()["base_Cp"] == sample.Cp[sensors.TRUCK.indices([f"base_{i}" for i in range(10)])].mean()
     slot = ("Cd_slot_pressure", "Cd_slot_viscous")
     for name in ("t", "Cd", "Cl", *slot, "Cd_momentum", "jet_power", "Uy_probe", "action"):
         assert row.columns()[name] == getattr(sample, name), name

@@ -13,7 +13,7 @@ def test_it_shows_the_controller_what_the_ecu_would(bundle_of, recording_control
     window, horizon = bundle.manifest.window, bundle.manifest.mpc.horizon
     memory, rng = policy.start(), np.random.default_rng(1)
     seen = []
-    columns = sensors.indices(bundle.manifest.sensors)
+    columns = sensors.TRUCK.indices(bundle.manifest.sensors)
     for k in range(window + 3):
         Cp, action = rng.normal(size=sensors.COUNT), float(rng.normal())
         seen.append([*Cp[columns], action])

@@ -89,7 +89,7 @@ def recorded(count: int) -> list[np.ndarray]:
     """Consecutive windows (L, S+1) of a swing under random actions: int8 is calibrated where it is used."""
     rng, swing, rows, action = np.random.default_rng(0), Swing(), [], 0.0
     for _ in range(PROGRAM.window + count - 1):
-        rows.append(np.append(swing.sample().Cp[sensors.indices(PROGRAM.sensors)], action))
+        rows.append(np.append(swing.sample().Cp[sensors.TRUCK.indices(PROGRAM.sensors)], action))
         action = float(rng.uniform(-PROGRAM.action_limit, PROGRAM.action_limit))
         swing.advance_to(swing.substeps, action)
     return [np.array(rows[i : i + PROGRAM.window]) for i in range(count)]

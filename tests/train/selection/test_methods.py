@@ -25,7 +25,7 @@ def test_every_method_chooses_as_many_as_asked_and_the_same_again(
 ) -> None:
     settings = replace(small_config.train, shap_background=4, shap_explained=5, shap_samples=2)
     names = select(method, encoder, rows, 3, settings=settings)
-    assert len(sensors.indices(names)) == 3  # refuses unknown and repeated names
+    assert len(sensors.TRUCK.indices(names)) == 3  # refuses unknown and repeated names
     assert names == select(method, encoder, rows, 3, settings=settings)
 
 

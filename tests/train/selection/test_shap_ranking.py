@@ -50,7 +50,7 @@ def test_scores_of_a_linear_encoder_are_its_shapley_values(rows: Rows, count: in
 def test_only_sensors_the_encoder_listens_to_score(rows: Rows, small_config: Config) -> None:
     torch.manual_seed(0)
     encoder = WakeModel(90, small_config.model).encoder
-    strong, weak = sensors.indices(["base_2", "upper_30"]), sensors.indices(["lower_11"])
+    strong, weak = sensors.TRUCK.indices(["base_2", "upper_30"]), sensors.TRUCK.indices(["lower_11"])
     with torch.no_grad():
         weights = encoder.lstm.weight_ih_l0
         assert isinstance(weights, Tensor)

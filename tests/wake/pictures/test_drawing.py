@@ -66,7 +66,7 @@ def test_sensors_take_the_colour_of_their_pressure_and_the_truck_is_filled(wake:
     picture = WakePicture(wake, "vorticity", names)
     pixels = picture.pixels()
     share = (-0.4 - SENSOR_RANGE[0]) / (SENSOR_RANGE[1] - SENSOR_RANGE[0])
-    for x, y in sensors.positions()[sensors.indices(names)]:
+    for x, y in sensors.positions()[sensors.TRUCK.indices(names)]:
         drawn = colour_at(picture, pixels, x, y)
         assert drawn == pytest.approx(mpl.colormaps[SENSOR_COLOURS](share)[:3], abs=0.02)
     assert colour_at(picture, pixels, 0.5 * LENGTH, 0.0) == pytest.approx((0.82, 0.82, 0.82), abs=0.01)
