@@ -17,6 +17,7 @@ from typing import Annotated, Final
 import typer
 
 from stillwake.commands.bundle import bundle
+from stillwake.commands.can import can
 from stillwake.commands.config import config
 from stillwake.commands.dataset import dataset
 from stillwake.commands.export import export, mcu
@@ -75,6 +76,7 @@ for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
+app.add_typer(can, name="can", rich_help_panel=CONTROL)
 app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
 app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 

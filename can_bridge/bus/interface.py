@@ -1,8 +1,37 @@
 """What a bus offers to a node; real, virtual and simulated buses share it."""
 
-from typing import Protocol
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final, Protocol
 
 from can_bridge.wire.frame import Frame
+
+
+class BusState(Enum):
+    """Of a CAN controller (ISO 11898-1, fault confinement)."""
+
+    ERROR_ACTIVE = auto()
+    ERROR_PASSIVE = auto()
+    BUS_OFF = auto()
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusHealth:
+    """What a node's CAN controller knows of its errors.
+
+    Attributes:
+        tx_errors, rx_errors: its error counters; above 127 it is error-passive, from 256 transmit errors on bus-off.
+        bus_off: how often it went bus-off since power-on.
+    """
+
+    state: BusState = BusState.ERROR_ACTIVE
+    tx_errors: int = 0
+    rx_errors: int = 0
+    bus_off: int = 0
+
+
+HEALTHY: Final = BusHealth()
+"""Also what a bus says that does not know."""
 
 
 class Bus(Protocol):

@@ -173,7 +173,7 @@ def to_message(frame: Frame) -> can.Message:
         arbitration_id=frame.frame_id,
         data=frame.data,
         timestamp=frame.timestamp_ns / 1e9,
-        is_extended_id=False,
+        is_extended_id=frame.is_extended,
         is_fd=frame.is_fd,
         bitrate_switch=frame.is_fd,
     )
@@ -218,3 +218,5 @@ def _options(config: BusConfig) -> dict[str, Any]:
             return {"timing": timing}
         case "socketcan":
             return {"fd": True}
+        case _:
+            return {}

@@ -11,6 +11,10 @@ Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state m
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good
 checks out of the window. As in the standard, a jump moves the receiver to the new count, so that a restarted sender
 is followed from its second frame on.
+
+The state machine advances once a period, as in the standard, whatever the number of frames: the period's check is an
+error if one of its frames was, however many good ones came with it and in whatever order; good if one was good
+and none wrong.
 """
 
 from collections.abc import Iterable
@@ -18,7 +22,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from can_bridge.e2e import profile5
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 from contract.config.vehicle import E2eConfig
@@ -76,7 +80,7 @@ class ReceiverState:
     Attributes:
         stream: whether it is to be trusted.
         last_counter: of the latest frame with a good CRC; None before the first.
-        window: the latest checks, oldest first.
+        window: the latest periods' checks, oldest first.
         counts: how often each check came out, by the check's value; read them with `count`.
     """
 
@@ -117,11 +121,12 @@ def receive(
         if check in GOOD:
             accepted = frame
     found = tuple(checks) or (Check.NO_NEW_DATA,)
-    stream, window, counts = state.stream, state.window, list(state.counts)
+    counts = list(state.counts)
     for check in found:
         counts[check.value] += 1
-        window = (*window, check)[-config.window :]
-        stream = _next_stream(stream, check, window, config)
+    period = _of_period(found)
+    window = (*state.window, period)[-config.window :]
+    stream = _next_stream(state.stream, period, window, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
     return after, Reception(stream=stream, checks=found, accepted=accepted)
 
@@ -144,13 +149,22 @@ class E2eReceiver:
         return reception
 
 
+def _of_period(found: tuple[Check, ...]) -> Check:
+    """The one check that stands for all of a period's."""
+    for check in (Check.ERROR, Check.OK, Check.OK_SOME_LOST, Check.WRONG_SEQUENCE, Check.REPEATED):
+        if check in found:
+            return check
+    return Check.NO_NEW_DATA
+
+
 def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int) -> tuple[Check, int | None]:
     """The check of one frame, and the counter to compare the next one with."""
-    if len(data) != spec.length or not profile5.check(data, data_id=spec.data_id):
+    profile = profile_of(spec)
+    if len(data) != spec.protected or not profile.check(data, data_id=spec.data_id):
         return Check.ERROR, last_counter
-    counter = profile5.counter_of(data)
+    counter = profile.counter_of(data)
     # The first frame has nothing to be compared with.
-    delta = 1 if last_counter is None else (counter - last_counter) % profile5.COUNTER_PERIOD
+    delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
         return Check.REPEATED, counter
     if delta == 1:

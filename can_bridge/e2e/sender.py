@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_bridge.e2e import profile5
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 
@@ -17,21 +17,21 @@ class SenderState:
 
     counter: int = 0
 
-    def next(self) -> "SenderState":
-        """The state after one more frame."""
-        return SenderState(counter=(self.counter + 1) % profile5.COUNTER_PERIOD)
+    def next(self, spec: MessageSpec) -> "SenderState":
+        """The state after one more frame of this message."""
+        return SenderState(counter=(self.counter + 1) % profile_of(spec).counter_period)
 
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
-    """The next frame of a message, for data from `can_bridge.wire.codec`.
+    """The next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
 
     Raises:
-        ValueError: if the data is not as long as the message.
+        ValueError: if the data is not as long as the message's protected part.
     """
-    if len(data) != spec.length:
-        raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.length}")
-    protected = profile5.protect(data, data_id=spec.data_id, counter=state.counter)
-    return Frame(frame_id=spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=True)
+    if len(data) != spec.protected:
+        raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")
+    protected = profile_of(spec).protect(data, data_id=spec.data_id, counter=state.counter)
+    return Frame(frame_id=spec.frame_id, data=protected, timestamp_ns=now_ns, is_fd=spec.is_fd)
 
 
 class E2eSender:
@@ -48,5 +48,5 @@ class E2eSender:
     def frame(self, data: bytes, *, now_ns: int) -> Frame:
         """See `protected_frame`."""
         frame = protected_frame(self.state, data, spec=self.spec, now_ns=now_ns)
-        self.state = self.state.next()
+        self.state = self.state.next(self.spec)
         return frame

@@ -1,12 +1,11 @@
-"""Messages to data bytes and back, as laid out in `contract/stillwake.dbc`.
+"""The messages of the CAN FD set to data bytes and back, as laid out in `contract/stillwake.dbc`.
 
-`emit_*` returns the whole message with an empty E2E header (`can_bridge.e2e.profile5` fills it) and raises
+`emit_*` returns the protected part of a message with an empty E2E header (`can_bridge.e2e` fills it) and raises
 ValueError for what the wire cannot carry. `parse_*` looks at the meaning only, not at the header, and returns None
 for data of another length or with a value outside a table; no bytes make it raise. Values are rounded to the
 nearest step of the wire; bits without a signal are sent as zero and ignored when received.
 """
 
-import math
 import struct
 from typing import Final
 
@@ -16,12 +15,24 @@ from can_bridge.wire.message_specs import (
     INT16_MAX,
     PRESSURE_RESOLUTION_PA,
 )
-from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.wire.messages import (
+    BUS_OFF_LIMIT,
+    COUNT_LIMIT,
+    ERROR_LIMIT,
+    SENSORS,
+    EcuStatus,
+    JetCommand,
+    Mode,
+    Pressure,
+    Reason,
+)
+from can_bridge.wire.packing import signed, unsigned
 
 # "3x" is the E2E header: CRC-16 and counter.
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
 _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counter
-_ECU_STATUS: Final = struct.Struct("<3x B B B H H H I")  # state, reason, bus-off, overruns, missed, CRC errors, hash
+# State, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit and receive errors.
+_ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B 2x")
 
 _ENABLE_REQUEST: Final = 1 << SENSORS  # above the validity bits
 
@@ -46,7 +57,7 @@ def emit_pressure(message: Pressure) -> bytes:
     raw = [_int16("Pressure.pressure_pa", value, PRESSURE_RESOLUTION_PA) for value in message.pressure_pa]
     # Half a step up, in whole numbers: ages are exact.
     age = (message.age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
-    return _PRESSURE.pack(flags, *raw, _unsigned("Pressure.age_ns / 10 us", age, 0xFFFF))
+    return _PRESSURE.pack(flags, *raw, unsigned("Pressure.age_ns / 10 us", age, 0xFFFF))
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
@@ -68,7 +79,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
     counter = 0
     if message.pressure_counter is not None:
         flags |= _COUNTER_VALID
-        counter = _unsigned("JetCommand.pressure_counter", message.pressure_counter, 0xFF)
+        counter = unsigned("JetCommand.pressure_counter", message.pressure_counter, 0xFF)
     flow = _int16("JetCommand.flow_m2_per_s", message.flow_m2_per_s, FLOW_RESOLUTION_M2_PER_S)
     return _JET_COMMAND.pack(flags, flow, counter)
 
@@ -90,23 +101,28 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """16 bytes. Raises ValueError for a count or hash that does not fit."""
+    """24 bytes. Raises ValueError for a count or hash that does not fit."""
     return _ECU_STATUS.pack(
         Mode(message.state),
         Reason(message.reason),
-        _unsigned("EcuStatus.bus_off", message.bus_off, BUS_OFF_LIMIT),
-        _unsigned("EcuStatus.overruns", message.overruns, COUNT_LIMIT),
-        _unsigned("EcuStatus.missed", message.missed, COUNT_LIMIT),
-        _unsigned("EcuStatus.crc_errors", message.crc_errors, COUNT_LIMIT),
-        _unsigned("EcuStatus.bundle_hash", message.bundle_hash, 0xFFFFFFFF),
+        unsigned("EcuStatus.bus_off", message.bus_off, BUS_OFF_LIMIT),
+        unsigned("EcuStatus.overruns", message.overruns, COUNT_LIMIT),
+        unsigned("EcuStatus.missed", message.missed, COUNT_LIMIT),
+        unsigned("EcuStatus.crc_errors", message.crc_errors, COUNT_LIMIT),
+        unsigned("EcuStatus.bundle_hash", message.bundle_hash, 0xFFFFFFFF),
+        unsigned("EcuStatus.refused", message.refused, COUNT_LIMIT),
+        unsigned("EcuStatus.not_authentic", message.not_authentic, COUNT_LIMIT),
+        unsigned("EcuStatus.tx_errors", message.tx_errors, ERROR_LIMIT),
+        unsigned("EcuStatus.rx_errors", message.rx_errors, ERROR_LIMIT),
     )
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """The message in 16 bytes, or None if there are not 16 or state or reason is not in its table."""
+    """The message in 24 bytes, or None if there are not 24 or state or reason is not in its table."""
     if len(data) != _ECU_STATUS.size:
         return None
-    state, reason, bus_off, overruns, missed, crc_errors, bundle_hash = _ECU_STATUS.unpack(data)
+    state, reason, bus_off, overruns, missed, crc_errors, bundle_hash, *rest = _ECU_STATUS.unpack(data)
+    refused, not_authentic, tx_errors, rx_errors = rest
     state &= _STATE_MASK
     if state not in _MODES or reason not in _REASONS:
         return None
@@ -116,22 +132,14 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
         overruns=overruns,
         missed=missed,
         crc_errors=crc_errors,
+        refused=refused,
+        not_authentic=not_authentic,
         bus_off=bus_off,
+        tx_errors=tx_errors,
+        rx_errors=rx_errors,
         bundle_hash=bundle_hash,
     )
 
 
 def _int16(name: str, value: float, resolution: float) -> int:
-    if not math.isfinite(value):
-        raise ValueError(f"{name} = {value}: must be finite")
-    raw = round(value / resolution)
-    if not -INT16_MAX - 1 <= raw <= INT16_MAX:
-        low, high = (-INT16_MAX - 1) * resolution, INT16_MAX * resolution
-        raise ValueError(f"{name} = {value}: must be in {low:g}..{high:g}")
-    return raw
-
-
-def _unsigned(name: str, value: int, largest: int) -> int:
-    if not 0 <= value <= largest:
-        raise ValueError(f"{name} = {value}: must be in 0..{largest}")
-    return value
+    return signed(name, value, resolution, -INT16_MAX - 1, INT16_MAX)

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from typing import Final
 
 MAX_FRAME_ID: Final = 0x7FF
-"""Largest 11-bit identifier; nothing here uses 29-bit ones."""
+"""Largest 11-bit identifier."""
+MAX_EXTENDED_ID: Final = 0x1FFFFFFF
+"""Largest 29-bit identifier; none of our messages has one, other traffic may."""
 
 CLASSIC_LENGTHS: Final = tuple(range(9))
 FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
@@ -13,13 +15,14 @@ FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A data frame with an 11-bit identifier. CAN FD frames switch to the data bit rate.
+    """A data frame. CAN FD frames switch to the data bit rate.
 
     Attributes:
-        frame_id: 0 to 0x7FF; the smaller wins arbitration.
+        frame_id: 0 to 0x7FF, or to 0x1FFFFFFF if it is extended; the smaller wins arbitration.
         data: 0 to 8 bytes, or a CAN FD length.
         timestamp_ns: when it was sent or received, in the clock of its sender or receiver.
         is_fd: CAN FD rather than classic CAN.
+        is_extended: the identifier has 29 bits rather than 11.
 
     Raises:
         ValueError: for anything a controller could not put on the wire, or a negative time.
@@ -29,10 +32,12 @@ class Frame:
     data: bytes
     timestamp_ns: int = 0
     is_fd: bool = True
+    is_extended: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 <= self.frame_id <= MAX_FRAME_ID:
-            raise ValueError(f"frame id {self.frame_id:#x}: must be in 0..{MAX_FRAME_ID:#x}")
+        largest = MAX_EXTENDED_ID if self.is_extended else MAX_FRAME_ID
+        if not 0 <= self.frame_id <= largest:
+            raise ValueError(f"frame id {self.frame_id:#x}: must be in 0..{largest:#x}")
         if not isinstance(self.data, bytes):
             raise ValueError(f"frame data is {type(self.data).__name__}: must be bytes")
         lengths = FD_LENGTHS if self.is_fd else CLASSIC_LENGTHS

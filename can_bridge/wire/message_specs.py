@@ -1,11 +1,15 @@
-"""Identifiers, lengths and resolutions on the wire.
+"""Identifiers, lengths, protection and resolutions on the wire.
 
 These restate `contract/stillwake.dbc`, which defines them: the runtime has no DBC parser, and the tests compare
 every number here with the file.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
+
+FRESHNESS_LENGTH: Final = 8
+MAC_LENGTH: Final = 8
+"""Bytes behind the protected part of a secured message."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,23 +18,95 @@ class MessageSpec:
 
     Attributes:
         frame_id: 11-bit identifier.
-        length: bytes, the E2E header included.
+        length: bytes of the frame.
+        protected: of these, bytes under the E2E header, the header included; zeros and the authentication follow.
         data_id: E2E data ID; never sent, only mixed into the CRC.
+        profile: of AUTOSAR E2E.
+        is_fd: CAN FD rather than classic CAN.
+        is_secured: ends in a freshness value and a message authentication code.
     """
 
     name: str
     frame_id: int
     length: int
+    protected: int
     data_id: int
+    profile: Literal[2, 5]
+    is_fd: bool
+    is_secured: bool = False
 
 
-PRESSURE: Final = MessageSpec(name="Pressure", frame_id=0x120, length=16, data_id=0x5701)
-JET_COMMAND: Final = MessageSpec(name="JetCommand", frame_id=0x130, length=8, data_id=0x5702)
-ECU_STATUS: Final = MessageSpec(name="EcuStatus", frame_id=0x140, length=16, data_id=0x5703)
-SPECS: Final = (PRESSURE, JET_COMMAND, ECU_STATUS)
+PRESSURE: Final = MessageSpec(
+    name="Pressure", frame_id=0x120, length=16, protected=16, data_id=0x5701, profile=5, is_fd=True
+)
+JET_COMMAND: Final = MessageSpec(
+    name="JetCommand", frame_id=0x130, length=8, protected=8, data_id=0x5702, profile=5, is_fd=True
+)
+ECU_STATUS: Final = MessageSpec(
+    name="EcuStatus", frame_id=0x140, length=24, protected=24, data_id=0x5703, profile=5, is_fd=True
+)
+
+PRESSURE_CLASSIC: Final = MessageSpec(
+    name="PressureClassic", frame_id=0x121, length=8, protected=8, data_id=0x71, profile=2, is_fd=False
+)
+JET_COMMAND_CLASSIC: Final = MessageSpec(
+    name="JetCommandClassic", frame_id=0x131, length=8, protected=8, data_id=0x72, profile=2, is_fd=False
+)
+ECU_STATUS_CLASSIC: Final = MessageSpec(
+    name="EcuStatusClassic", frame_id=0x141, length=8, protected=8, data_id=0x73, profile=2, is_fd=False
+)
+
+PRESSURE_SECURED: Final = MessageSpec(
+    name="PressureSecured",
+    frame_id=0x122,
+    length=32,
+    protected=16,
+    data_id=0x5704,
+    profile=5,
+    is_fd=True,
+    is_secured=True,
+)
+JET_COMMAND_SECURED: Final = MessageSpec(
+    name="JetCommandSecured",
+    frame_id=0x132,
+    length=24,
+    protected=8,
+    data_id=0x5705,
+    profile=5,
+    is_fd=True,
+    is_secured=True,
+)
+ECU_STATUS_SECURED: Final = MessageSpec(
+    name="EcuStatusSecured",
+    frame_id=0x142,
+    length=48,
+    protected=24,
+    data_id=0x5706,
+    profile=5,
+    is_fd=True,
+    is_secured=True,
+)
+
+SPECS: Final = (
+    PRESSURE,
+    PRESSURE_CLASSIC,
+    PRESSURE_SECURED,
+    JET_COMMAND,
+    JET_COMMAND_CLASSIC,
+    JET_COMMAND_SECURED,
+    ECU_STATUS,
+    ECU_STATUS_CLASSIC,
+    ECU_STATUS_SECURED,
+)
+
+FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
+"""In every set of messages, so that the command gate need not know which is in use."""
 
 PRESSURE_RESOLUTION_PA: Final = 0.1
-FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
 AGE_RESOLUTION_NS: Final = 10_000
 
+CLASSIC_PRESSURE_RESOLUTION_PA: Final = 1.0
+CLASSIC_AGE_RESOLUTION_NS: Final = 10_000_000
+
 INT16_MAX: Final = 0x7FFF
+INT12_MAX: Final = 0x7FF

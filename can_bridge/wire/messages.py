@@ -13,6 +13,9 @@ COUNT_LIMIT: Final = 0xFFFF
 BUS_OFF_LIMIT: Final = 0xFF
 """Largest value of its bus-off count, likewise."""
 
+ERROR_LIMIT: Final = 0xFF
+"""Largest value of the CAN controller's error counters on the wire; 256, which is bus-off, shows as this."""
+
 
 class Mode(IntEnum):
     """State of the control loop on the wire, and how a jet command came about."""
@@ -26,7 +29,7 @@ class Mode(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the control loop is not in CONTROL."""
+    """Why the jets may not follow the controller."""
 
     NONE = 0
     STREAM_LOST = 1
@@ -35,6 +38,9 @@ class Reason(IntEnum):
     BUS_OFF = 4
     INTERNAL = 5
     SENSOR_INVALID = 6
+    STALE = 7
+    NOT_AUTHENTIC = 8
+    CLOCK = 9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +84,9 @@ class EcuStatus:
     Attributes:
         overruns, missed, crc_errors: up to COUNT_LIMIT; the sender limits them.
         bus_off: up to BUS_OFF_LIMIT, likewise.
+        refused: pressure frames with a right CRC that were repeated or out of sequence; up to COUNT_LIMIT.
+        not_authentic: pressure frames refused by their MAC or freshness; up to COUNT_LIMIT.
+        tx_errors, rx_errors: the CAN controller's error counters, up to ERROR_LIMIT.
         bundle_hash: 32 bits, `contract.release.bundle.Bundle.short_hash`.
     """
 
@@ -86,5 +95,9 @@ class EcuStatus:
     overruns: int
     missed: int
     crc_errors: int
+    refused: int = 0
+    not_authentic: int = 0
     bus_off: int
+    tx_errors: int = 0
+    rx_errors: int = 0
     bundle_hash: int

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from contract.config.rules import AtLeastOne, NonNegative, Positive, Settings, require, within
+from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
 from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS
 
 
@@ -28,20 +28,66 @@ class E2eConfig(Settings, section="bus.e2e"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BusConfig(Settings):
-    """The CAN FD bus. Bit rates in bit/s."""
+class BackgroundConfig(Settings, section="bus.background"):
+    """Other nodes' traffic on the simulated bus; without it arbitration hardly shows."""
 
-    interface: Literal["virtual", "udp_multicast", "slcan", "socketcan"] = "virtual"
+    load: Fraction[float] = 0.0
+    """Share of the bus's time that made-up periodic messages take, their stuff bits included."""
+    dbc: str = ""
+    """File with messages to send at their cycle times (`GenMsgCycleTime`), in place of made-up ones; their contents
+    are random."""
+    seed: NonNegative[int] = 0
+    """Of identifiers, phases and contents."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(not (self.dbc and self.load), self, "load", "0 where bus.background.dbc names the traffic")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusConfig(Settings):
+    """The CAN bus. Bit rates in bit/s."""
+
+    interface: str = "simulated"
+    """`simulated` is stillwake's own, in virtual time. The others are in real time: `virtual`, `udp_multicast`,
+    `slcan`, `socketcan` or another one that python-can knows; `python-can` takes its own configuration, section
+    `channel`."""
     channel: str = "stillwake"
     """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
-    device (socketcan, e.g. can0)."""
+    device (socketcan, e.g. can0). The simulated bus has none."""
     nominal_bitrate: Annotated[Positive[int], BIT_RATE] = 500_000
     data_bitrate: Annotated[Positive[int], BIT_RATE] = 2_000_000
+    frames: Literal["fd", "classic"] = "fd"
+    """CAN FD, or the set of messages for classic CAN: eight bytes, coarser pressures, a weaker check."""
+    key: str = ""
+    """File with a 128-bit key. With one, both nodes authenticate every frame (AUTOSAR SecOC) and refuse others; CAN FD
+    alone has room for it."""
+    background: BackgroundConfig = field(default_factory=BackgroundConfig)
     e2e: E2eConfig = field(default_factory=E2eConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.channel.isprintable() and bool(self.channel.strip()), self, "channel", "the name of a channel")
+        for name in ("interface", "channel"):
+            value = getattr(self, name)
+            require(
+                value.isprintable() and bool(value.strip()),
+                self,
+                name,
+                f"the name of {'an' if name == 'interface' else 'a'} {name}",
+            )
+        require(
+            self.frames == "fd" or not self.key,
+            self,
+            "key",
+            "empty with bus.frames = classic: eight bytes have no room",
+        )
+        if self.frames == "classic":
+            require(
+                self.e2e.max_delta < 8,
+                self.e2e,
+                "max_delta",
+                "in 1..7 with bus.frames = classic, whose counter has 4 bits",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -130,6 +130,30 @@ def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:
     return replace(bundle, signer=signing.public_key(key))
 
 
+def renew(
+    path: Path, target: Path, *, name: str, created: str, key: Ed25519PrivateKey, trusted: PublicKey | None = None
+) -> Bundle:
+    """Write a bundle of another version's DBC anew, with this version's, under another name, and sign it.
+
+    Everything else about the old bundle must be in order. Its controller is kept to the byte; the new manifest's
+    provenance names the old one's hash. A controller knows pressures and flow rates, not frames, so a change of the DBC
+    leaves it as good as it was.
+
+    Args:
+        created: day, YYYY-MM-DD.
+        trusted: the key that must have signed the old bundle, as in `load`.
+
+    Raises:
+        BundleError: as `load` does, and for a bad name or a target that holds something else.
+        StillwakeError: if it cannot be written.
+    """
+    old = _verified(path, read_files(path), trusted, any_dbc=True)
+    provenance = {**old.manifest.provenance, "renewed_from": old.digest}
+    manifest = replace(old.manifest, name=name, created=created, provenance=provenance)
+    write(target, manifest, old.files, key)
+    return load(target, signing.public_key(key))
+
+
 def load(path: Path, trusted: PublicKey | None = None) -> Bundle:
     """Read and verify a bundle directory or zip.
 
@@ -179,14 +203,15 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
     return checks
 
 
-def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None) -> Bundle:
+def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None, *, any_dbc: bool = False) -> Bundle:
     """The bundle of these files; the first check that fails raises. Nothing is parsed before its signature is good."""
     raw, signature, contents = _taken_apart(path, found)
     signer = _verify_signature(path, raw, signature, trusted)
     opened = open_manifest(path, raw)
     for name in _names(contents, opened):
         _verify_file(path, name, contents, opened.hashes)
-    _verify_dbc(path, opened.dbc)
+    if not any_dbc:
+        _verify_dbc(path, opened.dbc)
     manifest = parse(path, opened)
     _verify_graph(path, contents[CONTROLLER], manifest)
     return Bundle(
@@ -255,7 +280,9 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
-        raise BundleFileError(f"bundle {path}: built for another stillwake.dbc")
+        raise BundleFileError(
+            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version's"
+        )
     return dbc_sha256()
 
 

@@ -9,6 +9,7 @@ from typing import Final
 
 from can_bridge.bus import frame_log
 from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
@@ -84,7 +85,7 @@ def run_closed_loop(
         )
         capture = stack.enter_context(frame_log.recording(folder.frames))
         bus = SimulatedBus(config.bus, capture)
-        check_bit_rates(bus, config.period_ns)
+        check_bit_rates(bus, message_set(config.bus), config.period_ns)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         check_sensors(bundle, wake.layout)
         node = VehicleNode(bundle.manifest.sensors, config, wake.layout)
@@ -115,10 +116,10 @@ def run_closed_loop(
 
 def _check_vehicle(config: Config, requested: int) -> None:
     """Raises StillwakeError for a bus or an actuator with which the run could not be one."""
-    if config.bus.interface != "virtual":
+    if config.bus.interface != "simulated":
         raise BusError(
             f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "
-            "'virtual' is possible"
+            "'simulated' is possible"
         )
     if config.vehicle.actuator_delay >= requested:
         raise StillwakeError(

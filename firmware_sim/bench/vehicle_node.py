@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from can_bridge.e2e import profile5 as e2e_profile5
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import INT16_MAX, JET_COMMAND, PRESSURE, PRESSURE_RESOLUTION_PA
+from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
 from contract.arrays import Array
 from contract.config.tree import Config
@@ -49,8 +48,9 @@ class VehicleNode:
     def __init__(self, sensor_names: Sequence[str], config: Config, layout: SensorLayout = TRUCK) -> None:
         self._columns = layout.indices(sensor_names)
         self._config = config
-        self._sender = E2eSender(PRESSURE)
-        self._receiver = E2eReceiver(JET_COMMAND, config.bus.e2e)
+        self._messages = message_set(config.bus)
+        self._sender = E2eSender(self._messages.pressure.spec)
+        self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._misses = 0
         self._action = 0.0  # commanded last, U_inf W
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
@@ -63,7 +63,7 @@ class VehicleNode:
         A pressure beyond the transducer's range saturates and is marked invalid.
         """
         pressure_pa = cp[self._columns] * self._config.operating_point.dynamic_pressure
-        limit = INT16_MAX * PRESSURE_RESOLUTION_PA
+        limit = self._messages.pressure_limit_pa
         message = Pressure(
             pressure_pa=tuple(float(value) for value in np.clip(pressure_pa, -limit, limit)),
             valid=tuple(bool(value) for value in np.abs(pressure_pa) <= limit),
@@ -71,8 +71,8 @@ class VehicleNode:
             age_ns=0,
         )
         self.frames_sent += 1
-        frame = self._sender.frame(codec.emit_pressure(message), now_ns=now_ns)
-        self._sampled_ns[e2e_profile5.counter_of(frame.data)] = now_ns
+        frame = self._sender.frame(self._messages.pressure.emit(message), now_ns=now_ns)
+        self._sampled_ns[profile_of(self._sender.spec).counter_of(frame.data)] = now_ns
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
@@ -81,7 +81,7 @@ class VehicleNode:
         Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut.
         """
         frame = self._receiver.tick(frames).live
-        command = None if frame is None else codec.parse_jet_command(frame.data)
+        command = None if frame is None else self._messages.command.parse(frame.data)
         if command is None:
             self._misses += 1
             if self._misses > self._config.ecu.hold_periods:

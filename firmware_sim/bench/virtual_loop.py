@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.message_sets import MessageSet, message_set
 from contract.config.tree import Config
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
@@ -39,9 +39,10 @@ class BusPorts:
     ecu: Bus
 
 
-def check_bit_rates(bus: SimulatedBus, period_ns: int) -> None:
+def check_bit_rates(bus: SimulatedBus, messages: MessageSet, period_ns: int) -> None:
     """Raises BusError if a pressure frame takes a whole control period or longer: known before a plant is opened."""
-    takes_ns = bus.frame_ns(Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length)))
+    spec = messages.pressure.spec
+    takes_ns = bus.frame_ns(Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd))
     if takes_ns >= period_ns:
         raise _too_slow(takes_ns, period_ns)
 
@@ -82,6 +83,8 @@ class VirtualLoop:
         self._bus = bus
         self._ports = ports
         self._clock = clock
+        messages = message_set(config.bus)
+        self._pressure_id, self._command_id = messages.pressure.spec.frame_id, messages.command.spec.frame_id
         self._substeps = config.flow.substeps
         self._period_ns = config.period_ns
         self._compute_ns = round(config.ecu.compute_time_ms * 1e6)
@@ -111,7 +114,7 @@ class VirtualLoop:
         self._send_answers(end_ns - 1)
         # What arrives at the period's end belongs to the next one.
         self._bus.advance_to(end_ns - 1)
-        commands = [item for item in self._ports.vehicle.receive_all() if item.frame_id == JET_COMMAND.frame_id]
+        commands = [item for item in self._ports.vehicle.receive_all() if item.frame_id == self._command_id]
         self._commands_received += len(commands)
         actuation = self._node.apply_commands(commands)
         self._advance_plant(actuation)
@@ -123,7 +126,7 @@ class VirtualLoop:
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
-        lost = sent - arrived - self._bus.under_way(JET_COMMAND.frame_id)
+        lost = sent - arrived - self._bus.under_way(self._command_id)
         return BusTotals(sent=sent, lost=lost, rejected=rejected)
 
     def _step_ecu(self, now_ns: int) -> float:
@@ -131,7 +134,7 @@ class VirtualLoop:
         self._send_answers(now_ns)
         self._bus.advance_to(now_ns)
         received = self._ports.ecu.receive_all()
-        self._pressures_received += sum(item.frame_id == PRESSURE.frame_id for item in received)
+        self._pressures_received += sum(item.frame_id == self._pressure_id for item in received)
         self._inbox += received
         if now_ns < self._busy_until_ns:
             return math.nan
@@ -148,7 +151,7 @@ class VirtualLoop:
             self._bus.advance_to(self._busy_until_ns)
             for frame in self._answers:
                 self._ports.ecu.send(frame)
-            self._commands_sent += sum(frame.frame_id == JET_COMMAND.frame_id for frame in self._answers)
+            self._commands_sent += sum(frame.frame_id == self._command_id for frame in self._answers)
             self._answers = []
 
     def _advance_plant(self, actuation: Actuation) -> None:

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import GateLimits, Intervention, gate
 from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.e2e.sender import protected_frame
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND, PRESSURE
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
 from contract.config.controller import CostWeights
@@ -119,6 +120,7 @@ class Ecu:
         self._controller = controller
         self._weights = None if weights is None else np.array(weights.as_tuple())
         self._config = config
+        self._messages = message_set(config.bus)
         self._period_ns = config.period_ns
         self._dynamic_pressure = config.operating_point.dynamic_pressure
         self._flow_scale = config.operating_point.flow_rate_scale
@@ -157,21 +159,22 @@ class Ecu:
             interventions=Intervention(0),
         )
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         """One control period.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
+            health: of the CAN controller, for the status.
 
         Returns:
             A JetCommand and an EcuStatus.
         """
-        outcome = self.next(self._state, now_ns, frames)
+        outcome = self.next(self._state, now_ns, frames, health)
         self._state, self.trace = outcome.state, outcome.trace
         return outcome.frames
 
-    def next(self, state: EcuState, now_ns: int, frames: Sequence[Frame]) -> StepOutcome:
+    def next(self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
         skipped = self._periods_skipped(state.step_ns, now_ns)
@@ -211,17 +214,19 @@ class Ecu:
             memory=decision.memory.commanded(action),
             fail_safe=fail_safe,
             pressures=received.receiver,
-            commands=state.commands.next(),
-            statuses=state.statuses.next(),
+            commands=state.commands.next(self._messages.command.spec),
+            statuses=state.statuses.next(self._messages.status.spec),
             step_ns=now_ns,
             pressure_ns=received.pressure_ns,
             overruns=state.overruns + skipped,
             late_in_a_row=late_in_a_row,
             missed=state.missed + (received.cp is None),
+            health=health,
         )
+        to_send, status = self._messages, after.status(self._bundle_hash)
         messages = (
-            (state.commands, JET_COMMAND, codec.emit_jet_command(command)),
-            (state.statuses, ECU_STATUS, codec.emit_ecu_status(after.status(self._bundle_hash))),
+            (state.commands, to_send.command.spec, to_send.command.emit(command)),
+            (state.statuses, to_send.status.spec, to_send.status.emit(status)),
         )
         return StepOutcome(
             state=after,
@@ -256,9 +261,11 @@ class Ecu:
 
     def _receive(self, state: EcuState, frames: Sequence[Frame]) -> _Pressures:
         """The newest trusted pressures, or why there are none."""
-        receiver, reception = receive(state.pressures, frames, spec=PRESSURE, config=self._config.bus.e2e)
+        receiver, reception = receive(
+            state.pressures, frames, spec=self._messages.pressure.spec, config=self._config.bus.e2e
+        )
         frame = reception.live
-        pressure = None if frame is None else codec.parse_pressure(frame.data)
+        pressure = None if frame is None else self._messages.pressure.parse(frame.data)
         if frame is None or pressure is None:
             trusted = reception.stream is not StreamState.INVALID
             return _Pressures(

@@ -7,9 +7,10 @@ the bit as the first one would have.
 from dataclasses import dataclass
 from typing import Self
 
+from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.e2e.receiver import Check, ReceiverState
 from can_bridge.e2e.sender import SenderState
-from can_bridge.wire.messages import COUNT_LIMIT, EcuStatus
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.state_machine import FailSafe
 
@@ -28,6 +29,7 @@ class EcuState:
         overruns: whole periods left out.
         late_in_a_row: steps in a row that left out a period.
         missed: steps without usable pressures.
+        health: of the CAN controller, as of the latest step.
     """
 
     memory: ControllerMemory
@@ -40,6 +42,7 @@ class EcuState:
     overruns: int
     late_in_a_row: int
     missed: int
+    health: BusHealth = HEALTHY
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int) -> Self:
@@ -65,6 +68,9 @@ class EcuState:
             overruns=min(self.overruns, COUNT_LIMIT),
             missed=min(self.missed, COUNT_LIMIT),
             crc_errors=min(self.pressures.count(Check.ERROR), COUNT_LIMIT),
-            bus_off=0,
+            refused=min(sum(map(self.pressures.count, (Check.REPEATED, Check.WRONG_SEQUENCE))), COUNT_LIMIT),
+            bus_off=min(self.health.bus_off, BUS_OFF_LIMIT),
+            tx_errors=min(self.health.tx_errors, ERROR_LIMIT),
+            rx_errors=min(self.health.rx_errors, ERROR_LIMIT),
             bundle_hash=bundle_hash,
         )

@@ -1,5 +1,6 @@
-"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect`."""
+"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|renew`."""
 
+from datetime import date
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from contract.errors import BundleError
 from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.bundle import Bundle
+from stillwake.outputs import Overwrite, check_output
 from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.terminal import console
 
@@ -34,6 +36,27 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")]
     """Verify a bundle and sign it in place; an older signature is replaced."""
     signed = bundles.sign(path, signing.read_private_key(key))
     console.print(*describe(signed), sep="\n", soft_wrap=True)
+
+
+@bundle.command()
+def renew(
+    path: Annotated[Path, typer.Argument(help="Bundle directory or .zip, made for another version's DBC.")],
+    output: Annotated[Path, typer.Argument(help="Bundle directory, or a zip if the name ends in .zip.")],
+    name: Annotated[str, typer.Option(help="Name of the new bundle.")],
+    key: KeyFile,
+    trust: Trust = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a bundle of the same controller for this version's stillwake.dbc, and sign it.
+
+    The old bundle must be in order but for its DBC. The new one names it by its hash.
+    """
+    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip")
+    _, trusted = locate(path, trust)
+    private = signing.read_private_key(key)
+    renewed = bundles.renew(path, output, name=name, created=date.today().isoformat(), key=private, trusted=trusted)
+    console.print(*describe(renewed), sep="\n", soft_wrap=True)
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 @bundle.command()

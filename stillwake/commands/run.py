@@ -31,7 +31,15 @@ NOT_IN_CONTROL: Final = 3
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a run that is whole, but did not reach the reduction that was asked for."""
 
-_BUS: Final = ("bus.interface", "bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e")
+_BUS: Final = (
+    "bus.interface",
+    "bus.nominal_bitrate",
+    "bus.data_bitrate",
+    "bus.frames",
+    "bus.key",
+    "bus.background",
+    "bus.e2e",
+)
 """All but the channel: a bus in virtual time has none."""
 _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle")
 _STARTING: Final = "starting (first run: compiles)"

@@ -19,7 +19,7 @@ CHANNELS = count()
 
 @pytest.fixture
 def config() -> BusConfig:
-    return BusConfig(channel=f"test-{next(CHANNELS)}")
+    return BusConfig(interface="virtual", channel=f"test-{next(CHANNELS)}")
 
 
 @pytest.fixture

@@ -72,6 +72,6 @@ def test_configuration_file_of_the_user_changes_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / ".canrc").write_text("[default]\nreceive_own_messages = True\n")
     monkeypatch.setattr(can.util, "PATH_SEARCH_CONFIG", [str(tmp_path / ".canrc")], raising=False)
-    with PythonCanBus.open(BusConfig(channel="canrc")) as bus:
+    with PythonCanBus.open(BusConfig(interface="virtual", channel="canrc")) as bus:
         bus.send(Frame(frame_id=1, data=b""))
         assert bus.receive_all() == []

@@ -19,7 +19,7 @@ PATIENCE_S = 10.0
 
 @pytest.fixture
 def pair() -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
-    config = BusConfig(channel=f"thread-{next(CHANNELS)}")
+    config = BusConfig(interface="virtual", channel=f"thread-{next(CHANNELS)}")
     with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
         yield one, other
 

@@ -13,7 +13,7 @@ PERIOD_NS = 20_000_000
 
 
 def test_echoed_counter_tells_the_age_of_what_the_command_rests_on():
-    config = BusConfig(channel="end-to-end")
+    config = BusConfig(interface="virtual", channel="end-to-end")
     pressures, pressures_in = E2eSender(PRESSURE), E2eReceiver(PRESSURE, config.e2e)
     commands, commands_in = E2eSender(JET_COMMAND), E2eReceiver(JET_COMMAND, config.e2e)
     sent_at: dict[int, int] = {}

@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from can_bridge.wire import codec
-from can_bridge.wire.message_specs import SPECS
+from can_bridge.wire.message_sets import FD
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
 
 DBC = Database()
@@ -42,7 +42,11 @@ STATUSES = st.builds(
     overruns=U16,
     missed=U16,
     crc_errors=U16,
+    refused=U16,
+    not_authentic=U16,
     bus_off=U8,
+    tx_errors=U8,
+    rx_errors=U8,
     bundle_hash=U32,
 )
 
@@ -141,7 +145,7 @@ def test_any_bytes_parse_to_none_or_to_a_message_that_survives(parse, emit, data
         assert parse(emit(message)) == message
 
 
-@pytest.mark.parametrize(("parse", "spec"), [(pair[0], spec) for pair, spec in zip(ROUND_TRIPS, SPECS, strict=True)])
+@pytest.mark.parametrize(("parse", "spec"), [(pair[0], spec) for pair, spec in zip(ROUND_TRIPS, FD.specs, strict=True)])
 def test_only_the_messages_own_length_parses(parse, spec):
     assert [length for length in range(70) if parse(bytes(length)) is not None] == [spec.length]
 

@@ -23,23 +23,25 @@ def test_message_is_the_dbcs(spec):
     assert message.dbc is not None
     attributes = {name: attribute.value for name, attribute in message.dbc.attributes.items()}
     assert (message.frame_id, message.length) == (spec.frame_id, spec.length)
-    assert (attributes["E2EProfile"], attributes["E2EDataID"]) == (5, spec.data_id)
-    assert message.is_fd
+    assert (attributes["E2EProfile"], attributes["E2EDataID"]) == (spec.profile, spec.data_id)
+    assert message.is_fd == spec.is_fd
+    assert attributes["CANFD_BRS"] == int(spec.is_fd)
     assert not message.is_extended_frame
     assert message.cycle_time is not None
     assert message.cycle_time * 1_000_000 == Config().period_ns
     crc, counter = message.get_signal_by_name("E2E_CRC"), message.get_signal_by_name("E2E_Counter")
-    assert (crc.start, crc.length, crc.byte_order, crc.is_signed) == (0, 16, "little_endian", False)
-    assert (counter.start, counter.length) == (16, 8)
+    widths = {2: (8, 4), 5: (16, 8)}[spec.profile]
+    assert (crc.start, crc.length, crc.byte_order, crc.is_signed) == (0, widths[0], "little_endian", False)
+    assert (counter.start, counter.length) == widths
     assert message.comment
 
 
 def test_identities_are_unique():
-    assert len({spec.frame_id for spec in specs.SPECS}) == len({spec.data_id for spec in specs.SPECS}) == 3
+    assert len({spec.frame_id for spec in specs.SPECS}) == len({spec.data_id for spec in specs.SPECS}) == 9
 
 
 def test_resolutions_and_limits_are_the_dbcs():
-    pressure, jet, status = (DBC.get_message_by_name(spec.name) for spec in specs.SPECS)
+    pressure, jet, status = (DBC.get_message_by_name(name) for name in ("Pressure", "JetCommand", "EcuStatus"))
     for i in range(SENSORS):
         assert pressure.get_signal_by_name(f"Pressure{i}").scale == specs.PRESSURE_RESOLUTION_PA
         assert pressure.get_signal_by_name(f"Pressure{i}").unit == "Pa"

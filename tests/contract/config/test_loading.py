@@ -76,7 +76,7 @@ def test_file_then_overrides(tmp_path):
         ("mpc.horizon=1", "horizon = 1"),
         ("mpc.weights=3", "mpc.weights"),
         ('train.schedule="cosine"', "train.schedule"),
-        ('bus.interface="flexray"', "bus.interface"),
+        ('bus.frames="flexray"', "bus.frames"),
         ("flow.reynolds=nan", "reynolds = nan"),
         ("flow.reynolds=inf", "reynolds = inf"),
         ("mpc.horizon", "section.key=value"),
