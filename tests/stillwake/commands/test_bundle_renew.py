@@ -1,4 +1,4 @@
-"""`bundle renew`: a bundle of another version's DBC becomes one of this version's, and nothing else about it changes."""
+"""`bundle renew`: a bundle for another version's DBC becomes one for this version's; nothing else about it changes."""
 
 import json
 import shutil
