@@ -1,7 +1,7 @@
 """Every line and both sides of every branch of the gate; then what must hold for all inputs."""
 
 import math
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
 import pytest
@@ -194,6 +194,17 @@ def test_sequence_never_moves_faster_than_the_step(commands):
         result = passing(command, previous_m2_per_s=previous)
         assert not result.enable or abs(result.flow_m2_per_s - previous) <= 1.0 + 1e-12
         previous = result.flow_m2_per_s
+
+
+@pytest.mark.parametrize("value", [LIMITS, passing(0.5)], ids=["limits", "command"])
+def test_limits_and_commands_are_values_with_names(value):
+    """A limit cannot be moved once it is set, nor given in the wrong place."""
+    facts = {item.name: getattr(value, item.name) for item in fields(value)}
+    with pytest.raises(FrozenInstanceError):
+        value.flow_m2_per_s = 9.0
+    with pytest.raises(TypeError):
+        type(value)(*facts.values())
+    assert type(value)(**facts) == value
 
 
 def test_limits_of_the_default_truck():
