@@ -62,7 +62,8 @@ class FreshnessStore:
         A file that is gone counts from 1 again. That is safe and loud: the other node refuses every frame.
 
         Raises:
-            BusError: if the file is damaged or cannot be written, or all power cycles are used up.
+            BusError: if the file is damaged, or all power cycles are used up.
+            StillwakeError: if it cannot be written.
         """
         before = self._read()
         if before.trip >= LARGEST_HALF:
@@ -74,7 +75,7 @@ class FreshnessStore:
         """Note the value that a receiver accepted last; call it as often as you like.
 
         Raises:
-            BusError: if the file cannot be written.
+            StillwakeError: if the file cannot be written.
         """
         if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
             heard = {**self._record.heard, frame_id: freshness}
@@ -94,16 +95,19 @@ class FreshnessStore:
 
     def _keep(self, record: FreshnessRecord) -> None:
         tree = {"schema": SCHEMA, "trip": record.trip, "heard": {str(k): v for k, v in sorted(record.heard.items())}}
-        with replacing(self._path) as temporary, temporary.open("w", encoding="utf-8") as file:
-            json.dump(tree, file)
-            file.flush()
-            os.fsync(file.fileno())
-        # The new name, too, has to be on the disk before the first frame goes out.
-        folder = os.open(self._path.parent, os.O_RDONLY)
         try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+            with replacing(self._path) as temporary, temporary.open("w", encoding="utf-8") as file:
+                json.dump(tree, file)
+                file.flush()
+                os.fsync(file.fileno())
+            # The new name, too, has to be on the disk before the first frame goes out.
+            folder = os.open(self._path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+        except OSError as error:
+            raise BusError(f"cannot write {self._path}: {error.strerror or error}") from error
         self._record = record
 
 
