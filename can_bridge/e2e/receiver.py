@@ -130,12 +130,7 @@ def receive(
     for check in found:
         counts[check.value] += 1
     period = _of_period(found)
-    if state.stream is StreamState.NODATA:
-        begins = period not in (Check.ERROR, Check.NO_NEW_DATA)
-        window, stream = ((period,), StreamState.INIT) if begins else ((), StreamState.NODATA)
-    else:
-        window = (*state.window, period)[-config.window :]
-        stream = _next_stream(state.stream, window, config)
+    stream, window = _advanced(state, period, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
     return after, Reception(stream=stream, checks=found, accepted=accepted)
 
@@ -181,14 +176,17 @@ def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_de
     return Check.OK_SOME_LOST if delta <= max_delta else Check.WRONG_SEQUENCE, counter
 
 
-def _next_stream(stream: StreamState, window: tuple[Check, ...], config: E2eConfig) -> StreamState:
-    """The state of a stream that has begun, after the newest check in the window."""
+def _advanced(state: ReceiverState, period: Check, config: E2eConfig) -> tuple[StreamState, tuple[Check, ...]]:
+    """The stream and its window after one period's check."""
+    if state.stream is StreamState.NODATA:
+        if period in (Check.ERROR, Check.NO_NEW_DATA):
+            return StreamState.NODATA, ()
+        return StreamState.INIT, (period,)
+    window = (*state.window, period)[-config.window :]
     good = sum(map(window.count, GOOD))
     too_many_errors = window.count(Check.ERROR) > config.max_errors
-    if stream is StreamState.VALID:
-        return StreamState.INVALID if too_many_errors or good == 0 else stream
+    if state.stream is StreamState.VALID:
+        return StreamState.INVALID if too_many_errors or good == 0 else StreamState.VALID, window
     if not too_many_errors and good >= config.min_ok:
-        return StreamState.VALID
-    if stream is StreamState.INIT and too_many_errors:
-        return StreamState.INVALID
-    return stream
+        return StreamState.VALID, window
+    return StreamState.INVALID if too_many_errors else state.stream, window

@@ -4,7 +4,7 @@ It can be compared, pickled, copied, and given to another ECU of the same bundle
 the bit as the first one would have.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
@@ -47,8 +47,8 @@ class EcuState:
     late_in_a_row: int
     missed: int
     health: BusHealth = HEALTHY
-    verifier: VerifierState = VerifierState()
-    freshness: Freshness = Freshness()
+    verifier: VerifierState = field(default_factory=VerifierState)
+    freshness: Freshness = field(default_factory=Freshness)
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int) -> Self:

@@ -1,4 +1,5 @@
 import json
+import os
 
 import pytest
 
@@ -25,7 +26,7 @@ def test_a_power_cycle_is_counted_before_it_is_used(tmp_path, key, monkeypatch):
     def fails(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(freshness_store.os, "fsync", fails)
+    monkeypatch.setattr(os, "fsync", fails)
     with pytest.raises(StillwakeError, match="No space left"):
         FreshnessStore(tmp_path / "node").begin(key)
     monkeypatch.undo()

@@ -27,7 +27,7 @@ def test_settings_and_key_must_agree(key):
     authentication = Authentication(key=key)
     assert key_of(authentication, BusConfig(key="file")) is key
     assert key_of(None, BusConfig()) is None
-    with pytest.raises(ConfigError, match="bus.key = 'file': the node was made without a key"):
+    with pytest.raises(ConfigError, match=r"bus\.key = 'file': the node was made without a key"):
         key_of(None, BusConfig(key="file"))
     for plain in (BusConfig(), BusConfig(frames="classic")):
         with pytest.raises(ConfigError, match="the node was made with a key"):

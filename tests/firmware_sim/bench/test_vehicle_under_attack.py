@@ -97,7 +97,7 @@ def test_commands_of_256_periods_ago_with_the_ecu_silent(drive):
     for _ in range(10):
         # The same counter, and at an equal place in the echo's period the same echo.
         old = replace(drive.recorded[drive.period - 256], timestamp_ns=drive.now_ns)
-        action = drive.drive(lambda old=old: [old], genuine=False)  # type: ignore[misc]
+        action = drive.drive(lambda old=old: [old], genuine=False)
     assert action == (0.0 if drive.authenticated else pytest.approx(TRUE))
 
 
