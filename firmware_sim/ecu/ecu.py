@@ -18,6 +18,8 @@ from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.e2e.sender import protected_frame
+from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
@@ -69,7 +71,7 @@ class _Pressures(NamedTuple):
     """What one period's frames contain.
 
     Attributes:
-        receiver: its state after them.
+        verifier, receiver: their states after them.
         cp: usable pressures, (S,); None without.
         enable_request: of the vehicle; None if no frame came that is to be believed.
         unusable_because: why there are no usable pressures, if there are none.
@@ -77,6 +79,7 @@ class _Pressures(NamedTuple):
         counter: of their frame.
     """
 
+    verifier: VerifierState
     receiver: ReceiverState
     cp: Array | None
     enable_request: bool | None
@@ -109,16 +112,24 @@ class Ecu:
         controller: what runs its `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
         weights: of the cost, in place of the bundle's; its program and digest stay as they are.
+        authentication: with `bus.key`, what the ECU needs of it.
 
     Attributes:
         trace: of the latest step.
 
     Raises:
         BundleError: if the bundle was made for another vehicle or another number of sensors than the bus carries.
+        ConfigError: `bus.key` without `authentication`, or the other way round.
     """
 
     def __init__(
-        self, bundle: Bundle, controller: Controller, config: Config, *, weights: CostWeights | None = None
+        self,
+        bundle: Bundle,
+        controller: Controller,
+        config: Config,
+        *,
+        weights: CostWeights | None = None,
+        authentication: Authentication | None = None,
     ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest
@@ -127,6 +138,7 @@ class Ecu:
         self._weights = None if weights is None else np.array(weights.as_tuple())
         self._config = config
         self._messages = message_set(config.bus)
+        self._key = key_of(authentication, config.bus)
         self._period_ns = config.period_ns
         self._dynamic_pressure = config.operating_point.dynamic_pressure
         self._flow_scale = config.operating_point.flow_rate_scale
@@ -138,6 +150,9 @@ class Ecu:
             horizon=manifest.mpc.horizon,
             delay=config.ecu.delay_steps,
         )
+        if authentication is not None:
+            verifier = authentication.verifier(self._messages.pressure.spec)
+            start = replace(start, verifier=verifier, freshness=authentication.freshness)
         self._sizes = start.memory.sizes
         self.restore(start)
 
@@ -232,6 +247,8 @@ class Ecu:
             overruns=state.overruns + timing.skipped,
             missed=state.missed + (not usable),
             health=health,
+            verifier=received.verifier,
+            freshness=state.freshness.next(),
         )
         to_send, status = self._messages, after.status(self._bundle_hash)
         messages = (
@@ -240,8 +257,16 @@ class Ecu:
         )
         return StepOutcome(
             state=after,
-            # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
-            frames=[protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)) for sender, spec, data in messages],
+            frames=[
+                secured(
+                    # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
+                    protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
+                    spec=spec,
+                    key=self._key,
+                    freshness=state.freshness,
+                )
+                for sender, spec, data in messages
+            ],
             trace=Trace(
                 mode=fail_safe.mode.on_wire,
                 action=action,
@@ -256,8 +281,8 @@ class Ecu:
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but failed their end-to-end check."""
-        return self._state.pressures.frames_rejected
+        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        return self._state.verifier.refused + self._state.pressures.frames_rejected
 
     def _after_silence(self, memory: ControllerMemory, timing: Timing) -> ControllerMemory:
         """The memory with one row for each skipped period; the last command stayed in force meanwhile.
@@ -274,30 +299,35 @@ class Ecu:
     def _receive(self, state: EcuState, frames: Sequence[Frame], now_ns: int) -> _Pressures:
         """The newest trusted pressures, or why there are none that can be used."""
         spec = self._messages.pressure.spec
+        verifier, frames, none_authentic = verified(state.verifier, frames, spec=spec, key=self._key)
         receiver, reception = receive(state.pressures, frames, spec=spec, config=self._config.bus.e2e)
         frame = reception.accepted
-        pressure = None if frame is None else self._messages.pressure.parse(frame.data)
+        pressure = None if frame is None else self._messages.pressure.parse(frame.data[: spec.protected])
         if frame is None or pressure is None or reception.live is None:
             # Control is requested by a stream that is trusted alone; its end is believed of any good frame.
             withdrawn = pressure is not None and not pressure.enable_request
             trusted = reception.stream is not StreamState.INVALID
+            because = Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID
             return _Pressures(
+                verifier=verifier,
                 receiver=receiver,
                 cp=None,
                 enable_request=False if withdrawn else None,
-                unusable_because=Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID,
+                unusable_because=Reason.NOT_AUTHENTIC if none_authentic else because,
             )
         # A frame that waited in a queue, or was late before it was sent, is as old as it is.
         sampled_ns = frame.timestamp_ns - pressure.age_ns
         fresh = 0 <= now_ns - sampled_ns <= self._limits.fresh_age_ns
         if not (fresh and all(pressure.valid)):
             return _Pressures(
+                verifier=verifier,
                 receiver=receiver,
                 cp=None,
                 enable_request=pressure.enable_request,
                 unusable_because=Reason.SENSOR_INVALID if fresh else Reason.STALE,
             )
         return _Pressures(
+            verifier=verifier,
             receiver=receiver,
             cp=np.array(pressure.pressure_pa) / self._dynamic_pressure,
             enable_request=pressure.enable_request,

@@ -4,12 +4,14 @@ It can be compared, pickled, copied, and given to another ECU of the same bundle
 the bit as the first one would have.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.e2e.receiver import Check, ReceiverState
 from can_bridge.e2e.sender import SenderState
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.receiver import VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.state_machine import FailSafe
@@ -31,6 +33,8 @@ class EcuState:
         overruns: whole periods left out.
         missed: steps without usable pressures.
         health: of the CAN controller, as of the latest step.
+        verifier: what authentication refused of the Pressure message, and accepted last.
+        freshness: of the next JetCommand and the next EcuStatus.
     """
 
     memory: ControllerMemory
@@ -44,6 +48,8 @@ class EcuState:
     overruns: int
     missed: int
     health: BusHealth = HEALTHY
+    verifier: VerifierState = field(default_factory=VerifierState)
+    freshness: Freshness = field(default_factory=Freshness)
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int) -> Self:
@@ -70,6 +76,7 @@ class EcuState:
             missed=min(self.missed, COUNT_LIMIT),
             crc_errors=min(self.pressures.count(Check.ERROR), COUNT_LIMIT),
             refused=min(sum(map(self.pressures.count, (Check.REPEATED, Check.WRONG_SEQUENCE))), COUNT_LIMIT),
+            not_authentic=min(self.verifier.refused, COUNT_LIMIT),
             bus_off=min(self.health.bus_off, BUS_OFF_LIMIT),
             tx_errors=min(self.health.tx_errors, ERROR_LIMIT),
             rx_errors=min(self.health.rx_errors, ERROR_LIMIT),

@@ -117,7 +117,9 @@ class FailSafe:
                 too_long = misses > config.hold_periods + config.decay_periods
                 latched = too_long or lost.bit_count() >= config.loss_limit or reason is Reason.STREAM_INVALID
         if not latched and (inputs.usable or not wanted):
-            reason = Reason.NONE
+            # A vehicle none of whose frames is authentic cannot make its wish heard: this alone says why.
+            refused = not inputs.usable and inputs.unusable_because is Reason.NOT_AUTHENTIC
+            reason = Reason.NOT_AUTHENTIC if refused else Reason.NONE
         if latched:
             mode = OperatingMode.FAULT
         elif not wanted:

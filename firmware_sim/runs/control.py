@@ -13,6 +13,8 @@ from firmware_sim.runs.statistics import Flags, planned_steps
 SKIPPED: Final = "SKIPPED"
 """Beside the names of the modes: the ECU was still computing, and left the period out."""
 
+KEYS_DIFFER: Final = "Frames came, but none was authentic: do both nodes have the same key (bus.key)?"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
@@ -84,6 +86,11 @@ def trouble(log: RunLog) -> str | None:
     found = control(log)
     if found.held:
         return None
+    refused = bool((log.series["reason"][log.enabled_at :] == Reason.NOT_AUTHENTIC).any())
+    return f"{_not_held(log, found)} {KEYS_DIFFER}" if refused else _not_held(log, found)
+
+
+def _not_held(log: RunLog, found: Control) -> str:
     if found.fault is not None:
         return (
             f"ECU FAULT: {found.fault.reason} at t = {found.fault.t:.1f} t_c, {_periods(found.fault.after_enable)} "

@@ -94,6 +94,7 @@ def _counters(log: RunLog) -> dict[str, int]:
         "overruns": status.overruns,
         "missed": status.missed,
         "crc_errors": status.crc_errors,
+        "not_authentic": status.not_authentic,
         "bus_off": status.bus_off,
         "frames_lost": log.bus.lost,
         "frames_rejected": log.bus.rejected,

@@ -65,6 +65,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("frames rejected end to end", str(log.bus.rejected)),
         ("steps without usable pressures (the first frame is always one)", str(run.status.missed)),
         ("CRC errors / bus-off", f"{run.status.crc_errors} / {run.status.bus_off}"),
+        *_authentication(run),
     ]
 
 
@@ -104,6 +105,10 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
         ("periods in control / requested", f"{found.in_control} / {found.requested}{filling}"),
         ("periods by mode while requested", ", ".join(f"{name} {count}" for name, count in found.modes.items())),
     ]
+
+
+def _authentication(run: RunMetadata) -> list[tuple[str, str]]:
+    return [("pressure frames refused as not authentic", str(run.status.not_authentic))] if run.config.bus.key else []
 
 
 def _weights(run: RunMetadata) -> str:

@@ -140,7 +140,8 @@ def test_the_summary_holds_fault_counters_modes_settings_and_origin(shedding):
     assert (found["fault"]["t"], found["fault"]["period"]) == (pytest.approx(12.4), 62)
     assert found["modes"] == {"CONTROL": 2, "FAULT": 98}
     assert found["counters"] == {
-        "overruns": 1, "missed": 2, "crc_errors": 3, "bus_off": 4, "frames_lost": 1, "frames_rejected": 2,
+        "overruns": 1, "missed": 2, "crc_errors": 3, "not_authentic": 0, "bus_off": 4, "frames_lost": 1,
+            "frames_rejected": 2,
     }  # fmt: skip
     assert found["reduction_percent"] is None
     assert found["Cd_controlled"] == pytest.approx(0.88)

@@ -1,0 +1,197 @@
+"""What damage each message's protection lets pass: flipped bits, and random bytes in place of a frame.
+
+Everything runs through the functions that the nodes use. For a secured message the judge is the MAC; E2E comes behind
+it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+from typing import Any, Final
+
+import numpy as np
+
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.receiver import E2eReceiver
+from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.key import KEY_LENGTH, Key
+from can_bridge.secoc.node import secured
+from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import verify
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS, MessageSpec
+from contract.config.vehicle import E2eConfig
+
+CHUNK: Final = 10_000
+"""Frames between two reports of progress."""
+EVERY: Final = 5
+"""In a genuine stream, one frame of so many is replaced by random bytes: the default window bears that."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """How many frames of each message.
+
+    Attributes:
+        three_bit: sampled errors of three bits; all of them where there are no more.
+        random: random payloads, for the check of one frame and for the state machine.
+        among_genuine: random payloads that each replace a frame of a genuine stream.
+    """
+
+    three_bit: int = 1_000_000
+    random: int = 1_000_000
+    among_genuine: int = 100_000
+
+    def three_bit_of(self, spec: MessageSpec) -> int:
+        """Of one message."""
+        return min(self.three_bit, comb(8 * spec.length, 3))
+
+    def frames(self, spec: MessageSpec) -> int:
+        """Frames looked at, of one message."""
+        bits = 8 * spec.length
+        return bits + comb(bits, 2) + self.three_bit_of(spec) + 2 * self.random + EVERY * self.among_genuine
+
+
+def measure(
+    plan: Plan | None = None, *, seed: int = 0, progress: Progress = lambda done, total: None
+) -> dict[str, Any]:
+    """Damage every message of the three sets.
+
+    Returns:
+        `flips_accepted`, of all messages and all flips; `random_accepted_per_million` by message; and by message the
+        counts behind them, with the rate that the code's length alone gives.
+    """
+    plan = Plan() if plan is None else plan
+    total = sum(plan.frames(spec) for spec in SPECS)
+    counted = _Counter(total, progress)
+    messages = {
+        spec.name: _measure(spec, plan, np.random.default_rng([seed, spec.frame_id]), counted) for spec in SPECS
+    }
+    counted.finish()
+    return {
+        "flips_accepted": sum(
+            found[f"{count}_bit"]["accepted"] for found in messages.values() for count in ("one", "two", "three")
+        ),
+        "random_accepted_per_million": {name: found["random_per_million"] for name, found in messages.items()},
+        "messages": messages,
+    }
+
+
+class _Counter:
+    """Reports progress while frames go by."""
+
+    def __init__(self, total: int, progress: Progress) -> None:
+        self._done, self._total, self._progress = 0, total, progress
+
+    def over(self, items: Iterable[bytes]) -> Iterator[bytes]:
+        for item in items:
+            self._done += 1
+            if self._done % CHUNK == 0:
+                self._progress(self._done, self._total)
+            yield item
+
+    def finish(self) -> None:
+        self._progress(self._done, self._total)
+
+
+def _measure(spec: MessageSpec, plan: Plan, rng: np.random.Generator, counted: _Counter) -> dict[str, Any]:
+    key = Key(rng.bytes(KEY_LENGTH)) if spec.is_secured else None
+    passes = _check_of(spec, key)
+    # Any content will do: the codes are linear, and a MAC knows no better or worse ones.
+    sound = _genuine(spec, key, 0, rng.bytes(spec.protected)).data
+    if not passes(sound):
+        raise ValueError(f"{spec.name}: the frame to be damaged is not sound")
+
+    def accepted(payloads: Iterable[bytes]) -> int:
+        return sum(map(passes, counted.over(payloads)))
+
+    bits, three = 8 * spec.length, plan.three_bit_of(spec)
+    every = comb(bits, 3) == three
+    choices: Iterable[tuple[int, ...]] = combinations(range(bits), 3) if every else _triples(rng, bits, three)
+    live = sum(map(_live_alone(spec, key), counted.over(_random(rng, spec, plan.random))))
+    taken = accepted(_random(rng, spec, plan.random))
+    return {
+        "bytes": spec.length,
+        "one_bit": {"tried": bits, "accepted": accepted(_flipped(sound, combinations(range(bits), 1)))},
+        "two_bit": {"tried": comb(bits, 2), "accepted": accepted(_flipped(sound, combinations(range(bits), 2)))},
+        "three_bit": {"tried": three, "exhaustive": every, "accepted": accepted(_flipped(sound, choices))},
+        "random": {"tried": plan.random, "accepted": taken, "live": live},
+        "random_among_genuine": _among_genuine(spec, key, plan, rng, counted),
+        "random_per_million": 1e6 * taken / max(plan.random, 1),
+        "expected_random_per_million": 1e6 * 2.0 ** -_code_bits(spec),
+    }
+
+
+def _code_bits(spec: MessageSpec) -> int:
+    return 64 if spec.is_secured else {2: 8, 5: 16}[spec.profile]
+
+
+def _check_of(spec: MessageSpec, key: Key | None) -> Callable[[bytes], bool]:
+    """Whether one frame's data passes, by itself."""
+    if key is not None:
+        return lambda data: verify(data, spec, key) is not None
+    check = profile_of(spec).check
+    return lambda data: check(data, data_id=spec.data_id)
+
+
+def _genuine(spec: MessageSpec, key: Key | None, number: int, content: bytes) -> Frame:
+    counter = SenderState(counter=number % profile_of(spec).counter_period)
+    frame = protected_frame(counter, content, spec=spec, now_ns=0)
+    return secured(frame, spec=spec, key=key, freshness=Freshness(count=number))
+
+
+def _flipped(sound: bytes, choices: Iterable[tuple[int, ...]]) -> Iterator[bytes]:
+    word, masks = int.from_bytes(sound, "big"), [1 << bit for bit in range(8 * len(sound))]
+    for choice in choices:
+        damaged = word
+        for bit in choice:
+            damaged ^= masks[bit]
+        yield damaged.to_bytes(len(sound), "big")
+
+
+def _triples(rng: np.random.Generator, bits: int, count: int) -> Iterator[tuple[int, ...]]:
+    """Three different bits each, uniformly."""
+    while count > 0:
+        drawn = rng.integers(bits, size=(min(count, CHUNK), 3))
+        a, b, c = drawn.T
+        different = drawn[(a != b) & (b != c) & (a != c)].tolist()
+        count -= len(different)
+        yield from map(tuple, different)
+
+
+def _random(rng: np.random.Generator, spec: MessageSpec, count: int) -> Iterator[bytes]:
+    for start in range(0, count, CHUNK):
+        block = rng.bytes(spec.length * min(CHUNK, count - start))
+        for at in range(0, len(block), spec.length):
+            yield block[at : at + spec.length]
+
+
+def _live_alone(spec: MessageSpec, key: Key | None) -> Callable[[bytes], bool]:
+    """Whether a payload is taken as live by a receiver that hears nothing else; it remembers."""
+    receiver, state = E2eReceiver(spec, E2eConfig()), VerifierState()
+
+    def is_live(data: bytes) -> bool:
+        nonlocal state
+        frame = Frame(frame_id=spec.frame_id, data=data, is_fd=spec.is_fd)
+        state, frames, _ = verified(state, [frame], spec=spec, key=key)
+        return receiver.tick(frames).live is not None
+
+    return is_live
+
+
+def _among_genuine(
+    spec: MessageSpec, key: Key | None, plan: Plan, rng: np.random.Generator, counted: _Counter
+) -> dict[str, int]:
+    """A genuine stream with random payloads in place of every fifth frame: how many of either are taken as live."""
+    is_live, content = _live_alone(spec, key), bytes(spec.protected)
+    live = {"random": 0, "genuine": 0}
+    payloads = _random(rng, spec, plan.among_genuine)
+    for number in range(EVERY * plan.among_genuine):
+        kind = "random" if number % EVERY == EVERY - 1 else "genuine"
+        data = next(payloads) if kind == "random" else _genuine(spec, key, number, content).data
+        live[kind] += sum(map(is_live, counted.over([data])))
+    return {"tried": plan.among_genuine, "live": live["random"], "genuine_live": live["genuine"]}

@@ -1,0 +1,283 @@
+"""The receiver's state machine, arrow by arrow (AUTOSAR PRS_E2EProtocol, "E2E state machine").
+
+O is an OK check, L an OK with some lost, R a repeated one, W a wrong sequence, E an error, - a period without a frame.
+"""
+
+from typing import Final
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.e2e import profile2, profile5
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.receiver import Check, E2eReceiver, ReceiverState, StreamState, receive
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED, MessageSpec
+from contract.config.vehicle import BusConfig, E2eConfig
+from contract.errors import ConfigError
+
+CONFIG: Final = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
+LETTERS: Final = {
+    "O": Check.OK,
+    "L": Check.OK_SOME_LOST,
+    "R": Check.REPEATED,
+    "W": Check.WRONG_SEQUENCE,
+    "E": Check.ERROR,
+    "-": Check.NO_NEW_DATA,
+}
+STEPS: Final = {"O": 1, "L": 2, "R": 0, "W": 100}
+NODATA, INIT, VALID, INVALID = StreamState
+
+
+def frame(counter: int, spec: MessageSpec = PRESSURE, *, good=True) -> Frame:
+    profile = profile_of(spec)
+    data = profile.protect(bytes(spec.protected), data_id=spec.data_id, counter=counter % profile.counter_period)
+    if not good:
+        data = data[:-1] + bytes([data[-1] ^ 1])
+    return Frame(frame_id=spec.frame_id, data=data.ljust(spec.length, b"\0"), is_fd=spec.is_fd)
+
+
+def frames_for(letters: str, last: int) -> list[Frame]:
+    """One period's frames with these checks, after a frame with the counter `last`."""
+    made = []
+    for letter in letters:
+        if letter == "E":
+            made.append(frame(last + 1, good=False))
+        elif letter != "-":
+            last += STEPS[letter]
+            made.append(frame(last))
+    return made
+
+
+def at(stream: StreamState, window: str) -> ReceiverState:
+    checks = tuple(LETTERS[letter] for letter in window)
+    return ReceiverState(stream=stream, last_counter=None if stream is NODATA else 9, window=checks)
+
+
+@pytest.mark.parametrize(
+    ("stream", "window", "period", "then", "window_then"),
+    [
+        # NODATA: nothing that came was sound. Only a sound frame ends it, and the window begins with it.
+        (NODATA, "", "-", NODATA, ""),
+        (NODATA, "", "E", NODATA, ""),
+        (NODATA, "", "O", INIT, "O"),
+        # INIT, the arrow to VALID: enough good ones, and not too many errors.
+        (INIT, "O", "O", VALID, "OO"),
+        (INIT, "O", "L", VALID, "OL"),
+        (INIT, "OEE", "O", VALID, "OEEO"),
+        (INIT, "O---", "O", VALID, "O---O"),
+        # INIT, the loop: too few good ones, and not too many errors.
+        (INIT, "O", "-", INIT, "O-"),
+        (INIT, "O", "R", INIT, "OR"),
+        (INIT, "O", "W", INIT, "OW"),
+        (INIT, "O", "E", INIT, "OE"),
+        (INIT, "OE", "E", INIT, "OEE"),
+        (INIT, "O----", "O", INIT, "----O"),
+        (INIT, "-----", "-", INIT, "-----"),
+        # INIT, the arrow to INVALID: too many errors, however many good ones.
+        (INIT, "OEE", "E", INVALID, "OEEE"),
+        (INIT, "EE", "E", INVALID, "EEE"),
+        (INIT, "OEE-", "E", INVALID, "OEE-E"),
+        # VALID, the loop: a good one is left, and not too many errors.
+        (VALID, "OO", "O", VALID, "OOO"),
+        (VALID, "OOOOO", "L", VALID, "OOOOL"),
+        (VALID, "OOOOO", "-", VALID, "OOOO-"),
+        (VALID, "OOOOO", "R", VALID, "OOOOR"),
+        (VALID, "OOOOO", "W", VALID, "OOOOW"),
+        (VALID, "OOOOO", "E", VALID, "OOOOE"),
+        (VALID, "OOOOE", "E", VALID, "OOOEE"),
+        (VALID, "OO---", "-", VALID, "O----"),
+        (VALID, "EEOOO", "E", VALID, "EOOOE"),
+        # VALID, the arrow to INVALID: no good one left, or too many errors.
+        (VALID, "O----", "-", INVALID, "-----"),
+        (VALID, "L----", "R", INVALID, "----R"),
+        (VALID, "O----", "W", INVALID, "----W"),
+        (VALID, "O----", "E", INVALID, "----E"),
+        (VALID, "OOOEE", "E", INVALID, "OOEEE"),
+        # INVALID, the arrow to VALID.
+        (INVALID, "----O", "O", VALID, "---OO"),
+        (INVALID, "----L", "L", VALID, "---LL"),
+        (INVALID, "EEEOO", "O", VALID, "EEOOO"),
+        # INVALID, the loop: too few good ones, or too many errors, or both. It does not lead back to INIT or NODATA.
+        (INVALID, "-----", "O", INVALID, "----O"),
+        (INVALID, "-----", "-", INVALID, "-----"),
+        (INVALID, "-----", "R", INVALID, "----R"),
+        (INVALID, "-----", "W", INVALID, "----W"),
+        (INVALID, "-----", "E", INVALID, "----E"),
+        (INVALID, "OEEEO", "E", INVALID, "EEEOE"),
+        (INVALID, "OEEEO", "O", INVALID, "EEEOO"),
+        (INVALID, "EEEEE", "E", INVALID, "EEEEE"),
+    ],
+)
+def test_every_arrow(stream, window, period, then, window_then):
+    state, reception = receive(at(stream, window), frames_for(period, 9), spec=PRESSURE, config=CONFIG)
+    assert [check for check in reception.checks] == [LETTERS[period]]
+    assert (state.stream, reception.stream) == (then, then)
+    assert state.window == at(then, window_then).window
+
+
+class AutosarMachine:
+    """The standard's own terms: a ring of states, and counts over it; the first check is added when INIT begins."""
+
+    def __init__(self, size: int, min_ok: int, max_error: int) -> None:
+        self.ring, self.top = ["NOTAVAILABLE"] * size, 0
+        self.min_ok = {"INIT": min_ok, "VALID": 1, "INVALID": min_ok}
+        self.max_error = max_error
+        self.state = "NODATA"
+
+    def check(self, status: str) -> str:
+        if self.state == "NODATA":
+            if status not in ("ERROR", "NONEWDATA"):
+                self.state = "INIT"
+                self._add(status)
+            return self.state
+        self._add(status)
+        oks, errors = self.ring.count("OK"), self.ring.count("ERROR")
+        if errors <= self.max_error and oks >= self.min_ok[self.state]:
+            self.state = "VALID"
+        elif self.state == "VALID" or errors > self.max_error:
+            self.state = "INVALID"
+        return self.state
+
+    def _add(self, status: str) -> None:
+        self.ring[self.top] = status
+        self.top = (self.top + 1) % len(self.ring)
+
+
+GENERIC: Final = {"O": "OK", "L": "OK", "R": "REPEATED", "W": "WRONGSEQUENCE", "E": "ERROR", "-": "NONEWDATA"}
+"""How the standard maps a profile's checks to the machine's (E2E_P05MapStatusToSM)."""
+
+
+@given(
+    letters=st.text("OOOLRWE-", max_size=60),
+    sizes=st.integers(1, 8).flatmap(
+        lambda window: st.tuples(st.just(window), st.integers(1, window), st.integers(0, window - 1))
+    ),
+)
+def test_any_story_is_the_standards(letters, sizes):
+    window, min_ok, max_errors = sizes
+    made = E2eReceiver(PRESSURE, E2eConfig(window=window, min_ok=min_ok, max_errors=max_errors))
+    standard = AutosarMachine(window, min_ok, max_errors)
+    for letter in letters:
+        last = made.state.last_counter
+        if last is None and letter in "LRW":
+            letter = "O"  # the first frame has nothing to be compared with
+        reception = made.tick(frames_for(letter, 255 if last is None else last))
+        assert reception.checks == (LETTERS[letter],)
+        assert made.state.stream.name == standard.check(GENERIC[letter])
+
+
+@pytest.mark.parametrize(
+    ("letters", "counts_as"),
+    [
+        ("OE", "E"),
+        ("EO", "E"),
+        ("OEO", "E"),
+        ("EEO", "E"),
+        ("RE", "E"),
+        ("WE", "E"),
+        ("OR", "O"),
+        ("OO", "O"),
+        ("LO", "O"),
+        ("LR", "L"),
+        ("WO", "O"),
+        ("OW", "O"),
+        ("RR", "R"),
+        ("RW", "W"),
+        ("WR", "W"),
+    ],
+)
+def test_a_period_is_one_check(letters, counts_as):
+    """An error counts whatever else came; a good one otherwise; in any order."""
+    state, reception = receive(at(VALID, "OOO"), frames_for(letters, 9), spec=PRESSURE, config=CONFIG)
+    assert len(reception.checks) == len(letters)
+    assert state.window == (*at(VALID, "OOO").window, LETTERS[counts_as])
+    # Each frame is counted all the same.
+    assert sum(state.counts) == len(letters)
+
+
+@pytest.mark.parametrize("bad", [1, 2, 5])
+def test_order_within_a_period_decides_nothing(bad):
+    """Corrupt frames before, behind or around the good one of each period end the stream in the third period."""
+    stories = []
+    for ahead in range(bad + 1):
+        made = E2eReceiver(PRESSURE, CONFIG)
+        for counter in range(5):
+            made.tick([frame(counter)])
+        states = []
+        for counter in range(5, 12):
+            period = [frame(counter, good=False)] * ahead + [frame(counter)]
+            period += [frame(counter, good=False)] * (bad - ahead)
+            reception = made.tick(period)
+            assert (reception.live is None) == (reception.stream is not VALID)
+            states.append(reception.stream)
+        stories.append(states)
+    assert stories == [[VALID, VALID, *[INVALID] * 5]] * (bad + 1)
+
+
+def test_frames_of_a_period_do_not_fill_the_window():
+    """A burst of good frames stands for one period: it neither makes a stream valid nor washes errors out."""
+    made = E2eReceiver(PRESSURE, CONFIG)
+    assert made.tick([frame(counter) for counter in range(10)]).stream is INIT
+    assert made.tick([frame(counter) for counter in range(10, 20)]).stream is VALID
+    for _ in range(3):
+        made.tick([frame(0, good=False)])
+    assert made.tick([frame(counter) for counter in range(20, 40)]).stream is INVALID
+
+
+@pytest.mark.parametrize("max_delta", [1, 4, 7])
+@pytest.mark.parametrize("last", range(16))
+def test_every_step_of_the_four_bit_counter_gets_its_check(last, max_delta):
+    config = E2eConfig(max_delta=max_delta)
+    for step in range(16):
+        made = E2eReceiver(PRESSURE_CLASSIC, config)
+        made.tick([frame(last, PRESSURE_CLASSIC)])
+        expected = Check.OK_SOME_LOST if step <= max_delta else Check.WRONG_SEQUENCE
+        expected = {0: Check.REPEATED, 1: Check.OK}.get(step, expected)
+        assert made.tick([frame(last + step, PRESSURE_CLASSIC)]).checks == (expected,)
+
+
+def test_a_step_of_more_than_half_the_four_bit_counter_cannot_be_allowed():
+    assert BusConfig(frames="classic", e2e=E2eConfig(max_delta=7)).e2e.max_delta == 7
+    with pytest.raises(ConfigError, match=r"bus\.e2e\.max_delta.*1\.\.7"):
+        BusConfig(frames="classic", e2e=E2eConfig(max_delta=8))
+
+
+@pytest.mark.parametrize("spec", [PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED], ids=lambda spec: spec.name)
+def test_restarted_sender_is_followed_from_its_second_frame(spec):
+    made = E2eReceiver(spec, CONFIG)
+    for counter in range(9):
+        made.tick([frame(counter, spec)])
+    first, second = made.tick([frame(0, spec)]), made.tick([frame(1, spec)])
+    assert (first.checks, first.stream, first.live) == ((Check.WRONG_SEQUENCE,), VALID, None)
+    assert (second.checks, second.live) == ((Check.OK,), frame(1, spec))
+
+
+def test_sender_that_restarts_every_second_frame_is_never_live():
+    made = E2eReceiver(PRESSURE, CONFIG)
+    for counter in range(9):
+        made.tick([frame(counter)])
+    receptions = [made.tick([frame(100 * number)]) for number in range(20)]
+    assert all(reception.live is None for reception in receptions)
+    assert receptions[-1].stream is INVALID
+
+
+def test_extended_identifier_of_the_same_number_is_another_message():
+    other = Frame(frame_id=PRESSURE.frame_id, data=frame(0).data, is_extended=True)
+    assert E2eReceiver(PRESSURE, CONFIG).tick([other]).checks == (Check.NO_NEW_DATA,)
+
+
+def test_secured_message_is_checked_up_to_its_authentication():
+    """In full length only; what stands behind the protected part is not E2E's."""
+    sound = frame(3, PRESSURE_SECURED)
+    made = E2eReceiver(PRESSURE_SECURED, CONFIG)
+    cut = Frame(frame_id=sound.frame_id, data=sound.data[: PRESSURE_SECURED.protected])
+    assert made.tick([cut]).checks == (Check.ERROR,)
+    behind = Frame(frame_id=sound.frame_id, data=sound.data[:16] + b"\xff" * 16)
+    assert made.tick([behind]).accepted == behind
+
+
+def test_profiles_agree_with_the_headers_they_state():
+    for spec, module in ((PRESSURE, profile5), (PRESSURE_CLASSIC, profile2)):
+        assert profile_of(spec).counter_period == module.COUNTER_PERIOD == 1 << (8 if spec is PRESSURE else 4)

@@ -1,0 +1,118 @@
+import json
+import os
+
+import pytest
+
+from can_bridge.secoc import freshness_store
+from can_bridge.secoc.freshness import LARGEST_HALF, Freshness
+from can_bridge.secoc.freshness_store import FreshnessStore, is_due
+from can_bridge.secoc.receiver import verified
+from can_bridge.wire.message_specs import PRESSURE_SECURED
+from contract.errors import BusError, StillwakeError
+
+SPEC = PRESSURE_SECURED
+
+
+def test_every_start_is_another_power_cycle(tmp_path, key):
+    trips = [FreshnessStore(tmp_path / "node").begin(key).trip for _ in range(4)]
+    assert trips == [1, 2, 3, 4]
+    assert [path.name for path in tmp_path.iterdir()] == ["node"]
+
+
+def test_a_power_cycle_is_counted_before_it_is_used(tmp_path, key, monkeypatch):
+    """When the count cannot be written, there is no authentication with which to send."""
+    FreshnessStore(tmp_path / "node").begin(key)
+
+    def fails(*arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fails)
+    with pytest.raises(StillwakeError, match="No space left"):
+        FreshnessStore(tmp_path / "node").begin(key)
+    monkeypatch.undo()
+    assert json.loads((tmp_path / "node").read_text())["trip"] == 1
+
+
+def test_what_was_accepted_is_refused_after_a_restart(tmp_path, key, genuine):
+    store = FreshnessStore(tmp_path / "ecu", every=50)
+    state = store.begin(key).verifier(SPEC)
+    recorded = [genuine(SPEC, trip=3, count=count) for count in range(120)]
+    for frame in recorded:
+        state = verified(state, [frame], spec=SPEC, key=key).state
+        store.accepted(SPEC.frame_id, state.freshness)
+    older = genuine(SPEC, trip=2, count=10**6)
+
+    again = FreshnessStore(tmp_path / "ecu").begin(key)
+    state = again.verifier(SPEC)
+    assert (again.trip, again.freshness) == (2, Freshness(trip=2))
+    replayed = verified(state, [older, *recorded], spec=SPEC, key=key)
+    # What stays open: the frames since the last write, fewer than 50.
+    passed = [frame.timestamp_ns for frame in replayed.frames]
+    assert passed == list(range(101, 120))
+    # After the first genuine frame nothing recorded passes.
+    state = verified(state, [genuine(SPEC, trip=3, count=120)], spec=SPEC, key=key).state
+    assert not verified(state, [older, *recorded], spec=SPEC, key=key).frames
+
+
+def test_another_power_cycle_of_the_sender_is_kept_at_once(tmp_path, key, genuine):
+    store = FreshnessStore(tmp_path / "ecu", every=10**6)
+    store.begin(key)
+    store.accepted(SPEC.frame_id, Freshness(trip=8).value)
+    state = FreshnessStore(tmp_path / "ecu").begin(key).verifier(SPEC)
+    assert not verified(state, [genuine(SPEC, trip=7, count=LARGEST_HALF)], spec=SPEC, key=key).frames
+    assert verified(state, [genuine(SPEC, trip=8, count=1)], spec=SPEC, key=key).frames
+
+
+@pytest.mark.parametrize(
+    ("kept", "now", "due"),
+    [
+        (0, 1 << 32, True),
+        (1 << 32, (1 << 32) + 49, False),
+        (1 << 32, (1 << 32) + 50, True),
+        ((2 << 32) - 1, 2 << 32, True),
+    ],
+)
+def test_a_value_is_kept_every_so_many_frames(kept, now, due):
+    assert is_due(kept, now, 50) is due
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "null",
+        "[]",
+        "{}",
+        '{"schema": "stillwake-freshness/2", "trip": 1, "heard": {}}',
+        '{"schema": "stillwake-freshness/1", "trip": -1, "heard": {}}',
+        '{"schema": "stillwake-freshness/1", "trip": true, "heard": {}}',
+        '{"schema": "stillwake-freshness/1", "trip": 1.5, "heard": {}}',
+        '{"schema": "stillwake-freshness/1", "trip": 1, "heard": []}',
+        '{"schema": "stillwake-freshness/1", "trip": 1, "heard": {"x": 1}}',
+        '{"schema": "stillwake-freshness/1", "trip": 1, "heard": {"290": 18446744073709551616}}',
+        "[" * 100_000,
+        "\udcff",
+    ],
+)
+def test_a_damaged_file_is_refused_and_kept(tmp_path, key, content):
+    """Counting from 1 again in silence would use values twice."""
+    path = tmp_path / "node"
+    path.write_text(content, errors="surrogateescape")
+    with pytest.raises(BusError, match="not a freshness file"):
+        FreshnessStore(path).begin(key)
+    assert path.read_bytes() == content.encode(errors="surrogateescape")
+
+
+def test_power_cycles_end(tmp_path, key):
+    path = tmp_path / "node"
+    path.write_text(json.dumps({"schema": freshness_store.SCHEMA, "trip": LARGEST_HALF, "heard": {}}))
+    with pytest.raises(BusError, match="begin anew with another key"):
+        FreshnessStore(path).begin(key)
+
+
+def test_a_place_that_cannot_be_written_is_one_line(tmp_path, key):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StillwakeError, match="file"):
+        FreshnessStore(tmp_path / "file" / "node").begin(key)
+    with pytest.raises(ValueError, match="every 0"):
+        FreshnessStore(tmp_path / "node", every=0)

@@ -1,0 +1,133 @@
+import copy
+import os
+import pickle
+import stat
+
+import pytest
+
+from can_bridge.secoc.key import Key, read_key, write_key
+from contract.errors import KeyFileError
+
+SECRET = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
+"""Of RFC 4493's examples."""
+MESSAGE = bytes.fromhex(
+    "6bc1bee22e409f96e93d7e117393172aae2d8a571e03ac9c9eb76fac45af8e5130c81c46a35ce411e5fbc1191a0a52eff69f2445df4f9b17"
+    "ad2b417be66c3710"
+)
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [
+        (0, "bb1d6929e95937287fa37d129b756746"),
+        (16, "070a16b46b4d4144f79bdd9dd04a287c"),
+        (40, "dfa66747de9ae63030ca32611497c827"),
+        (64, "51f0bebf7e3b9d92fc49741779363cfe"),
+    ],
+)
+def test_published_answers(length, expected):
+    """RFC 4493, section 4, examples 1 to 4; twice, since the prepared key must not change with use."""
+    key = Key(SECRET)
+    for _ in range(2):
+        assert key.cmac(MESSAGE[:length]).hex() == expected
+
+
+def written(path, content: bytes, mode: int = 0o600):
+    path.write_bytes(content)
+    path.chmod(mode)
+    return path
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        SECRET,
+        SECRET.hex().encode(),
+        SECRET.hex().encode() + b"\n",
+        SECRET.hex().encode() + b"\r\n",
+        SECRET.hex().upper().encode(),
+    ],
+    ids=["raw", "digits", "line", "line of another system", "upper case"],
+)
+def test_every_form_of_a_key_file_is_read(tmp_path, content):
+    key = read_key(written(tmp_path / "key", content))
+    assert key.cmac(b"") == Key(SECRET).cmac(b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "culprit"),
+    [
+        (b"", "not a key"),
+        (SECRET[:-1], "not a key"),
+        (SECRET + b"\n", "not a key"),
+        (SECRET.hex().encode()[:-1], "not a key"),
+        (SECRET.hex().encode() + b"\n\n", "not a key"),
+        (SECRET.hex().encode() + b"0", "not a key"),
+        (b" " + SECRET.hex().encode(), "not a key"),
+        (SECRET.hex().encode()[:-2] + b"0x", "not a key"),
+        (b"2b 7e 15 16 28 ae d2 a6 abf7158809", "not a key"),
+        (b"\xff" * 32, "not a key"),
+        (bytes(16), "a key of zeros"),
+        (b"0" * 32, "a key of zeros"),
+        (SECRET * 4, "not a key"),
+    ],
+)
+def test_what_is_no_key_is_refused_without_showing_it(tmp_path, content, culprit):
+    with pytest.raises(KeyFileError, match=culprit) as caught:
+        read_key(written(tmp_path / "key", content))
+    text = repr(caught.value) + str(caught.value)
+    assert str(tmp_path / "key") in text
+    assert SECRET.hex()[:8] not in text
+    assert caught.value.__cause__ is None
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o660, 0o610])
+def test_a_key_that_others_have_access_to_is_refused(tmp_path, mode):
+    with pytest.raises(KeyFileError, match="chmod 600"):
+        read_key(written(tmp_path / "key", SECRET, mode))
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, culprit in (
+        (tmp_path / "none", "No such file"),
+        (tmp_path, "directory"),
+        (tmp_path / "pipe", "must be a regular file"),
+    ):
+        with pytest.raises(KeyFileError, match=culprit):
+            read_key(path)
+
+
+def test_written_key_is_its_owners_and_is_read_again(tmp_path):
+    path = tmp_path / "new.key"
+    mask = os.umask(0)
+    try:
+        write_key(path, SECRET)
+    finally:
+        os.umask(mask)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert read_key(path).cmac(b"") == Key(SECRET).cmac(b"")
+
+
+def test_a_key_is_never_overwritten(tmp_path):
+    path = written(tmp_path / "key", b"old")
+    for place, culprit in ((path, "exists already"), (tmp_path / "no" / "folder", "cannot write")):
+        with pytest.raises(KeyFileError, match=culprit):
+            write_key(place, SECRET)
+    assert path.read_bytes() == b"old"
+
+
+def test_a_key_shows_itself_nowhere():
+    key = Key(SECRET)
+    for text in (repr(key), str(key), repr(vars(key))):
+        assert SECRET.hex() not in text
+        assert repr(SECRET)[2:-1] not in text
+    for leak in (pickle.dumps, copy.deepcopy):
+        with pytest.raises(TypeError):
+            leak(key)
+
+
+@pytest.mark.parametrize("secret", [b"", bytes(15), bytes(17), bytes(16)])
+def test_what_is_no_key_makes_none(secret):
+    with pytest.raises(ValueError, match="a key of"):
+        Key(secret)
