@@ -68,9 +68,7 @@ class FaultConfinement:
     @property
     def health(self) -> BusHealth:
         """As the node's software reads it."""
-        return BusHealth(
-            state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off
-        )
+        return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
         """Rule 1."""
@@ -121,9 +119,7 @@ class FaultConfinement:
     def _transmitted(self, errors: int) -> "FaultConfinement":
         counted = self.tx_errors + errors
         goes_off = counted >= OFF_FROM and not self.is_off
-        return replace(
-            self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off
-        )
+        return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
 
     def _received(self, errors: int) -> "FaultConfinement":
         return replace(self, rx_errors=min(self.rx_errors + errors, _RECEIVE_LIMIT))
