@@ -146,7 +146,7 @@ def test_a_full_queue_refuses_and_counts(bench):
     one, two = bench.bus.port("pressure node", transmit_capacity=3), bench.bus.port()
     for value in range(3):
         one.send(frame(0x100 + value))
-    with pytest.raises(BusError, match="pressure node has 3 frames waiting .* frame 0x10f was not sent"):
+    with pytest.raises(BusError, match=r"pressure node has 3 frames waiting .* frame 0x10f was not sent"):
         one.send(frame(0x10F))
     assert one.refused == 1
     bench.bus.advance_to(10**7)
