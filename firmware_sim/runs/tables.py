@@ -60,12 +60,13 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("the same against the budget", _against_budget(timing, run.budget_ms)),
         ("sample to jets in virtual time, max", _sample_to_jets(log)),
         ("actuator's delay / compensated by the ECU", _delays(run)),
-        ("frames sent", str(log.bus.sent)),
-        ("frames lost on the bus", str(log.bus.lost)),
-        ("frames rejected end to end", str(log.bus.rejected)),
+        ("pressure frames and commands sent", str(log.bus.sent)),
+        ("of these lost on the bus", str(log.bus.lost)),
+        ("of these rejected end to end", str(log.bus.rejected)),
         ("steps without usable pressures (the first frame is always one)", str(run.status.missed)),
-        ("CRC errors / bus-off", f"{run.status.crc_errors} / {run.status.bus_off}"),
+        ("CRC errors", str(run.status.crc_errors)),
         *_authentication(run),
+        *_bus_rows(log),
     ]
 
 
@@ -109,6 +110,22 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
 
 def _authentication(run: RunMetadata) -> list[tuple[str, str]]:
     return [("pressure frames refused as not authentic", str(run.status.not_authentic))] if run.config.bus.key else []
+
+
+def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
+    traffic = log.traffic
+    waits = ", ".join(f"{name} {wait:.3f} ms" for name, wait in traffic.longest_wait_ms.items())
+    errors = [
+        f"{name} {node.state.lower().replace('_', '-')} {node.tx_errors} / {node.rx_errors} / {node.bus_off}"
+        for name, node in traffic.nodes.items()
+    ]
+    return [
+        ("bus load, all nodes", f"{100 * traffic.load:.1f} %"),
+        ("frames on the bus, all nodes / error frames", f"{traffic.frames} / {traffic.error_frames}"),
+        ("longest wait for the bus", waits or "nothing was sent"),
+        ("CAN controllers: state, TEC / REC / times bus-off", ", ".join(errors)),
+        ("frames that the bus did not take", str(sum(node.refused for node in traffic.nodes.values()))),
+    ]
 
 
 def _weights(run: RunMetadata) -> str:
