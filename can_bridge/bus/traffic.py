@@ -30,7 +30,7 @@ _IDS: Final = range(0x010, 0x700)
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A message that a node sends again and again; it has to be on the bus before the next one is due.
+    """A message that a node sends again and again.
 
     Attributes:
         frame_id: of 11 bits, or 29 if it is extended.
@@ -38,6 +38,7 @@ class PeriodicMessage:
         period_ns: time between two releases, at least.
         offset_ns: of the first one.
         jitter_ns: most by which the node queues a frame late.
+        deadline_ns: after its release a frame has to have arrived; 0 stands for the period.
 
     Raises:
         ValueError: for a frame that no controller could send, or a time that makes no sense.
@@ -51,15 +52,16 @@ class PeriodicMessage:
     period_ns: int
     offset_ns: int = 0
     jitter_ns: int = 0
+    deadline_ns: int = 0
 
     def __post_init__(self) -> None:
         self.frame(bytes(self.length))
         if self.period_ns <= 0:
             raise ValueError(f"{self.name}: period {self.period_ns} ns: must be positive")
-        if self.offset_ns < 0 or self.jitter_ns < 0:
-            raise ValueError(
-                f"{self.name}: offset {self.offset_ns} ns, jitter {self.jitter_ns} ns: must not be negative"
-            )
+        for what in ("offset", "jitter", "deadline"):
+            value = getattr(self, f"{what}_ns")
+            if value < 0:
+                raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
 
     @property
     def priority(self) -> tuple[int, bool, int]:
@@ -130,7 +132,7 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
 
 
 def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, int]]:
-    """Periods in ns and lengths, until the next one would exceed the share; one too many for the identifiers at most."""
+    """Periods in ns and lengths, until the next would exceed the share; at most one more than there are identifiers."""
     lengths = _CLASSIC_LENGTHS if bus.frames == "classic" else _FD_LENGTHS
     left = load
     for _ in range(len(_IDS) + 1):
