@@ -107,12 +107,13 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     Raises:
         ConfigError: the ECU computes for a whole control period or longer.
     """
-    period_ns, compute_ns = config.period_ns, round(config.ecu.compute_time_ms * NS_PER_MS)
-    if compute_ns >= period_ns:
+    period_ns = config.period_ns
+    if config.ecu.compute_time_ms * NS_PER_MS >= period_ns:
         raise ConfigError(
             f"ecu.compute_time_ms = {config.ecu.compute_time_ms}: must be less than a control period, "
             f"{period_ns / NS_PER_MS:g} ms"
         )
+    compute_ns = round(config.ecu.compute_time_ms * NS_PER_MS)
     pressure, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
     everyone = _by_priority((pressure, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]

@@ -5,8 +5,8 @@ Real-Time Systems 35 (2007), section 3: a frame cannot be interrupted, so a mess
 priority at most (blocking, B), and for every frame of higher priority that comes before its own turn. Its worst frame
 need not be the first after all messages came at once: every frame within the priority level's busy period is looked at.
 
-It holds where each node always offers its most urgent frame, no frame is sent twice, and messages keep to their
-periods and jitters; phases do not matter. With CAN FD the same equations hold: whoever loses does so in the
+It holds where each node always offers its most urgent frame and queues the frames of one message in turn, no frame is
+sent twice, and messages keep to their periods and jitters; phases do not matter. With CAN FD the same equations hold: whoever loses does so in the
 arbitration phase, at the nominal bit rate, and is out for one whole frame. So a frame of higher priority can still win
 if it comes at most one bit at the nominal rate after the bus got free, which is the tau_bit of the paper; its bits in
 the data phase are shorter, and a longer tau_bit can only count more frames.

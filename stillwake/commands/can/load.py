@@ -30,6 +30,8 @@ USES: Final = (
     "bus.key",
     "bus.background",
 )
+NAMED: Final = 5
+"""Messages that are named below the table; it shows all."""
 HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "in time")
 
 
@@ -48,7 +50,9 @@ def load(
 ) -> None:
     """Show the load of the bus, and the worst-case response time of every message on it.
 
-    Our messages are those of bus.frames and bus.key. Exit status 3: a message can miss its deadline.
+    Our messages are those of bus.frames and bus.key. The ECU's answers count from the sampling of the pressures plus
+    the ECU's compute time, which the deadline of the command leaves out. Exit status 3: a message can miss its
+    deadline.
     """
     from can_bridge.bus.bus_load import bus_load
 
@@ -140,6 +144,7 @@ def _lines(found: "BusLoad") -> list[Text]:
     if found.left_out:
         lines.append(Text(f"left out: {', '.join(found.left_out)}"))
     if found.late:
-        names = ", ".join(one.message.name for one in found.late)
-        lines.append(Text(f"{len(found.late)} of {len(found.messages)} can be late: {names}", style="bold red"))
+        names = [one.message.name for one in found.late]
+        listed = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+        lines.append(Text(f"{len(names)} of {len(found.messages)} can be late: {listed}", style="bold red"))
     return lines
