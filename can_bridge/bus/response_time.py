@@ -6,10 +6,12 @@ priority at most (blocking, B), and for every frame of higher priority that come
 need not be the first after all messages came at once: every frame within the priority level's busy period is looked at.
 
 It holds where each node always offers its most urgent frame and queues the frames of one message in turn, no frame is
-sent twice, and messages keep to their periods and jitters; phases do not matter. With CAN FD the same equations hold: whoever loses does so in the
-arbitration phase, at the nominal bit rate, and is out for one whole frame. So a frame of higher priority can still win
-if it comes at most one bit at the nominal rate after the bus got free, which is the tau_bit of the paper; its bits in
-the data phase are shorter, and a longer tau_bit can only count more frames.
+sent twice, and messages keep to their periods and jitters; phases do not matter.
+
+With CAN FD the same equations hold: whoever loses does so in the arbitration phase, which is at the nominal bit rate,
+and is out for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after
+the bus got free: the tau_bit of the paper. The bits of the data phase are shorter, and a longer tau_bit can only count
+more frames.
 """
 
 from collections.abc import Sequence
