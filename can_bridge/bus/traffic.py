@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import Final
 
+from can_bridge.bus.transmit_queue import Priority, priority
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BackgroundConfig, BusConfig
@@ -64,11 +65,9 @@ class PeriodicMessage:
                 raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
 
     @property
-    def priority(self) -> tuple[int, bool, int]:
-        """The smaller wins arbitration; with equal leading 11 bits the frame without extension does."""
-        if self.is_extended:
-            return self.frame_id >> 18, True, self.frame_id & 0x3FFFF
-        return self.frame_id, False, 0
+    def priority(self) -> Priority:
+        """The smaller wins arbitration."""
+        return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:
         """One frame of it, `length` bytes long."""

@@ -1,0 +1,1 @@
+"""Measurements of frames, protection and buses."""
