@@ -15,13 +15,13 @@ from statistics import median
 from typing import Any, Final, NamedTuple
 
 from can_bridge.bus.attempt import INTERMISSION
-from can_bridge.bus.response_time import Response, Timing, nominal_bit_ns, response_times, timing, utilisation
+from can_bridge.bus.response_time import Response, nominal_bit_ns, response_times, timing, utilisation
 from can_bridge.bus.simulated import SimulatedBus, Transmission
 from can_bridge.bus.traffic import PeriodicMessage
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
 
-SETS: Final = 300
+SETS: Final = 1000
 MESSAGES: Final = (2, 12)
 """Fewest and most in a set."""
 LOADS: Final = (0.3, 0.98)
