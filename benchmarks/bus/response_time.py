@@ -18,6 +18,7 @@ from can_bridge.bus.attempt import INTERMISSION
 from can_bridge.bus.response_time import Response, nominal_bit_ns, response_times, timing, utilisation
 from can_bridge.bus.simulated import SimulatedBus, Transmission
 from can_bridge.bus.traffic import PeriodicMessage
+from can_bridge.bus.transmit_queue import Priority
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
 
@@ -167,7 +168,7 @@ def play(plans: Sequence[Sequence[Sent]], bus: BusConfig) -> Played:
 def random_set(bus: BusConfig, random: Random) -> list[PeriodicMessage]:
     """Messages of both formats and all lengths that load the bus to a random degree, the highest priority first."""
     count = random.randint(*MESSAGES)
-    probes = {}
+    probes: dict[Priority, PeriodicMessage] = {}
     while len(probes) < count:
         is_extended, is_fd = random.random() < 0.3, bus.frames == "fd" and random.random() < 0.7
         message = PeriodicMessage(

@@ -11,7 +11,7 @@ from can_bridge.bus.traffic import NS_PER_MS, PeriodicMessage, made_up
 from can_bridge.tools.dbc_traffic import read_traffic
 from can_bridge.wire.frame_bits import frame_ns
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.message_specs import SPECS, MessageSpec
+from can_bridge.wire.message_specs import MessageSpec
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
@@ -68,14 +68,13 @@ def bus_load(config: Config) -> BusLoad:
         BusError: the background's file, as `read_traffic` has it.
     """
     bus = config.bus
-    taken = [spec.frame_id for spec in SPECS]
     others: Sequence[PeriodicMessage] = ()
     left_out: tuple[str, ...] = ()
     if bus.background.dbc:
-        found = read_traffic(Path(bus.background.dbc), bus, taken, seed=bus.background.seed)
+        found = read_traffic(Path(bus.background.dbc), bus, (), seed=bus.background.seed)
         others, left_out = found.messages, found.left_out
     elif bus.background.load:
-        others = made_up(bus.background.load, bus, taken, seed=bus.background.seed)
+        others = made_up(bus.background.load, bus, (), seed=bus.background.seed)
     ours = loop_messages(config, others)
     everyone = _by_priority((*ours, *others))
     names = {message.name for message in ours}

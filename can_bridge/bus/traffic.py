@@ -14,6 +14,7 @@ from typing import Final
 from can_bridge.bus.transmit_queue import Priority, priority
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import ConfigError
 
@@ -27,6 +28,8 @@ _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
 """Of made-up messages: below lies network management of high priority, above diagnostics."""
+OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
+"""Of all sets, also those not in use: other nodes never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +89,7 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
     Args:
         config: a share of the bus, or a file.
         bus: the bit rates, and whether CAN FD is spoken.
-        taken: 11-bit identifiers that are in use already.
+        taken: 11-bit identifiers that are in use already, besides ours.
 
     Raises:
         ConfigError: a share that no set of messages fills.
@@ -150,11 +153,12 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
 
 def _identifiers(count: int, taken: Collection[int], random: Random) -> list[int]:
     """So many free identifiers in rising order, or all there are."""
+    taken = {*taken, *OUR_IDS}
     free = [frame_id for frame_id in _IDS if frame_id not in taken]
     if count >= len(free):
         return free
-    above = [frame_id for frame_id in free if frame_id < min(taken, default=0)]
-    below = [frame_id for frame_id in free if frame_id > max(taken, default=len(_IDS))]
+    above = [frame_id for frame_id in free if frame_id < min(taken)]
+    below = [frame_id for frame_id in free if frame_id > max(taken)]
     fixed = [random.choice(part) for part in (above, below) if part] if count > 1 else []
     rest = sorted(set(free) - set(fixed))
     return sorted([*fixed, *random.sample(rest, count - len(fixed))])

@@ -7,7 +7,7 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from can_bridge.bus.traffic import NS_PER_MS, PeriodicMessage
+from can_bridge.bus.traffic import NS_PER_MS, OUR_IDS, PeriodicMessage
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
@@ -44,7 +44,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
     Args:
         path: its ending tells its format.
         bus: whether CAN FD is spoken.
-        taken: 11-bit identifiers that other messages may not have.
+        taken: 11-bit identifiers that other messages may not have, besides ours.
 
     Raises:
         BusError: cantools is missing; the file is missing or damaged; no message can be sent; two have one
@@ -85,8 +85,9 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
 
 def _load(path: Path) -> "Database":
     try:
-        from cantools.database import Error, load_file
+        from cantools.database import load_file
         from cantools.database.can.database import Database
+        from cantools.database.errors import Error
     except ModuleNotFoundError as error:
         raise BusError(f"{path}: reading it needs cantools: pip install 'stillwake[bus]'") from error
     try:
@@ -125,9 +126,9 @@ def _switches_rate(message: "Message", database: "Database") -> bool:
 
 
 def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int]) -> None:
-    if not message.is_extended_frame and message.frame_id in taken:
+    if not message.is_extended_frame and (message.frame_id in OUR_IDS or message.frame_id in taken):
         raise BusError(
-            f"{path}: {message.name} has identifier {message.frame_id:#x}, which is stillwake's: two nodes must not "
+            f"{path}: {message.name} has identifier {message.frame_id:#x}, which another node sends: two must not "
             "send one identifier"
         )
     if message.is_fd and bus.frames == "classic":

@@ -32,7 +32,7 @@ def test_no_message_is_later_than_the_analysis_says(seed):
 
 def davis() -> tuple[list[PeriodicMessage], list[Frame]]:
     """A, B and C of Davis et al. (2007), their periods in frames: 2.5, 3.5 and 3.5, all frames equally long."""
-    frames = []
+    frames: list[Frame] = []
     for frame_id in range(1, 0x7FF):
         frame = Frame(frame_id=frame_id, data=bytes(7), is_fd=False)
         if not frames or length_ns(frame) == length_ns(frames[0]):

@@ -1,18 +1,22 @@
 """Periodic messages: their priority against the bits on the wire, and how made-up ones fill a bus."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.traffic import PERIODS_MS, PeriodicMessage, background, made_up
+from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import ConfigError
 
-OURS = (0x120, 0x130, 0x140)
+OURS = tuple(spec.frame_id for spec in SPECS)
+TAKEN = (0x100, 0x150)
 
 
-def message(**changes: object) -> PeriodicMessage:
-    usual = {"name": "Some", "frame_id": 0x100, "is_fd": False, "length": 8, "period_ns": 10**7}
+def message(**changes: Any) -> PeriodicMessage:
+    usual: dict[str, Any] = {"name": "Some", "frame_id": 0x100, "is_fd": False, "length": 8, "period_ns": 10**7}
     return PeriodicMessage(**{**usual, **changes})
 
 
@@ -60,7 +64,7 @@ BUSES = st.builds(BusConfig, frames=st.sampled_from(["fd", "classic"]), nominal_
 
 @given(load=LOADS, bus=BUSES, seed=st.integers(0, 2**32))
 def test_made_up_messages_fill_their_share_and_no_more(load, bus, seed):
-    messages = made_up(load, bus, OURS, seed=seed)
+    messages = made_up(load, bus, TAKEN, seed=seed)
     taken = sum(one.worst_ns(bus) / one.period_ns for one in messages)
     # One frame a second, the rarest, is the most that is left over: 64 bytes of CAN FD, or 8 of classic CAN.
     rarest = message(is_fd=bus.frames == "fd", length=64 if bus.frames == "fd" else 8).worst_ns(bus) / 1e9
@@ -69,40 +73,44 @@ def test_made_up_messages_fill_their_share_and_no_more(load, bus, seed):
 
 @given(load=LOADS, bus=BUSES, seed=st.integers(0, 2**32))
 def test_made_up_messages_are_those_of_a_vehicle(load, bus, seed):
-    messages = made_up(load, bus, OURS, seed=seed)
+    messages = made_up(load, bus, TAKEN, seed=seed)
     ids = [one.frame_id for one in messages]
     assert ids == sorted(set(ids))
-    assert not set(ids) & set(OURS)
+    assert not set(ids) & {*OURS, *TAKEN}
     assert all(one.is_fd == (bus.frames == "fd") for one in messages)
     assert {one.period_ns for one in messages} <= {ms * 10**6 for ms in PERIODS_MS}
     assert [one.period_ns for one in messages] == sorted(one.period_ns for one in messages)
     assert all(0 <= one.offset_ns < one.period_ns for one in messages)
     if len(messages) > 1:
-        assert ids[0] < min(OURS)
-        assert ids[-1] > max(OURS)
+        assert ids[0] < min(TAKEN)
+        assert ids[-1] > max(TAKEN)
 
 
 def test_the_seed_decides():
     bus = BusConfig()
-    sets = [made_up(0.5, bus, OURS, seed=seed) for seed in (0, 0, 1)]
+    sets = [made_up(0.5, bus, TAKEN, seed=seed) for seed in (0, 0, 1)]
     assert sets[0] == sets[1] != sets[2]
 
 
 def test_no_background_is_none():
-    assert background(BackgroundConfig(), BusConfig(), OURS) == ()
+    assert background(BackgroundConfig(), BusConfig(), TAKEN) == ()
 
 
 def test_background_is_the_made_up_one():
     bus = BusConfig()
-    assert background(BackgroundConfig(load=0.3, seed=4), bus, OURS) == made_up(0.3, bus, OURS, seed=4)
+    assert background(BackgroundConfig(load=0.3, seed=4), bus, TAKEN) == made_up(0.3, bus, TAKEN, seed=4)
+
+
+def test_our_identifiers_are_taken_in_any_case():
+    assert made_up(0.5, BusConfig(), (), seed=1) == made_up(0.5, BusConfig(), OURS[:3], seed=1)
 
 
 def test_a_share_below_one_message_is_refused():
     with pytest.raises(ConfigError, match=r"load = 1e-05: less than one message a second"):
-        made_up(1e-5, BusConfig(), OURS, seed=0)
+        made_up(1e-5, BusConfig(), TAKEN, seed=0)
 
 
 def test_a_share_that_needs_more_identifiers_than_there_are_is_refused():
     fast = BusConfig(nominal_bitrate=10**8, data_bitrate=10**9)
-    with pytest.raises(ConfigError, match=r"load = 0\.9: needs more than the 1773 free identifiers"):
-        made_up(0.9, fast, OURS, seed=0)
+    with pytest.raises(ConfigError, match=r"load = 0\.9: needs more than the 1765 free identifiers"):
+        made_up(0.9, fast, TAKEN, seed=0)

@@ -8,11 +8,10 @@ import pytest
 
 from can_bridge.bus.traffic import background
 from can_bridge.tools.dbc_traffic import read_traffic
-from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import BusError
 
-TAKEN = tuple(spec.frame_id for spec in SPECS)
+TAKEN = (0x7E0,)
 CLASSIC = BusConfig(frames="classic")
 SHIPPED = Path(__file__).parents[3] / "contract" / "stillwake.dbc"
 
@@ -45,7 +44,7 @@ BA_ "VFrameFormat" BO_ 64 14;
 @pytest.fixture
 def dbc(tmp_path):
     def write(messages: str = MESSAGES, attributes: str = ATTRIBUTES) -> Path:
-        path = tmp_path / "vehicle.dbc"
+        path: Path = tmp_path / "vehicle.dbc"
         path.write_text(HEAD + messages + attributes, encoding="cp1252")
         return path
 
@@ -83,7 +82,9 @@ def test_another_format_of_the_same_network_gives_the_same_messages(dbc, tmp_pat
     path = dbc()
     other = tmp_path / "vehicle.kcd"
     # KCD knows no CAN FD.
-    classic = [m for m in cantools.database.load_file(path).messages if not m.is_fd]
+    database = cantools.database.load_file(path)
+    assert isinstance(database, cantools.database.can.Database)
+    classic = [m for m in database.messages if not m.is_fd]
     other.write_text(cantools.database.can.Database(messages=classic).as_kcd_string(), encoding="utf-8")
     expected = [one for one in facts(read_traffic(path, BusConfig(), TAKEN, seed=0)) if not one[3]]
     assert facts(read_traffic(other, BusConfig(), TAKEN, seed=0)) == expected
@@ -102,9 +103,10 @@ def test_our_own_messages_in_a_vehicles_file_are_left_out(dbc):
     assert "Pressure" not in [m.name for m in found.messages]
 
 
-def test_our_identifier_under_another_name_is_refused(dbc):
-    path = dbc(MESSAGES.replace("BO_ 256 Wheels", "BO_ 288 Wheels"), ATTRIBUTES.replace("BO_ 256", "BO_ 288"))
-    with pytest.raises(BusError, match="Wheels has identifier 0x120, which is stillwake's"):
+@pytest.mark.parametrize("used", [0x120, 0x121, TAKEN[0]])
+def test_an_identifier_in_use_is_refused(dbc, used):
+    path = dbc(MESSAGES.replace("BO_ 256 Wheels", f"BO_ {used} Wheels"), ATTRIBUTES.replace("BO_ 256", f"BO_ {used}"))
+    with pytest.raises(BusError, match=f"Wheels has identifier {used:#x}, which another node sends"):
         read_traffic(path, BusConfig(), TAKEN, seed=0)
 
 
