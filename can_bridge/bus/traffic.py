@@ -11,8 +11,10 @@ from pathlib import Path
 from random import Random
 from typing import Final
 
+from can_bridge.bus.transmit_queue import Priority, priority
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import ConfigError
 
@@ -26,11 +28,13 @@ _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
 """Of made-up messages: below lies network management of high priority, above diagnostics."""
+OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
+"""Of all sets, also those not in use: other nodes never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A message that a node sends again and again; it has to be on the bus before the next one is due.
+    """A message that a node sends again and again.
 
     Attributes:
         frame_id: of 11 bits, or 29 if it is extended.
@@ -38,6 +42,7 @@ class PeriodicMessage:
         period_ns: time between two releases, at least.
         offset_ns: of the first one.
         jitter_ns: most by which the node queues a frame late.
+        deadline_ns: after its release a frame has to have arrived; 0 stands for the period.
 
     Raises:
         ValueError: for a frame that no controller could send, or a time that makes no sense.
@@ -51,22 +56,21 @@ class PeriodicMessage:
     period_ns: int
     offset_ns: int = 0
     jitter_ns: int = 0
+    deadline_ns: int = 0
 
     def __post_init__(self) -> None:
         self.frame(bytes(self.length))
         if self.period_ns <= 0:
             raise ValueError(f"{self.name}: period {self.period_ns} ns: must be positive")
-        if self.offset_ns < 0 or self.jitter_ns < 0:
-            raise ValueError(
-                f"{self.name}: offset {self.offset_ns} ns, jitter {self.jitter_ns} ns: must not be negative"
-            )
+        for what in ("offset", "jitter", "deadline"):
+            value = getattr(self, f"{what}_ns")
+            if value < 0:
+                raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
 
     @property
-    def priority(self) -> tuple[int, bool, int]:
-        """The smaller wins arbitration; with equal leading 11 bits the frame without extension does."""
-        if self.is_extended:
-            return self.frame_id >> 18, True, self.frame_id & 0x3FFFF
-        return self.frame_id, False, 0
+    def priority(self) -> Priority:
+        """The smaller wins arbitration."""
+        return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:
         """One frame of it, `length` bytes long."""
@@ -85,7 +89,7 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
     Args:
         config: a share of the bus, or a file.
         bus: the bit rates, and whether CAN FD is spoken.
-        taken: 11-bit identifiers that are in use already.
+        taken: 11-bit identifiers that are in use already, besides ours.
 
     Raises:
         ConfigError: a share that no set of messages fills.
@@ -130,7 +134,7 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
 
 
 def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, int]]:
-    """Periods in ns and lengths, until the next one would exceed the share; one too many for the identifiers at most."""
+    """Periods in ns and lengths, until the next would exceed the share; at most one more than there are identifiers."""
     lengths = _CLASSIC_LENGTHS if bus.frames == "classic" else _FD_LENGTHS
     left = load
     for _ in range(len(_IDS) + 1):
@@ -149,11 +153,12 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
 
 def _identifiers(count: int, taken: Collection[int], random: Random) -> list[int]:
     """So many free identifiers in rising order, or all there are."""
+    taken = {*taken, *OUR_IDS}
     free = [frame_id for frame_id in _IDS if frame_id not in taken]
     if count >= len(free):
         return free
-    above = [frame_id for frame_id in free if frame_id < min(taken, default=0)]
-    below = [frame_id for frame_id in free if frame_id > max(taken, default=len(_IDS))]
+    above = [frame_id for frame_id in free if frame_id < min(taken)]
+    below = [frame_id for frame_id in free if frame_id > max(taken)]
     fixed = [random.choice(part) for part in (above, below) if part] if count > 1 else []
     rest = sorted(set(free) - set(fixed))
     return sorted([*fixed, *random.sample(rest, count - len(fixed))])

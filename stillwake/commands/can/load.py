@@ -1,0 +1,150 @@
+"""The command that tells how busy the bus is, and how late a message can be."""
+
+from dataclasses import asdict, replace
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from contract.config.tree import Config
+from contract.results import write_result
+from stillwake.outputs import check_json
+from stillwake.settings import settings
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
+
+if TYPE_CHECKING:
+    from can_bridge.bus.bus_load import BusLoad, MessageLoad
+
+CAN_BE_LATE: Final = 3
+"""Exit status of a set of messages in which one can miss its deadline."""
+USES: Final = (
+    "operating_point",
+    "flow.control_period",
+    "ecu.compute_time_ms",
+    "bus.nominal_bitrate",
+    "bus.data_bitrate",
+    "bus.frames",
+    "bus.key",
+    "bus.background",
+)
+NAMED: Final = 5
+"""Messages that are named below the table; it shows all."""
+HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "in time")
+
+
+def load(
+    background: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Messages of other nodes, at their cycle times: a DBC, or what else cantools reads; in place of "
+            "bus.background.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Show the load of the bus, and the worst-case response time of every message on it.
+
+    Our messages are those of bus.frames and bus.key. The ECU's answers count from the sampling of the pressures plus
+    the ECU's compute time, which the deadline of the command leaves out. Exit status 3: a message can miss its
+    deadline.
+    """
+    from can_bridge.bus.bus_load import bus_load
+
+    check_json(json_file)
+    config = settings("can load", config_file, overrides, uses=USES).config
+    if background is not None:
+        traffic = replace(config.bus.background, dbc=str(background), load=0.0)
+        config = replace(config, bus=replace(config.bus, background=traffic))
+    found = bus_load(config)
+    console.print(_table(found))
+    for line in _lines(found):
+        console.print(line, soft_wrap=True)
+    if json_file is not None:
+        write_result(json_file, figures=figures(found), facts=facts(config), on=date.today())
+    if found.late:
+        raise typer.Exit(CAN_BE_LATE)
+
+
+def figures(found: "BusLoad") -> dict[str, Any]:
+    """Loads as shares of 1; times in ms, None where a response has no bound."""
+    return {
+        "load_mean": found.mean,
+        "load_worst": found.worst,
+        "late": [one.message.name for one in found.late],
+        "left_out": list(found.left_out),
+        "messages": [_figures(one) for one in found.messages],
+    }
+
+
+def facts(config: Config) -> dict[str, Any]:
+    """The settings behind the figures."""
+    bus = config.bus
+    return {
+        "frames": bus.frames,
+        "authenticated": bool(bus.key),
+        "nominal_bitrate": bus.nominal_bitrate,
+        "data_bitrate": bus.data_bitrate,
+        "control_period_ms": config.period_ns / 1e6,
+        "compute_time_ms": config.ecu.compute_time_ms,
+        "background": asdict(bus.background),
+    }
+
+
+def _figures(one: "MessageLoad") -> dict[str, Any]:
+    message, response = one.message, one.response
+    return {
+        "name": message.name,
+        "id": message.frame_id,
+        "extended": message.is_extended,
+        "fd": message.is_fd,
+        "ours": one.ours,
+        "bytes": message.length,
+        "period_ms": message.period_ns / 1e6,
+        "jitter_ms": message.jitter_ns / 1e6,
+        "frame_mean_ms": one.mean_ns / 1e6,
+        "frame_worst_ms": one.worst_ns / 1e6,
+        "blocking_ms": response.blocking_ns / 1e6,
+        "response_ms": None if response.response_ns is None else response.response_ns / 1e6,
+        "deadline_ms": response.deadline_ns / 1e6,
+        "in_time": response.in_time,
+    }
+
+
+def _table(found: "BusLoad") -> Table:
+    table = Table(title="worst cases, in ms; ours are bold")
+    for head in HEADS:
+        table.add_column(head, justify="left" if head in ("message", "in time") else "right")
+    for one in found.messages:
+        message, response = one.message, one.response
+        late = not response.in_time
+        table.add_row(
+            f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}",
+            message.name,
+            str(message.length),
+            f"{message.period_ns / 1e6:g}",
+            f"{message.jitter_ns / 1e6:.3f}",
+            f"{one.worst_ns / 1e6:.3f}",
+            f"{response.blocking_ns / 1e6:.3f}",
+            "no bound" if response.response_ns is None else f"{response.response_ns / 1e6:.3f}",
+            f"{response.deadline_ns / 1e6:g}",
+            Text("NO", style="bold red") if late else "yes",
+            style="bold" if one.ours else None,
+        )
+    return table
+
+
+def _lines(found: "BusLoad") -> list[Text]:
+    lines = [Text(f"load: {100 * found.mean:.1f} % with random contents, {100 * found.worst:.1f} % at worst")]
+    if found.left_out:
+        lines.append(Text(f"left out: {', '.join(found.left_out)}"))
+    if found.late:
+        names = [one.message.name for one in found.late]
+        listed = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+        lines.append(Text(f"{len(names)} of {len(found.messages)} can be late: {listed}", style="bold red"))
+    return lines

@@ -1,0 +1,99 @@
+"""`stillwake can load`: the table, the figures, and a status that says whether every message is in time."""
+
+import json
+
+import pytest
+
+from stillwake.commands.can.load import CAN_BE_LATE
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Other
+BO_ 16 Urgent: 8 Other
+BO_ 17 Seldom: 8 Other
+BO_ 18 Silent: 8 Other
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 16 10;
+BA_ "GenMsgCycleTime" BO_ 17 1000;
+"""
+
+
+@pytest.fixture
+def dbc(tmp_path):
+    path = tmp_path / "vehicle.dbc"
+    path.write_text(DBC)
+    return path
+
+
+def test_our_messages_are_in_time_alone(cli):
+    outcome = cli("can", "load")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert all(name in outcome.out for name in ("Pressure", "JetCommand", "EcuStatus"))
+    assert "load: 2.2 % with random contents, 2.5 % at worst" in outcome.out
+
+
+def test_figures_are_written(cli, tmp_path):
+    outcome = cli("can", "load", "--set", "bus.frames=classic", "--json", tmp_path / "load.json")
+    assert outcome.code == 0
+    found = json.loads((tmp_path / "load.json").read_text())
+    # 135 bits at 500 kbit/s; twice that with the blocking frame.
+    pressure = found["figures"]["messages"][0]
+    assert (pressure["name"], pressure["frame_worst_ms"], pressure["response_ms"]) == ("PressureClassic", 0.27, 0.54)
+    assert found["figures"]["late"] == []
+    assert found["facts"]["frames"] == "classic"
+    assert found["facts"]["control_period_ms"] == 20.0
+
+
+@pytest.mark.parametrize("as_setting", [True, False])
+def test_a_dbc_is_the_background(cli, dbc, tmp_path, as_setting):
+    given = ("--set", f"bus.background.dbc={dbc}") if as_setting else ("--background", dbc)
+    outcome = cli("can", "load", *given, "--json", tmp_path / "load.json")
+    assert outcome.code == 0
+    assert "left out: Silent (no cycle time)" in outcome.out
+    figures = json.loads((tmp_path / "load.json").read_text())["figures"]
+    assert [one["name"] for one in figures["messages"] if not one["ours"]] == ["Urgent", "Seldom"]
+    assert figures["left_out"] == ["Silent (no cycle time)"]
+
+
+def test_the_option_replaces_a_made_up_background(cli, dbc):
+    outcome = cli("can", "load", "--set", "bus.background.load=0.5", "--background", dbc)
+    assert outcome.code == 0
+    assert "Urgent" in outcome.out
+
+
+def test_a_message_that_can_be_late_is_named_and_fails_the_call(cli, tmp_path):
+    outcome = cli("can", "load", "--set", "ecu.compute_time_ms=19.5", "--json", tmp_path / "load.json")
+    assert outcome.code == CAN_BE_LATE == 3
+    assert "1 of 3 can be late: JetCommand" in outcome.out
+    assert outcome.err == ""
+    assert json.loads((tmp_path / "load.json").read_text())["figures"]["late"] == ["JetCommand"]
+
+
+def test_a_bus_that_is_too_slow_has_no_bound(cli, tmp_path):
+    outcome = cli("can", "load", "--set", "bus.nominal_bitrate=5000", "--json", tmp_path / "load.json")
+    assert outcome.code == CAN_BE_LATE
+    assert "no bound" in outcome.out
+    assert json.loads((tmp_path / "load.json").read_text())["figures"]["messages"][-1]["response_ms"] is None
+
+
+def test_many_late_messages_are_counted(cli):
+    outcome = cli("can", "load", "--set", "bus.background.load=0.99")
+    assert outcome.code == CAN_BE_LATE
+    assert " more" in outcome.out.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (("--background", "none.dbc"), "error: none.dbc: No such file or directory"),
+        (("--set", "bus.interface=virtual"), "error: --set bus.interface: `can load` does not use it"),
+        (("--set", "bus.background.load=0.00001"), "less than one message a second"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_line(cli, arguments, error):
+    outcome = cli("can", "load", *arguments)
+    assert outcome.code == 1
+    assert error in outcome.err
+    assert outcome.err.count("\n") == 1
