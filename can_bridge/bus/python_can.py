@@ -230,7 +230,9 @@ class PythonCanBus:
     def _judged(self, message: can.Message) -> Frame | Rejection:
         frame = classified(message)
         if isinstance(frame, Rejection):
-            if frame is Rejection.ERROR_FRAME and self._linux_error_frames:
+            # An error frame's own type says nothing of its identifier's.
+            is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
+            if is_report and self._linux_error_frames:
                 data = bytes(message.data)
                 self._reported = health_after(self._reported, message.arbitration_id, data)
                 self._overflow_reports += lost_frames(message.arbitration_id, data)

@@ -1,11 +1,14 @@
 """CAN over UDP multicast: python-can's backend with a parser of our own.
 
 python-can 4.6 gives a datagram's values to `can.Message` whatever their type: `{"data": 2**30}` in 20 bytes allocates
-a gigabyte. It hears its own frames, passes on both copies of a datagram that came over two network interfaces, and says
-nothing of those that found the kernel's queue full.
+a gigabyte. It hears its own frames and, on Linux, the groups that others on the machine have joined. It passes on both
+copies of a datagram that came over two network interfaces, and is silent on those that found the kernel's queue full.
 """
 
+import socket
+import sys
 from collections import deque
+from contextlib import suppress
 from threading import Lock
 from typing import Any, Final
 
@@ -29,6 +32,10 @@ _RECENT: Final = 16
 
 _ECHOES: Final = 4096
 """Own datagrams that have not been heard yet; more than the kernel's queue is asked to hold."""
+
+_IP_MULTICAST_ALL: Final = 49
+_IPV6_MULTICAST_ALL: Final = 29
+"""Linux: whether a socket hears each group that anyone on the machine has joined (ip(7)); by default it does."""
 
 _FLAGS: Final = (
     "is_extended_id",
@@ -88,7 +95,17 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         """
         super().__init__(channel, **(options | {"fd": True}))
         kernel_queue.enlarge(self._multicast._socket, RECEIVE_QUEUE)
+        self._hear_own_group_alone()
         self._remember_nothing()
+
+    def _hear_own_group_alone(self) -> None:
+        if sys.platform == "linux":
+            four = self._multicast.ip_version == 4
+            level, option = (
+                (socket.IPPROTO_IP, _IP_MULTICAST_ALL) if four else (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL)
+            )
+            with suppress(OSError):  # a kernel before 4.20 has none for IPv6
+                self._multicast._socket.setsockopt(level, option, 0)
 
     def _remember_nothing(self) -> None:
         self._lock = Lock()
