@@ -2,32 +2,44 @@
 
 The adapter exists for the traps: `virtual` blocks for ever in `send` without a timeout when a peer stops reading,
 one garbage datagram ends python-can's own Notifier, and garbage on a serial line comes out as a bare ValueError.
-Here sending always ends, and what cannot be read is counted and skipped.
+Here sending always ends, and every reception is either handed over or counted under the reason why not.
 """
 
+import struct
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import replace
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import can
 
+from can_bridge.bus.backends import kernel_queue
+from can_bridge.bus.backends.error_frames import health_after, lost_frames
+from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, one_line, open_backend
+from can_bridge.bus.conversion import classified, from_message, to_message
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.bus.rejection import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
-QUEUE_SIZE: Final = 1024
-"""Frames a virtual bus holds for a reader, and the most one `receive_all` returns."""
+__all__ = ["GARBAGE_LIMIT", "QUEUE_SIZE", "RECEPTION_LIMIT", "PythonCanBus", "from_message", "to_message"]
 
 GARBAGE_LIMIT: Final = 1000
-"""Unreadable receptions in a row, without an idle moment or a good frame between them, after which the bus counts as
-failed: a dead backend that raises on every call would otherwise look like endless noise."""
+"""Receptions in a row, without an idle moment or a good frame between them, at which a backend of python-can stumbled,
+after which the bus counts as failed: a dead one that raises on every call would otherwise look like endless noise.
+Our own backends say what they refuse, and are believed for ever."""
 
-_SAMPLE_POINT: Final = 80.0
-"""Percent, for both bit rates, where this adapter sets the bit timing."""
-_CLOCK_HZ: Final = 80_000_000
+RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
+"""Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""
 
-_EXTRAS: Final = {"udp_multicast": "python-can[multicast]", "slcan": "python-can[serial]"}
+_STUMBLES: Final = (can.CanError, OSError, ValueError, TypeError, LookupError, AttributeError, struct.error)
+"""What backends are known to raise."""
+
+_IS_FD: Final = {spec.frame_id: spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus:
@@ -36,41 +48,101 @@ class PythonCanBus:
     One thread may send while another receives.
 
     Attributes:
-        rejected: receptions that were no data frame with an 11-bit identifier: garbage, error and remote frames.
+        received: receptions so far: `accepted` ones and the sum of those `rejected`.
+        accepted: frames handed over.
     """
 
-    def __init__(self, bus: can.BusABC, *, accept: Collection[int] | None = None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        *,
+        accept: Collection[int] | None = None,
+        is_classic: bool = False,
+        linux_error_frames: bool = False,
+    ) -> None:
         """Take over an open python-can bus.
 
         Args:
             bus: closed together with this object.
             accept: frame ids to receive, None for all. python-can's own filter would make a reception without
-                waiting stop at the first frame it drops, and udp_multicast hears its own frames.
+                waiting stop at the first frame it drops.
+            is_classic: send and receive no CAN FD frames.
+            linux_error_frames: error frames are as in `linux/can/error.h`, and about this node's controller.
         """
         self._bus = bus
         self._accept = None if accept is None else frozenset(accept)
-        self._garbage_in_a_row = 0
-        self.rejected = 0
+        self._is_classic = is_classic
+        self._linux_error_frames = linux_error_frames
+        self._stumbles_in_a_row = 0
+        self._rejected = dict.fromkeys(Rejection, 0)
+        self._reported = HEALTHY
+        self._overflow_reports = 0
+        self._driver_was_off = False
+        self._driver_offs = 0
+        self.received = 0
+        self.accepted = 0
 
     @classmethod
-    def open(cls, config: BusConfig, *, accept: Collection[int] | None = None) -> Self:
+    def open(cls, config: BusConfig, *, accept: Collection[int] | None = None, settle_s: float = SETTLE_S) -> Self:
         """Connect as configured.
 
         A `virtual` bus keeps the timestamps that frames are sent with; the others stamp on reception, in ns since the
         epoch, to the resolution of a float. `socketcan` takes the bit rates that its network device was set up with.
         `udp_multicast` stays on this machine.
 
+        Args:
+            config: the settings.
+            accept: frame ids to receive, None for all.
+            settle_s: what a serial adapter is given to start after its port was opened, in s.
+
         Raises:
             BusError: naming interface and channel, if that cannot be opened.
         """
+        opened = open_backend(config, settle_s=settle_s)
+        return cls(
+            opened.bus,
+            accept=accept,
+            is_classic=config.frames == "classic",
+            linux_error_frames=opened.interface == "socketcan",
+        )
+
+    @property
+    def rejected(self) -> Mapping[Rejection, int]:
+        """Receptions that were not handed over, by reason; all reasons, also those that did not occur."""
+        return dict(self._rejected)
+
+    @property
+    def overflows(self) -> int:
+        """Receptions known to be lost as a queue was full.
+
+        Linux counts them for `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Nothing tells
+        of those lost in a serial adapter or driver, or on another system: their gaps show in the end-to-end counters.
+        """
         try:
-            bus = can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **_options(config))
-        except (can.CanError, OSError, ValueError) as error:
-            hint = ""
-            if isinstance(error, can.CanInterfaceNotImplementedError) and config.interface in _EXTRAS:
-                hint = f"; try pip install '{_EXTRAS[config.interface]}'"
-            raise BusError(f"CAN bus {config.interface} {config.channel!r}: {error}{hint}") from error
-        return cls(bus, accept=accept)
+            in_kernel = kernel_queue.dropped(self._bus.fileno())
+        except (can.CanError, OSError, NotImplementedError):
+            in_kernel = 0
+        return in_kernel + self._overflow_reports
+
+    def health(self) -> BusHealth:
+        """What is known of the CAN controller; without knowledge, healthy.
+
+        SocketCAN tells by error frames, which have to be received. Of python-can's `state` only a failed one, bus-off,
+        means the same for all drivers: their PASSIVE is a node that was told to listen only. It counts bus-off as
+        often as it is seen here.
+        """
+        try:
+            is_off = self._bus.state is can.BusState.ERROR
+        except (can.CanError, OSError, NotImplementedError):
+            is_off = False
+        if is_off and not self._driver_was_off:
+            self._driver_offs += 1
+        self._driver_was_off = is_off
+        return replace(
+            self._reported,
+            state=BusState.BUS_OFF if is_off else self._reported.state,
+            bus_off=self._reported.bus_off + self._driver_offs,
+        )
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame, waiting at most `timeout_s`.
@@ -78,15 +150,17 @@ class PythonCanBus:
         On a virtual bus, peers other than the one that does not read have received the frame even if this fails.
 
         Raises:
-            BusError: if the bus does not take the frame in time, or failed.
+            BusError: if the bus does not take the frame in time, failed, or is for classic CAN and the frame is not.
             ValueError: for a negative timeout.
         """
         if timeout_s < 0:
             raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
+        if frame.is_fd and self._is_classic:
+            raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, and bus.frames = classic")
         try:
             self._bus.send(to_message(frame), timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f"frame {frame.frame_id:#05x} was not sent: {_reason(error)}") from error
+            raise BusError(f"frame {frame.frame_id:#05x} was not sent: {one_line(error)}") from error
 
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None if none came within `timeout_s`.
@@ -108,17 +182,21 @@ class PythonCanBus:
             BusError: as `receive`.
         """
         frames: list[Frame] = []
-        while len(frames) < QUEUE_SIZE:
+        for _ in range(RECEPTION_LIMIT):
             frame, idle = self._poll(0.0)
             if idle:
                 break
             if frame is not None:
                 frames.append(frame)
+                if len(frames) == QUEUE_SIZE:
+                    break
         return frames
 
     def close(self) -> None:
-        """Disconnect; closing twice does nothing more."""
-        self._bus.shutdown()
+        """Disconnect; closing twice does nothing more, nor does closing what has vanished."""
+        # Where the backend's farewell does not get out, what it held is free all the same.
+        with suppress(can.CanError, OSError):
+            self._bus.shutdown()
 
     def __enter__(self) -> Self:
         return self
@@ -132,91 +210,50 @@ class PythonCanBus:
         """One reception: the frame if an accepted one came, and whether nothing came at all."""
         try:
             message = self._bus.recv(timeout=timeout_s)
-        except (can.CanError, OSError, ValueError, TypeError, LookupError, AttributeError) as error:
-            self._reject_or_fail(error)
+        except UnusableReceptionError as refused:
+            self._reject(refused.reason)
             return None, False
+        except _STUMBLES as error:
+            self._stumble(error)
+            return None, False
+        self._stumbles_in_a_row = 0
         if message is None:
-            self._garbage_in_a_row = 0
             return None, True
-        frame = from_message(message)
-        if frame is None:
-            self.rejected += 1
+        frame = self._judged(message)
+        if isinstance(frame, Rejection):
+            self._reject(frame)
             return None, False
-        self._garbage_in_a_row = 0
-        if self._accept is not None and frame.frame_id not in self._accept:
-            return None, False
+        self.received += 1
+        self.accepted += 1
         return frame, False
 
-    def _reject_or_fail(self, error: Exception) -> None:
+    def _judged(self, message: can.Message) -> Frame | Rejection:
+        frame = classified(message)
+        if isinstance(frame, Rejection):
+            # An error frame's own type says nothing of its identifier's.
+            is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
+            if is_report and self._linux_error_frames:
+                data = bytes(message.data)
+                self._reported = health_after(self._reported, message.arbitration_id, data)
+                self._overflow_reports += lost_frames(message.arbitration_id, data)
+            return frame
+        if self._accept is not None and frame.frame_id not in self._accept:
+            return Rejection.OTHER_ID
+        if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.frame_id, frame.is_fd) != frame.is_fd:
+            return Rejection.WRONG_FORMAT
+        return frame
+
+    def _reject(self, reason: Rejection) -> None:
+        self.received += 1
+        self._rejected[reason] += 1
+
+    def _stumble(self, error: Exception) -> None:
         # Backends wrap what went wrong. A fault of the system or of python-can itself ends the bus; anything else is
         # an error of their parser on what it was sent.
         root = error.__cause__ or error
         if isinstance(root, OSError | can.CanError):
-            raise BusError(f"CAN bus failed: {_reason(error)}") from error
-        self.rejected += 1
-        self._garbage_in_a_row += 1
-        if self._garbage_in_a_row > GARBAGE_LIMIT:
+            raise BusError(f"CAN bus failed: {one_line(error)}") from error
+        self._reject(Rejection.GARBAGE)
+        self._stumbles_in_a_row += 1
+        if self._stumbles_in_a_row > GARBAGE_LIMIT:
             raise BusError(f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row, last: {error}") from error
-        # slcan keeps an undecodable line in its buffer and would fail on it at every call.
-        flush = getattr(self._bus, "flush", None)
-        if flush is not None:
-            flush()
-
-
-def _reason(error: Exception) -> str:
-    return str(error) or type(error).__name__
-
-
-def to_message(frame: Frame) -> can.Message:
-    """The frame as python-can's; times become float seconds, exact to the ns for the first weeks after zero."""
-    return can.Message(
-        arbitration_id=frame.frame_id,
-        data=frame.data,
-        timestamp=frame.timestamp_ns / 1e9,
-        is_extended_id=frame.is_extended,
-        is_fd=frame.is_fd,
-        bitrate_switch=frame.is_fd,
-    )
-
-
-def from_message(message: can.Message) -> Frame | None:
-    """The frame in a python-can message; None unless it is a sound data frame with an 11-bit identifier.
-
-    Whether an FD frame switched its bit rate is not kept.
-    """
-    if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
-        return None
-    # A backend shows a cut-off line only by the two lengths.
-    if message.dlc != len(message.data):
-        return None
-    try:
-        return Frame(
-            frame_id=message.arbitration_id,
-            data=bytes(message.data),
-            timestamp_ns=round(message.timestamp * 1e9),
-            is_fd=message.is_fd,
-        )
-    except (ValueError, OverflowError, TypeError):
-        # udp_multicast passes on a datagram's values whatever their type and range.
-        return None
-
-
-def _options(config: BusConfig) -> dict[str, Any]:
-    match config.interface:
-        case "virtual":
-            return {"rx_queue_size": QUEUE_SIZE, "preserve_timestamps": True, "protocol": can.CanProtocol.CAN_FD}
-        case "udp_multicast":
-            return {"fd": True, "hop_limit": 0}
-        case "slcan":
-            timing = can.BitTimingFd.from_sample_point(
-                f_clock=_CLOCK_HZ,
-                nom_bitrate=config.nominal_bitrate,
-                nom_sample_point=_SAMPLE_POINT,
-                data_bitrate=config.data_bitrate,
-                data_sample_point=_SAMPLE_POINT,
-            )
-            return {"timing": timing}
-        case "socketcan":
-            return {"fd": True}
-        case _:
-            return {}

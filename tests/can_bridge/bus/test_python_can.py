@@ -1,16 +1,18 @@
 """The adapter over python-can's in-process bus, and over buses that misbehave as the real backends do."""
 
+import struct
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import count
 
 import can
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from can_bridge.bus.interface import Bus
-from can_bridge.bus.python_can import GARBAGE_LIMIT, QUEUE_SIZE, PythonCanBus, from_message, to_message
-from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from can_bridge.bus.conversion import to_message
+from can_bridge.bus.interface import HEALTHY, Bus, BusHealth, BusState
+from can_bridge.bus.python_can import GARBAGE_LIMIT, QUEUE_SIZE, RECEPTION_LIMIT, PythonCanBus
+from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
@@ -28,28 +30,10 @@ def pair(config) -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
         yield one, other
 
 
-FRAMES = st.builds(
-    lambda is_fd, frame_id, payload, pick, time: Frame(
-        frame_id=frame_id,
-        data=payload.ljust(64, b"\0")[: (FD_LENGTHS if is_fd else CLASSIC_LENGTHS)[pick % (16 if is_fd else 9)]],
-        timestamp_ns=time,
-        is_fd=is_fd,
-    ),
-    st.booleans(),
-    st.integers(0, 0x7FF),
-    st.binary(max_size=64),
-    st.integers(0, 15),
-    # Twelve days: as far as a time in float seconds is exact to the ns.
-    st.integers(0, 10**15),
-)
-
-
-@given(FRAMES)
-def test_frame_survives_the_conversion_to_a_message_and_back(frame):
-    message = to_message(frame)
-    message._check()
-    assert message.bitrate_switch == message.is_fd == frame.is_fd
-    assert from_message(message) == frame
+def counts(bus: PythonCanBus) -> dict[Rejection, int]:
+    """The reasons that occurred; checks the books on the way."""
+    assert bus.received == bus.accepted + sum(bus.rejected.values())
+    return {reason: count for reason, count in bus.rejected.items() if count}
 
 
 def test_frames_arrive_in_order_with_the_time_they_were_sent_at(pair):
@@ -77,7 +61,7 @@ def test_only_accepted_ids_are_received_and_the_others_do_not_stop_it(config):
             one.send(Frame(frame_id=0x130, data=b""))
             one.send(frame)
         assert other.receive_all() == wanted
-        assert other.rejected == 0
+        assert counts(other) == {Rejection.OTHER_ID: 3}
 
 
 def test_peer_that_stops_reading_cannot_block_a_sender_for_ever(pair):
@@ -114,39 +98,13 @@ def test_adapter_is_a_bus(pair):
     assert len(pair[1].receive_all()) == 1
 
 
-@pytest.mark.parametrize(
-    ("interface", "channel"),
-    [("socketcan", "no-such-can"), ("slcan", "/dev/no-such-port"), ("udp_multicast", "not an address")],
-)
-def test_bus_that_cannot_be_opened_is_named(interface, channel):
-    with pytest.raises(BusError, match=f"CAN bus {interface} '{channel}'"):
-        PythonCanBus.open(BusConfig(interface=interface, channel=channel))
-
-
-@pytest.mark.parametrize(
-    ("interface", "hint"),
-    [
-        ("udp_multicast", r"; try pip install 'python-can\[multicast\]'$"),
-        ("slcan", r"; try pip install 'python-can\[serial\]'$"),
-        ("socketcan", "not here$"),
-    ],
-)
-def test_backend_that_is_not_installed_is_told_with_the_cure(monkeypatch, interface, hint):
-    def missing(**options: object) -> None:
-        raise can.CanInterfaceNotImplementedError("not here")
-
-    monkeypatch.setattr(can, "Bus", missing)
-    with pytest.raises(BusError, match=hint):
-        PythonCanBus.open(BusConfig(interface=interface, channel="x"))
-
-
 class ScriptedBus(can.BusABC):
     """A backend whose receptions are given: a message, None, or an error to raise."""
 
     def __init__(self, script: Iterable[can.Message | Exception | None]) -> None:
         self.script = list(script)
-        self.flushed = 0
         self.channel_info = "scripted"
+        self.driver_state = can.BusState.ACTIVE
         super().__init__(channel="scripted")
         self.shutdown()  # nothing to close: python-can would remind us of it
 
@@ -159,8 +117,13 @@ class ScriptedBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         raise can.CanTimeoutError
 
-    def flush(self) -> None:
-        self.flushed += 1
+    @property
+    def state(self) -> can.BusState:
+        return self.driver_state
+
+    @state.setter
+    def state(self, new: can.BusState) -> None:
+        raise NotImplementedError
 
 
 def caused_by(error: Exception, cause: Exception) -> Exception:
@@ -170,45 +133,144 @@ def caused_by(error: Exception, cause: Exception) -> Exception:
 
 SOUND = to_message(Frame(frame_id=0x120, data=bytes(16)))
 
-GARBAGE: dict[str, can.Message | Exception] = {
-    "udp_multicast, not msgpack": caused_by(can.CanOperationError("could not unpack received message"), ValueError()),
-    "udp_multicast, a number": caused_by(can.CanOperationError("could not unpack"), AttributeError("update")),
-    "slcan, no digits": ValueError("invalid literal for int() with base 16: 'zz'"),
-    "slcan, cut off": IndexError("string index out of range"),
-    "slcan, not text": caused_by(
-        can.CanOperationError("Could not read"), UnicodeDecodeError("utf-8", b"\xff", 0, 1, "")
+REFUSED: dict[str, tuple[can.Message | Exception, Rejection]] = {
+    "udp_multicast, not msgpack": (
+        caused_by(can.CanOperationError("could not unpack received message"), ValueError()),
+        Rejection.GARBAGE,
     ),
-    "error frame": can.Message(is_error_frame=True),
-    "remote frame": can.Message(arbitration_id=0x120, is_extended_id=False, is_remote_frame=True, dlc=8),
-    "29-bit identifier": can.Message(arbitration_id=0x120, is_extended_id=True, data=bytes(8)),
-    "data cut off": can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(3), dlc=8),
-    "classic frame of 12": can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(12)),
-    "FD frame of 9": can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(9), is_fd=True),
-    "identifier too large": can.Message(arbitration_id=0x800, is_extended_id=False, data=b""),
-    "time is no number": can.Message(arbitration_id=1, is_extended_id=False, data=b"", timestamp=float("nan")),
-    "identifier is text": can.Message(
-        arbitration_id="1",  # type: ignore[arg-type]  # as a datagram may hold it
-        is_extended_id=False,
-        data=b"",
+    "udp_multicast, a number": (
+        caused_by(can.CanOperationError("could not unpack"), AttributeError("update")),
+        Rejection.GARBAGE,
+    ),
+    "slcan, no digits": (ValueError("invalid literal for int() with base 16: 'zz'"), Rejection.GARBAGE),
+    "slcan, cut off": (IndexError("string index out of range"), Rejection.GARBAGE),
+    "slcan, not text": (
+        caused_by(can.CanOperationError("Could not read"), UnicodeDecodeError("utf-8", b"\xff", 0, 1, "")),
+        Rejection.GARBAGE,
+    ),
+    "a driver's record": (struct.error("unpack requires a buffer of 4 bytes"), Rejection.GARBAGE),
+    "told by our backend": (UnusableReceptionError(Rejection.ADAPTER), Rejection.ADAPTER),
+    "error frame": (can.Message(is_error_frame=True), Rejection.ERROR_FRAME),
+    "remote frame": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, is_remote_frame=True, dlc=8),
+        Rejection.REMOTE,
+    ),
+    "29-bit identifier": (
+        can.Message(arbitration_id=0x120, is_extended_id=True, data=bytes(8)),
+        Rejection.EXTENDED,
+    ),
+    "data cut off": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(3), dlc=8),
+        Rejection.WRONG_LENGTH,
+    ),
+    "classic frame of 12": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(12)),
+        Rejection.WRONG_LENGTH,
+    ),
+    "FD frame of 9": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(9), is_fd=True),
+        Rejection.WRONG_LENGTH,
+    ),
+    "our FD message as a classic one": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(8)),
+        Rejection.WRONG_FORMAT,
+    ),
+    "our classic message as an FD one": (
+        can.Message(arbitration_id=0x121, is_extended_id=False, data=bytes(8), is_fd=True),
+        Rejection.WRONG_FORMAT,
+    ),
+    "identifier too large": (can.Message(arbitration_id=0x800, is_extended_id=False, data=b""), Rejection.GARBAGE),
+    "time is no number": (
+        can.Message(arbitration_id=1, is_extended_id=False, data=b"", timestamp=float("nan")),
+        Rejection.GARBAGE,
+    ),
+    "identifier is text": (
+        can.Message(arbitration_id="1", is_extended_id=False, data=b""),  # type: ignore[arg-type]
+        Rejection.GARBAGE,
+    ),
+    "identifier is a float": (
+        can.Message(arbitration_id=1.5, is_extended_id=False, data=b""),  # type: ignore[arg-type]
+        Rejection.GARBAGE,
     ),
 }
 
 
-@pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE)
-def test_garbage_is_counted_and_what_follows_is_received(garbage):
-    bus = PythonCanBus(ScriptedBus([garbage, SOUND, garbage, garbage, SOUND]))
+@pytest.mark.parametrize(("refused", "reason"), REFUSED.values(), ids=REFUSED)
+def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received(refused, reason):
+    bus = PythonCanBus(ScriptedBus([refused, SOUND, refused, refused, SOUND]))
     assert [frame.frame_id for frame in bus.receive_all()] == [0x120, 0x120]
-    assert bus.rejected == 3
-    bus = PythonCanBus(ScriptedBus([garbage, SOUND]))
+    assert counts(bus) == {reason: 3}
+    assert (bus.received, bus.accepted) == (5, 2)
+    bus = PythonCanBus(ScriptedBus([refused, SOUND]))
     assert bus.receive(1.0) is not None
-    assert bus.rejected == 1
+    assert counts(bus) == {reason: 1}
 
 
-def test_undecodable_line_is_flushed_out_of_the_backend():
-    """slcan keeps it in a buffer and would raise on it at every further line."""
-    scripted = ScriptedBus([GARBAGE["slcan, not text"], SOUND])
-    assert len(PythonCanBus(scripted).receive_all()) == 1
-    assert scripted.flushed == 1
+def test_identifiers_that_are_not_ours_may_have_either_format():
+    script = [to_message(Frame(frame_id=0x7E0, data=bytes(8), is_fd=is_fd)) for is_fd in (False, True)]
+    assert [frame.is_fd for frame in PythonCanBus(ScriptedBus(script)).receive_all()] == [False, True]
+
+
+def test_classic_bus_takes_and_sends_classic_frames_alone():
+    fd, classic = Frame(frame_id=0x7E0, data=bytes(8)), Frame(frame_id=0x121, data=bytes(8), is_fd=False)
+    bus = PythonCanBus(ScriptedBus([to_message(fd), to_message(classic)]), is_classic=True)
+    assert bus.receive_all() == [classic]
+    assert counts(bus) == {Rejection.WRONG_FORMAT: 1}
+    with pytest.raises(BusError, match=r"0x7e0 was not sent: it is CAN FD, and bus\.frames = classic"):
+        bus.send(fd)
+
+
+def test_classic_frames_pass_over_a_classic_virtual_bus(config):
+    config = replace(config, frames="classic")
+    frame = Frame(frame_id=0x121, data=bytes(8), is_fd=False)
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
+        assert one._bus.protocol is can.CanProtocol.CAN_20
+        one.send(frame)
+        assert other.receive_all() == [frame]
+        with pytest.raises(BusError, match="CAN FD"):
+            one.send(Frame(frame_id=0x120, data=bytes(16)))
+        assert other.receive_all() == []
+
+
+def error_frame(classes: int, data: list[int]) -> can.Message:
+    return can.Message(is_error_frame=True, arbitration_id=classes, data=data)
+
+
+def test_error_frames_of_socketcan_are_about_the_controllers_health():
+    # CAN_ERR_CRTL | CAN_ERR_CNT with CAN_ERR_CRTL_TX_PASSIVE, then with RX_OVERFLOW.
+    script = [
+        error_frame(0x204, [0, 0x20, 0, 0, 0, 0, 130, 7]),
+        SOUND,
+        error_frame(0x204, [0, 0x01, 0, 0, 0, 0, 130, 9]),
+    ]
+    bus = PythonCanBus(ScriptedBus(script), linux_error_frames=True)
+    assert bus.health() == HEALTHY
+    assert len(bus.receive_all()) == 1
+    assert bus.health() == BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=130, rx_errors=9)
+    assert bus.overflows == 1
+    assert counts(bus) == {Rejection.ERROR_FRAME: 2}
+    # From elsewhere they mean something else, or another node.
+    other = PythonCanBus(ScriptedBus(script))
+    other.receive_all()
+    assert (other.health(), other.overflows) == (HEALTHY, 0)
+
+
+def test_bus_off_that_a_driver_reports_is_counted_when_it_comes():
+    scripted = ScriptedBus([])
+    bus = PythonCanBus(scripted)
+    found = []
+    for state in (can.BusState.ERROR, can.BusState.ERROR, can.BusState.ACTIVE, can.BusState.ERROR):
+        scripted.driver_state = state
+        found.append((bus.health().state, bus.health().bus_off))
+    off, active = BusState.BUS_OFF, BusState.ERROR_ACTIVE
+    assert found == [(off, 1), (off, 1), (active, 1), (off, 2)]
+    # Of python-can's drivers, pcan, ixxat and systec say PASSIVE of a node that may only listen.
+    scripted.driver_state = can.BusState.PASSIVE
+    assert bus.health().state is active
+
+
+def test_virtual_bus_is_healthy_and_loses_nothing_unseen(pair):
+    assert (pair[0].health(), pair[0].overflows) == (HEALTHY, 0)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +285,7 @@ def test_fault_of_the_system_is_raised(fault):
     bus = PythonCanBus(ScriptedBus([SOUND, fault]))
     with pytest.raises(BusError, match=r"CAN bus failed: ."):
         bus.receive_all()
-    assert bus.rejected == 0
+    assert counts(bus) == {}
 
 
 def test_backend_that_only_ever_stumbles_is_a_fault_in_the_end():
@@ -238,7 +300,7 @@ def test_as_much_garbage_as_the_limit_is_borne_again_and_again(calm):
     bus = PythonCanBus(ScriptedBus(burst * 3))
     for _ in range(3):
         bus.receive_all()
-    assert bus.rejected == 3 * GARBAGE_LIMIT
+    assert counts(bus) == {Rejection.GARBAGE: 3 * GARBAGE_LIMIT}
 
 
 def test_one_collection_is_bounded():
@@ -246,13 +308,39 @@ def test_one_collection_is_bounded():
     assert [len(bus.receive_all()) for _ in range(2)] == [QUEUE_SIZE, 1]
 
 
+def test_flood_of_what_our_backends_refuse_ends_neither_the_bus_nor_the_wait():
+    """A flood on the wire is no fault of the backend; yet one collection ends."""
+    flood: list[can.Message | Exception] = [UnusableReceptionError(Rejection.GARBAGE)] * (3 * RECEPTION_LIMIT)
+    bus = PythonCanBus(ScriptedBus([*flood, SOUND]))
+    for done in (1, 2, 3):
+        assert bus.receive_all() == []
+        assert counts(bus) == {Rejection.GARBAGE: done * RECEPTION_LIMIT}
+    assert len(bus.receive_all()) == 1
+
+
 def test_noise_with_idle_moments_or_frames_is_borne_for_ever():
     script = [item for _ in range(GARBAGE_LIMIT) for item in (ValueError(), ValueError(), SOUND, ValueError(), None)]
     bus = PythonCanBus(ScriptedBus(script))
     assert sum(len(bus.receive_all()) for _ in range(GARBAGE_LIMIT)) == GARBAGE_LIMIT
-    assert bus.rejected == 3 * GARBAGE_LIMIT
+    assert counts(bus) == {Rejection.GARBAGE: 3 * GARBAGE_LIMIT}
 
 
 def test_send_that_times_out_without_a_word_is_still_named():
     with pytest.raises(BusError, match="0x120 was not sent: CanTimeoutError"):
         PythonCanBus(ScriptedBus([])).send(Frame(frame_id=0x120, data=b""))
+
+
+def test_bus_that_vanished_is_closed_without_a_word_of_its_own():
+    class Vanished(ScriptedBus):
+        opened = False
+
+        def shutdown(self) -> None:
+            super().shutdown()
+            if self.opened:
+                raise can.CanOperationError("Could not write to serial device")
+
+    scripted = Vanished([])
+    scripted.opened = True
+    PythonCanBus(scripted).close()
+    with pytest.raises(BusError, match="what the body found"), PythonCanBus(scripted):
+        raise BusError("what the body found")

@@ -1,0 +1,167 @@
+"""The whole receive path, from what a backend hears to a parsed message, fed by hand: no socket, no port, no clock.
+
+The backends are the real ones; only the system's call that would hand over a datagram or bytes is ours.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Final
+
+import can
+
+from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus
+from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.rejection import Rejection
+from can_bridge.e2e.receiver import E2eReceiver
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import CLASSIC, FD
+from contract.config.vehicle import E2eConfig
+
+_SENDER: Final = ("127.0.0.1", 1)
+_E2E: Final = E2eConfig()
+
+
+class ReceivePath:
+    """One node for each backend; each call feeds one of them and follows what comes out to its end.
+
+    Attributes:
+        fed: receptions that went in, apart from serial lines, whose number is a matter of their ends.
+    """
+
+    def __init__(self) -> None:
+        self._datagrams = _FedDatagrams()
+        self._port = _FedPort()
+        self._messages = _FedMessages()
+        self.udp = PythonCanBus(_FedUdpBus(self._datagrams))
+        self.slcan = PythonCanBus(_FedSlcanBus(self._port))
+        self.driver = PythonCanBus(self._messages, linux_error_frames=True)
+        messages = [message for used in (FD, CLASSIC) for message in (used.pressure, used.command, used.status)]
+        self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in messages]
+        self.fed = 0
+        self._time = 0.0
+
+    @property
+    def buses(self) -> tuple[PythonCanBus, PythonCanBus, PythonCanBus]:
+        """Of the three backends: datagrams, lines, messages."""
+        return self.udp, self.slcan, self.driver
+
+    def datagrams(self, contents: Iterable[bytes]) -> list[Frame]:
+        """Datagrams a second apart, so that none passes for another's copy."""
+        for content in contents:
+            self._time += 1.0
+            self._datagrams.waiting.append((content, self._time))
+            self.fed += 1
+        return self._followed(self.udp)
+
+    def lines(self, content: bytes) -> list[Frame]:
+        """Bytes of a serial line, whole lines or not."""
+        self._port.waiting += content
+        frames = self._followed(self.slcan)
+        if self._port.waiting or len(self._port.bus._buffer) > LINE_LIMIT:
+            raise AssertionError("serial bytes were left over")
+        return frames
+
+    def messages(self, contents: Iterable[can.Message]) -> list[Frame]:
+        """Messages as any driver of python-can's may give them."""
+        for content in contents:
+            self._messages.waiting.append(content)
+            self.fed += 1
+        return self._followed(self.driver)
+
+    def totals(self) -> tuple[int, dict[Rejection, int]]:
+        """Frames accepted by the three buses, and receptions refused by reason."""
+        refused = {reason: sum(bus.rejected[reason] for bus in self.buses) for reason in Rejection}
+        return sum(bus.accepted for bus in self.buses), refused
+
+    def _followed(self, bus: PythonCanBus) -> list[Frame]:
+        """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance."""
+        before = bus.accepted
+        frames: list[Frame] = []
+        while True:
+            received = bus.received
+            frames += bus.receive_all()
+            if bus.received == received:
+                break
+        if len(frames) != bus.accepted - before or bus.received != bus.accepted + sum(bus.rejected.values()):
+            raise AssertionError(f"{bus.received} received: {bus.accepted} accepted, {bus.rejected} refused")
+        for receiver, parse in self._messages_in:
+            found = receiver.tick(frames)
+            if found.accepted is not None:
+                parse(found.accepted.data[: receiver.spec.protected])
+        for frame in frames:
+            # Damaged content must not harm a parser either, were it to pass the check.
+            for receiver, parse in self._messages_in:
+                if frame.frame_id == receiver.spec.frame_id:
+                    parse(frame.data)
+        return frames
+
+
+class _FedDatagrams:
+    """In place of python-can's socket."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[tuple[bytes, float]] = deque()
+
+    def recv(self, timeout: float | None) -> tuple[bytes, tuple[str, int], float] | None:
+        if not self.waiting:
+            return None
+        content, time = self.waiting.popleft()
+        return content, _SENDER, time
+
+    def fileno(self) -> int:
+        return -1
+
+    def shutdown(self) -> None:
+        pass
+
+
+class _FedUdpBus(UdpMulticastBus):
+    def __init__(self, datagrams: _FedDatagrams) -> None:
+        can.BusABC.__init__(self, "fed")
+        self._multicast = datagrams  # type: ignore[assignment]
+        self._can_protocol = can.CanProtocol.CAN_FD
+        self._remember_nothing()
+        can.BusABC.shutdown(self)  # nothing to close: python-can would remind us of it
+
+
+class _FedPort:
+    """In place of pyserial's port."""
+
+    is_open = True
+
+    def __init__(self) -> None:
+        self.waiting = bytearray()
+        self.bus: SlcanBus
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self.waiting)
+
+    def read(self, size: int) -> bytes:
+        content = bytes(self.waiting[:size])
+        del self.waiting[:size]
+        return content
+
+
+class _FedSlcanBus(SlcanBus):
+    def __init__(self, port: _FedPort) -> None:
+        can.BusABC.__init__(self, "fed")
+        self.serialPortOrig = port
+        self._buffer = bytearray()
+        port.bus = self
+        can.BusABC.shutdown(self)
+
+
+class _FedMessages(can.BusABC):
+    def __init__(self) -> None:
+        self.channel_info = "fed"
+        self.waiting: deque[can.Message] = deque()
+        super().__init__(channel="fed")
+        self.shutdown()
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return (self.waiting.popleft() if self.waiting else None), False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise NotImplementedError

@@ -1,0 +1,128 @@
+"""From the settings of a bus to an open python-can bus."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import can
+
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+
+QUEUE_SIZE: Final = 1024
+"""Frames a virtual bus holds for a reader, and the most one `receive_all` returns."""
+
+SETTLE_S: Final = 2.0
+"""What a serial adapter is given to start after its port was opened; many reset then."""
+
+SIMULATED: Final = "simulated"
+OWN_CONFIGURATION: Final = "python-can"
+"""In place of an interface: the one that python-can's configuration names (can.conf, environment)."""
+
+_SAMPLE_POINT: Final = 80.0
+"""Percent, for both bit rates, where this adapter sets the bit timing."""
+_CLOCK_HZ: Final = 80_000_000
+
+_EXTRAS: Final = {"udp_multicast": "python-can[multicast]", "slcan": "python-can[serial]"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opened:
+    """An open bus.
+
+    Attributes:
+        interface: python-can's name of it, also where its own configuration chose.
+    """
+
+    bus: can.BusABC
+    interface: str
+
+
+def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> Opened:
+    """Connect as configured.
+
+    Args:
+        config: the settings.
+        settle_s: what a serial adapter is given to start, in s.
+
+    Raises:
+        BusError: naming interface and channel, if that cannot be opened.
+    """
+    _check_known(config.interface)
+    # Vendors' drivers raise what they like, also where their library is missing.
+    try:
+        interface, options = _settings(config, settle_s)
+        return Opened(bus=_constructed(interface, options), interface=interface)
+    except Exception as error:
+        hint = ""
+        missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)
+        if missing and config.interface in _EXTRAS:
+            hint = f"; try pip install '{_EXTRAS[config.interface]}'"
+        raise BusError(f"CAN bus {config.interface} {config.channel!r}: {one_line(error)}{hint}") from error
+
+
+def one_line(error: BaseException) -> str:
+    """What an error says, or else its kind."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _check_known(interface: str) -> None:
+    known = sorted(can.VALID_INTERFACES)
+    if interface == SIMULATED:
+        raise BusError(
+            f"bus.interface = {SIMULATED}: it is in virtual time and connects nothing real; must be"
+            f" {OWN_CONFIGURATION} or one of {', '.join(known)}"
+        )
+    if interface not in (OWN_CONFIGURATION, *known):
+        raise BusError(
+            f"bus.interface = {interface}: python-can does not know it; must be {SIMULATED}, {OWN_CONFIGURATION} or one"
+            f" of {', '.join(known)}"
+        )
+
+
+def _settings(config: BusConfig, settle_s: float) -> tuple[str, dict[str, Any]]:
+    """The interface's name, and what to open it with."""
+    if config.interface == OWN_CONFIGURATION:
+        options: dict[str, Any] = {**can.util.load_config(context=config.channel)}
+        return options.pop("interface"), {name: value for name, value in options.items() if value is not None}
+    return config.interface, {"channel": config.channel, **_options(config, settle_s)}
+
+
+def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
+    is_fd = config.frames == "fd"
+    match config.interface:
+        case "virtual":
+            protocol = can.CanProtocol.CAN_FD if is_fd else can.CanProtocol.CAN_20
+            return {"rx_queue_size": QUEUE_SIZE, "preserve_timestamps": True, "protocol": protocol}
+        case "udp_multicast":
+            return {"hop_limit": 0}
+        case "slcan" if is_fd:
+            timing = can.BitTimingFd.from_sample_point(
+                f_clock=_CLOCK_HZ,
+                nom_bitrate=config.nominal_bitrate,
+                nom_sample_point=_SAMPLE_POINT,
+                data_bitrate=config.data_bitrate,
+                data_sample_point=_SAMPLE_POINT,
+            )
+            return {"timing": timing, "sleep_after_open": settle_s}
+        case "slcan":
+            return {"bitrate": config.nominal_bitrate, "sleep_after_open": settle_s}
+        case "socketcan":
+            return {"fd": is_fd}
+        case _ if is_fd:
+            return {"fd": True, "bitrate": config.nominal_bitrate, "data_bitrate": config.data_bitrate}
+        case _:
+            return {"fd": False, "bitrate": config.nominal_bitrate}
+
+
+def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
+    """Ours where python-can's own backend does not survive what may come over the wire."""
+    if interface == "udp_multicast":
+        from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
+
+        return UdpMulticastBus(**options)
+    if interface == "slcan":
+        from can_bridge.bus.backends.slcan import SlcanBus
+
+        return SlcanBus(**options)
+    return can.Bus(interface=interface, ignore_config=True, **options)

@@ -1,0 +1,150 @@
+"""CAN over UDP multicast: python-can's backend with a parser of our own.
+
+python-can 4.6 gives a datagram's values to `can.Message` whatever their type: `{"data": 2**30}` in 20 bytes allocates
+a gigabyte. It hears its own frames and, on Linux, the groups that others on the machine have joined. It passes on both
+copies of a datagram that came over two network interfaces, and is silent on those that found the kernel's queue full.
+"""
+
+import socket
+import sys
+from collections import deque
+from contextlib import suppress
+from threading import Lock
+from typing import Any, Final
+
+import can
+import msgpack  # type: ignore[import-untyped]  # ships none
+from can.interfaces.udp_multicast import UdpMulticastBus as PythonCanUdpMulticastBus
+from can.interfaces.udp_multicast.utils import pack_message
+
+from can_bridge.bus.backends import kernel_queue
+from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
+
+RECEIVE_QUEUE: Final = 1 << 22
+"""Bytes asked of the kernel: about 5,000 datagrams, where its default holds 256 of them."""
+
+COPY_WINDOW_S: Final = 0.001
+"""Equal datagrams of one sender within this time are copies of one. They hold the sender's own time; where that is
+left out, no node repeats a frame as fast as this."""
+_RECENT: Final = 16
+"""Datagrams that a copy may come behind."""
+
+_ECHOES: Final = 4096
+"""Own datagrams that have not been heard yet; more than the kernel's queue is asked to hold."""
+
+_IP_MULTICAST_ALL: Final = 49
+_IPV6_MULTICAST_ALL: Final = 29
+"""Linux: whether a socket hears each group that anyone on the machine has joined (ip(7)); by default it does."""
+
+_FLAGS: Final = (
+    "is_extended_id",
+    "is_remote_frame",
+    "is_error_frame",
+    "is_fd",
+    "bitrate_switch",
+    "error_state_indicator",
+)
+_FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "data", *_FLAGS})
+
+
+def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
+    """The message in a datagram as python-can packs it; never raises, and allocates no more than the datagram has.
+
+    Args:
+        datagram: as received.
+        timestamp: of the reception, in s; the sender's is dropped.
+    """
+    try:
+        fields = msgpack.unpackb(datagram)
+    except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
+        return Rejection.GARBAGE
+    if not isinstance(fields, dict) or not {"arbitration_id", "data"} <= fields.keys() <= _FIELDS:
+        return Rejection.GARBAGE
+    data, dlc = fields["data"], fields.get("dlc")
+    flags: dict[str, Any] = {name: fields[name] for name in _FLAGS if name in fields}
+    sound = type(fields["arbitration_id"]) is int and isinstance(data, bytes) and type(dlc) in (int, type(None))
+    if not sound or any(type(flag) is not bool for flag in flags.values()):
+        return Rejection.GARBAGE
+    is_fd, is_remote = flags.get("is_fd", False), flags.get("is_remote_frame", False)
+    length = len(data) if dlc is None else dlc
+    if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS) or len(data) != (0 if is_remote else length):
+        return Rejection.WRONG_LENGTH
+    try:
+        return can.Message(
+            check=True,
+            arbitration_id=fields["arbitration_id"],
+            data=data,
+            dlc=length,
+            timestamp=timestamp,
+            **flags,
+        )
+    except ValueError:
+        return Rejection.GARBAGE
+
+
+class UdpMulticastBus(PythonCanUdpMulticastBus):
+    """One node on this machine's group. What cannot be used is raised as `UnusableReceptionError`."""
+
+    def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv4, **options: Any) -> None:
+        """Join the group at the multicast address `channel`.
+
+        Args:
+            channel: an IPv4 or IPv6 multicast address.
+            options: of python-can's backend; it takes part in CAN FD always, the caller tells the formats apart.
+        """
+        super().__init__(channel, **(options | {"fd": True}))
+        kernel_queue.enlarge(self._multicast._socket, RECEIVE_QUEUE)
+        self._hear_own_group_alone()
+        self._remember_nothing()
+
+    def _hear_own_group_alone(self) -> None:
+        if sys.platform == "linux":
+            four = self._multicast.ip_version == 4
+            level, option = (
+                (socket.IPPROTO_IP, _IP_MULTICAST_ALL) if four else (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL)
+            )
+            with suppress(OSError):  # a kernel before 4.20 has none for IPv6
+                self._multicast._socket.setsockopt(level, option, 0)
+
+    def _remember_nothing(self) -> None:
+        self._lock = Lock()
+        self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
+        self._recent: deque[tuple[object, bytes, float]] = deque(maxlen=_RECENT)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """See `can.BusABC.send`."""
+        datagram = pack_message(msg)
+        with self._lock:
+            self._echoes.append(datagram)
+        try:
+            self._multicast.send(datagram, timeout)
+        except BaseException:
+            self._is_echo(datagram)
+            raise
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        received = self._multicast.recv(timeout)
+        if received is None:
+            return None, False
+        datagram, sender, timestamp = received
+        message = parse_datagram(datagram, timestamp=timestamp)
+        if isinstance(message, Rejection):
+            raise UnusableReceptionError(message)
+        # The port tells no node from another: all on this machine share it.
+        if self._is_echo(datagram):
+            self._recent.append((sender, datagram, timestamp))
+            raise UnusableReceptionError(Rejection.OWN)
+        if any((sender, datagram) == known[:2] and abs(timestamp - known[2]) < COPY_WINDOW_S for known in self._recent):
+            raise UnusableReceptionError(Rejection.DUPLICATE)
+        self._recent.append((sender, datagram, timestamp))
+        return message, False
+
+    def _is_echo(self, datagram: bytes) -> bool:
+        """Whether this node sent the datagram and has not heard it before; forgets it then."""
+        with self._lock:
+            try:
+                self._echoes.remove(datagram)
+            except ValueError:
+                return False
+            return True

@@ -1,0 +1,53 @@
+"""Our frames as python-can's messages, and back."""
+
+import can
+
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+
+
+def to_message(frame: Frame) -> can.Message:
+    """The frame as python-can's; times become float seconds, exact to the ns for the first weeks after zero."""
+    return can.Message(
+        arbitration_id=frame.frame_id,
+        data=frame.data,
+        timestamp=frame.timestamp_ns / 1e9,
+        is_extended_id=frame.is_extended,
+        is_fd=frame.is_fd,
+        bitrate_switch=frame.is_fd,
+    )
+
+
+def classified(message: can.Message) -> Frame | Rejection:
+    """The frame in a python-can message, or why it is no data frame with an 11-bit identifier; never raises.
+
+    Whether an FD frame switched its bit rate is not kept.
+    """
+    if message.is_error_frame:
+        return Rejection.ERROR_FRAME
+    if message.is_remote_frame:
+        return Rejection.REMOTE
+    if message.is_extended_id:
+        return Rejection.EXTENDED
+    is_fd = bool(message.is_fd)
+    # A backend shows a cut-off line only by the two lengths.
+    if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
+        return Rejection.WRONG_LENGTH
+    # A backend may pass on values whatever their type and range. A float would pass the range check.
+    if not isinstance(message.arbitration_id, int):
+        return Rejection.GARBAGE
+    try:
+        return Frame(
+            frame_id=message.arbitration_id,
+            data=bytes(message.data),
+            timestamp_ns=round(message.timestamp * 1e9),
+            is_fd=is_fd,
+        )
+    except (ValueError, OverflowError, TypeError):
+        return Rejection.GARBAGE
+
+
+def from_message(message: can.Message) -> Frame | None:
+    """The frame in a python-can message; None unless it is a sound data frame with an 11-bit identifier."""
+    frame = classified(message)
+    return frame if isinstance(frame, Frame) else None

@@ -1,0 +1,294 @@
+"""The serial backend over a pseudo-terminal."""
+
+import os
+import time
+from collections.abc import Iterator
+
+import can
+import pytest
+from can.interfaces.slcan import slcanBus
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus, parse_line
+from can_bridge.bus.conversion import to_message
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+from tests.can_bridge.bus.backends.ptys import Adapter, adapter
+
+PATIENCE_S = 10.0
+
+FRAME = Frame(frame_id=0x120, data=bytes(range(12)))
+LINE = b"b1209000102030405060708090A0B\r"
+
+BAD_LINES = {
+    "identifier without digits": (b"tzzz1AA\r", Rejection.GARBAGE),
+    "kind alone": (b"t\r", Rejection.GARBAGE),
+    "cut in the identifier": (b"t12\r", Rejection.GARBAGE),
+    "blank in the identifier": (b"t1 210AA\r", Rejection.GARBAGE),
+    "underscore in the identifier": (b"t1_21AA\r", Rejection.GARBAGE),
+    "no text": (b"b12\xff\xfe\r", Rejection.GARBAGE),
+    "12 bits": (b"t8001AA\r", Rejection.GARBAGE),
+    "30 bits": (b"T200000001AA\r", Rejection.GARBAGE),
+    "another protocol": (b"hello\r", Rejection.GARBAGE),
+    "cut off, then BEL": (b"t12\a", Rejection.GARBAGE),
+    "a byte too few": (b"t1233AABB\r", Rejection.WRONG_LENGTH),
+    "half a byte": (b"t1231A\r", Rejection.WRONG_LENGTH),
+    "a byte too many": (b"t1231AABB\r", Rejection.WRONG_LENGTH),
+    "nine bytes in classic CAN": (b"t1239" + b"AA" * 9 + b"\r", Rejection.WRONG_LENGTH),
+    "remote frame": (b"r1208\r", Rejection.REMOTE),
+    "29-bit remote frame": (b"R000001208\r", Rejection.REMOTE),
+    "29-bit identifier": (b"T000001201AA\r", Rejection.EXTENDED),
+    "29-bit identifier of CANDapter": (b"x000001201AA\r", Rejection.EXTENDED),
+    "29-bit identifier, CAN FD": (b"B000001201AA\r", Rejection.EXTENDED),
+    "our message as a classic frame": (b"t1301AA\r", Rejection.WRONG_FORMAT),
+    "adapter's complaint": (b"\a", Rejection.ADAPTER),
+}
+
+
+@pytest.fixture
+def line() -> Iterator[Adapter]:
+    with adapter() as end:
+        yield end
+
+
+def opened(line: Adapter, frames: str = "fd") -> PythonCanBus:
+    bus = PythonCanBus.open(BusConfig(interface="slcan", channel=line.port, frames=frames), settle_s=0.0)  # type: ignore[arg-type]
+    line.read()
+    return bus
+
+
+def refused(bus: PythonCanBus) -> dict[Rejection, int]:
+    return {reason: count for reason, count in bus.rejected.items() if count}
+
+
+def all_of(bus: PythonCanBus, frames: int) -> list[Frame]:
+    got: list[Frame] = []
+    deadline = time.monotonic() + PATIENCE_S
+    while len(got) < frames and time.monotonic() < deadline:
+        got += bus.receive_all()
+    return got
+
+
+@pytest.mark.parametrize(("bad", "reason"), BAD_LINES.values(), ids=BAD_LINES)
+def test_bad_line_is_counted_and_the_good_ones_around_it_arrive(line, bad, reason):
+    with opened(line) as bus:
+        line.write(LINE + bad + LINE * 3)
+        got = all_of(bus, 4)
+        assert [(frame.frame_id, frame.data, frame.is_fd) for frame in got] == [(0x120, FRAME.data, True)] * 4
+        assert refused(bus) == {reason: 1}
+
+
+def test_none_of_many_good_frames_between_bad_lines_is_lost(line):
+    """Half as many bad lines as good ones; a reader that collects what has come, and one that waits."""
+    bad = [content for content, _ in BAD_LINES.values()]
+    sent = [Frame(frame_id=0x120, data=i.to_bytes(12, "little")) for i in range(600)]
+    got = []
+    with opened(line) as bus:
+        for i, frame in enumerate(sent):
+            content = b"b1209" + frame.data.hex().upper().encode() + b"\r"
+            line.write(content + bad[i // 2 % len(bad)] * (i % 2))
+            if i % 7 == 0:
+                got += bus.receive_all()
+            elif i % 7 == 3 and (frame_got := bus.receive(0.001)) is not None:
+                got.append(frame_got)
+        got += all_of(bus, len(sent) - len(got))
+        assert [frame.data for frame in got] == [frame.data for frame in sent]
+        assert sum(bus.rejected.values()) == 300
+        assert bus.received == 900
+
+
+@pytest.mark.parametrize("cut", range(1, len(LINE)))
+def test_a_line_may_arrive_in_two_parts(line, cut):
+    with opened(line) as bus:
+        line.write(LINE[:cut])
+        assert bus.receive_all() == []
+        line.write(LINE[cut:])
+        assert len(all_of(bus, 1)) == 1
+        assert refused(bus) == {}
+
+
+def test_answers_to_sent_frames_are_no_silence_between_received_ones(line):
+    """Adapters answer each frame; a collection that stopped there would fall behind by one answer a period."""
+    with opened(line) as bus:
+        line.write(LINE + b"z\r" + LINE + b"\r" + LINE + b"Z\r" + LINE)
+        # All of it is in the port; one collection must take all.
+        assert len(bus.receive_all()) == 4
+        assert bus.received == 4
+
+
+def test_time_stamp_of_the_adapter_is_ignored(line):
+    with opened(line) as bus:
+        line.write(LINE[:-1] + b"EA5F\r")
+        assert [frame.data for frame in all_of(bus, 1)] == [FRAME.data]
+
+
+def test_noise_without_an_end_takes_no_more_memory_than_a_line(line):
+    with opened(line) as bus:
+        for _ in range(100):
+            line.write(b"A" * 2000)
+            assert bus.receive_all() == []
+            assert len(bus._bus._buffer) <= LINE_LIMIT  # type: ignore[attr-defined]
+        line.write(b"\r" + LINE)
+        assert len(all_of(bus, 1)) == 1
+
+
+MESSAGES = st.builds(
+    lambda is_fd, is_extended, number, payload, pick, remote: can.Message(
+        is_fd=is_fd,
+        bitrate_switch=is_fd,
+        is_extended_id=is_extended,
+        arbitration_id=number if is_extended else number % 0x800,
+        is_remote_frame=remote and not is_fd,
+        dlc=pick % 9 if remote and not is_fd else None,
+        data=payload.ljust(64, b"\0")[: FD_LENGTHS[pick] if is_fd else CLASSIC_LENGTHS[pick % 9]],
+    ),
+    st.booleans(),
+    st.booleans(),
+    st.integers(0, 0x1FFFFFFF),
+    st.binary(max_size=64),
+    st.integers(0, 15),
+    st.booleans(),
+)
+
+
+@pytest.fixture(scope="module")
+def python_cans_own() -> Iterator[tuple[slcanBus, Adapter]]:
+    """python-can's backend, with its own spelling and its own parser."""
+    with adapter() as end:
+        bus = slcanBus(end.port, sleep_after_open=0.0)
+        end.read()
+        yield bus, end
+        bus.shutdown()
+
+
+@given(message=MESSAGES)
+def test_lines_that_python_can_writes_are_read_back(python_cans_own, message):
+    bus, end = python_cans_own
+    bus.send(message)
+    found = parse_line(end.read().removesuffix(b"\r"), timestamp=message.timestamp)
+    assert isinstance(found, can.Message)
+    assert found.equals(message, check_direction=False)
+
+
+@given(
+    content=st.from_regex(rb"[tTdDbBrRx][0-9A-F]{3,9}[0-9A-F]{0,32}", fullmatch=True)
+    | st.from_regex(rb"[tdb][0-7][0-9A-F]{2}1[0-9A-F]{2}", fullmatch=True)
+    | st.binary(max_size=20)
+)
+def test_line_that_is_taken_means_what_python_can_reads_in_it(python_cans_own, content):
+    found = parse_line(content)
+    assert found is None or isinstance(found, Rejection | can.Message)
+    if isinstance(found, can.Message):
+        bus, _ = python_cans_own
+        bus._queue.put(content.decode() + "\r")
+        assert bus.recv(0.0).equals(found, timestamp_delta=None, check_channel=False)
+
+
+# Sending
+
+
+def test_line_that_went_out_whole_is_no_failure_however_late(line, monkeypatch):
+    """The process may lose the processor between the write and the look at the clock."""
+    with opened(line) as bus:
+        write = os.write
+
+        def write_and_lose_the_processor(fd: int, content: bytes) -> int:
+            count = write(fd, content)
+            time.sleep(0.02)
+            return count
+
+        monkeypatch.setattr(os, "write", write_and_lose_the_processor)
+        bus.send(FRAME, timeout_s=0.005)
+        monkeypatch.undo()
+        assert line.read() == LINE
+
+
+def test_port_that_takes_no_more_is_told_in_time_and_cuts_one_line_only(line):
+    with opened(line) as bus:
+        sent = 0
+        with pytest.raises(BusError, match=r"0x120 was not sent: the serial port took \d+ of 30 bytes in 0\.005 s"):
+            while True:
+                bus.send(FRAME)
+                sent += 1
+                assert sent < 10_000
+        heard = line.read()
+        bus.send(FRAME)
+        heard += line.read()
+        lines = heard.removesuffix(b"\r").split(b"\r")
+        # All that were sent, in whole; at most one that was cut off; and the one that follows.
+        assert lines.count(LINE[:-1]) == sent + 1
+        assert len(lines) <= sent + 2
+        for cut in lines:
+            if cut != LINE[:-1]:
+                assert LINE.startswith(cut)
+                assert parse_line(cut) is Rejection.WRONG_LENGTH or parse_line(cut) is Rejection.GARBAGE
+
+
+def test_opening_commands_for_fd_and_classic(line):
+    fd = PythonCanBus.open(BusConfig(interface="slcan", channel=line.port), settle_s=0.0)
+    assert line.read() == b"C\rS6\rY2\rO\rO\r"
+    fd.close()
+    assert line.read() == b"C\r"
+    classic = PythonCanBus.open(BusConfig(interface="slcan", channel=line.port, frames="classic"), settle_s=0.0)
+    commands = line.read()
+    assert b"S6\r" in commands
+    assert b"Y" not in commands
+    with pytest.raises(BusError, match="CAN FD"):
+        classic.send(FRAME)
+    frame = Frame(frame_id=0x121, data=bytes(8), is_fd=False)
+    classic.send(frame)
+    assert line.read() == b"t1218" + b"00" * 8 + b"\r"
+    line.write(LINE + b"t1218" + b"00" * 8 + b"\r")
+    assert [(got.frame_id, got.is_fd) for got in all_of(classic, 1)] == [(0x121, False)]
+    assert refused(classic) == {Rejection.WRONG_FORMAT: 1}
+    classic.close()
+
+
+@pytest.mark.parametrize("rates", [{"nominal_bitrate": 400_000}, {"data_bitrate": 4_000_000}])
+def test_bit_rates_that_the_protocol_cannot_say_are_refused(line, rates):
+    with pytest.raises(BusError, match=r"CAN bus slcan '.*': Invalid .*bitrate, choose one of"):
+        PythonCanBus.open(BusConfig(interface="slcan", channel=line.port, **rates), settle_s=0.0)
+
+
+# The plug is pulled
+
+
+def test_port_that_vanishes_ends_the_bus_and_closes_without_a_word(line):
+    with pytest.raises(BusError, match="CAN bus failed"), opened(line) as bus:
+        os.close(line.fd)
+        # The error of the body must come out, not one of closing.
+        all_of(bus, 1)
+    assert not bus._bus.serialPortOrig.is_open  # type: ignore[attr-defined]
+    with pytest.raises(BusError, match="was not sent: the serial port is closed"):
+        bus.send(FRAME)
+    with pytest.raises(BusError, match="closed"):
+        bus.receive_all()
+    bus.close()
+
+
+def test_sending_into_a_port_that_vanished_is_an_error(line):
+    with opened(line) as bus:
+        os.close(line.fd)
+        with pytest.raises(BusError, match="was not sent"):
+            bus.send(FRAME)
+
+
+def test_port_that_pyserial_alone_can_write_to():
+    """No POSIX port: pyserial's loop, where all that is sent comes back."""
+    with PythonCanBus(SlcanBus("loop://", sleep_after_open=0.0)) as bus:
+        bus.receive_all()
+        bus.send(FRAME)
+        assert [(got.frame_id, got.data) for got in all_of(bus, 1)] == [(0x120, FRAME.data)]
+        assert bus.overflows == 0
+
+
+def test_message_of_ours_is_written_as_python_can_writes_it(line, python_cans_own):
+    bus, end = python_cans_own
+    with opened(line) as ours:
+        ours.send(FRAME)
+        bus.send(to_message(FRAME))
+        assert line.read() == end.read() == LINE

@@ -1,0 +1,281 @@
+"""The multicast backend on this machine's own network."""
+
+import os
+import socket
+import time
+import tracemalloc
+from collections.abc import Iterator
+
+import can
+import msgpack  # type: ignore[import-untyped]  # ships none
+import pytest
+from can.interfaces.udp_multicast.utils import pack_message, unpack_message
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.backends.udp_multicast import RECEIVE_QUEUE, UdpMulticastBus, parse_datagram
+from can_bridge.bus.conversion import to_message
+from can_bridge.bus.interface import HEALTHY
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+
+GROUP, PORT = "239.74.163.2", 43113
+PATIENCE_S = 10.0
+
+FRAME_ID = os.getpid() % 0x800
+"""Of this process alone: other tests may use the group at the same time."""
+
+SOUND = {"arbitration_id": 0x120, "data": bytes(16), "is_fd": True, "is_extended_id": False}
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
+    config = BusConfig(interface="udp_multicast", channel=GROUP)
+    try:
+        one, other = PythonCanBus.open(config), PythonCanBus.open(config)
+    except BusError as error:
+        pytest.skip(f"no multicast here: {error}")
+    with one, other:
+        one.send(Frame(frame_id=FRAME_ID, data=b"is anyone there?"))
+        if not heard(other, 1):
+            pytest.skip("multicast does not loop back here")
+        yield one, other
+
+
+@pytest.fixture
+def raw() -> Iterator[socket.socket]:
+    """What sends anything at all."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        sender.connect((GROUP, PORT))
+        yield sender
+
+
+def heard(bus: PythonCanBus, frames: int, patience_s: float = PATIENCE_S) -> list[Frame]:
+    """Frames of this process, as many as are wanted."""
+    got: list[Frame] = []
+    deadline = time.monotonic() + patience_s
+    while len(got) < frames and time.monotonic() < deadline:
+        frame = bus.receive(0.1)
+        if frame is not None and frame.frame_id == FRAME_ID:
+            got.append(frame)
+    return got
+
+
+def test_group_stays_on_this_machine_with_a_queue_beyond_the_default(pair):
+    bus = pair[0]._bus
+    assert isinstance(bus, UdpMulticastBus)
+    assert bus._multicast.hop_limit == 0
+    sock = bus._multicast._socket
+    # The system may grant less than was asked for. Linux answers with twice what it grants.
+    default = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with default:
+        assert (
+            default.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            <= sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            <= 2 * RECEIVE_QUEUE
+        )
+
+
+def test_garbage_datagrams_are_counted_and_the_frames_around_them_arrive(pair, raw):
+    one, other = pair
+    frames = [Frame(frame_id=FRAME_ID, data=bytes([i] * 12), timestamp_ns=i) for i in range(5)]
+    before = other.rejected[Rejection.GARBAGE]
+    for frame, garbage in zip(frames, (b"", b"\x00", b"garbage", b"\xff" * 100, b"\x81\xa1x\x01"), strict=True):
+        raw.send(garbage)
+        one.send(frame)
+    got = heard(other, 5)
+    assert [(frame.data, frame.is_fd) for frame in got] == [(frame.data, True) for frame in frames]
+    assert other.rejected[Rejection.GARBAGE] - before == 5
+    assert other.health() == HEALTHY
+
+
+def test_own_frames_are_heard_again_and_left_out(pair):
+    one, other = pair
+    for i in range(20):
+        one.send(Frame(frame_id=FRAME_ID, data=bytes([i])))
+        other.send(Frame(frame_id=FRAME_ID, data=bytes([i + 100])))
+    assert [frame.data[0] for frame in heard(one, 20)] == list(range(100, 120))
+    assert [frame.data[0] for frame in heard(other, 20)] == list(range(20))
+    for bus in pair:
+        bus.receive_all()
+    # One more: what the fixture sent.
+    assert (one.rejected[Rejection.OWN], other.rejected[Rejection.OWN]) == (21, 20)
+
+
+def test_frame_that_could_not_be_sent_is_not_waited_for(pair):
+    """Or an equal one of another node would be taken for it."""
+    one, other = pair
+    frame = Frame(frame_id=FRAME_ID, data=b"twin")
+    sendto = one._bus._multicast.send  # type: ignore[attr-defined]
+    one._bus._multicast.send = None  # type: ignore[attr-defined]
+    with pytest.raises(TypeError):
+        one._bus.send(to_message(frame))
+    one._bus._multicast.send = sendto  # type: ignore[attr-defined]
+    other.send(frame)
+    assert [got.data for got in heard(one, 1)] == [b"twin"]
+
+
+def test_second_copy_of_a_datagram_is_left_out_and_a_repetition_is_not(pair, raw):
+    """Copies are what one sender's datagram becomes on a machine with several interfaces."""
+    _, other = pair
+    datagrams = [
+        pack_message(to_message(Frame(frame_id=FRAME_ID, data=bytes([i] * 8), timestamp_ns=i))) for i in range(3)
+    ]
+    before = other.rejected[Rejection.DUPLICATE]
+    # Sent at once, and in another order. The kernel stamps them when it takes them, so a busy reader changes nothing;
+    # a sender that loses the processor between them for a millisecond would.
+    for _ in range(20):
+        start = time.monotonic()
+        for content in (*datagrams, *reversed(datagrams)):
+            raw.send(content)
+        took = time.monotonic() - start
+        got = heard(other, 3)
+        other.receive_all()
+        if took < 0.001:
+            break
+        before = other.rejected[Rejection.DUPLICATE]
+    else:
+        pytest.skip("this machine is too busy to send six datagrams in a millisecond")
+    assert [frame.data[0] for frame in got] == [0, 1, 2]
+    assert other.rejected[Rejection.DUPLICATE] - before == 3
+    time.sleep(0.005)
+    raw.send(datagrams[0])
+    assert [frame.data[0] for frame in heard(other, 1)] == [0]
+
+
+def test_two_senders_of_equal_datagrams_are_two(pair, raw):
+    _, other = pair
+    content = pack_message(to_message(Frame(frame_id=FRAME_ID, data=b"same")))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second:
+        second.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        raw.send(content)
+        second.sendto(content, (GROUP, PORT))
+    assert len(heard(other, 2)) == 2
+
+
+def test_what_the_kernel_had_to_drop_is_counted(pair, raw):
+    one, other = pair
+    sock = other._bus._multicast._socket  # type: ignore[attr-defined]
+    other.receive_all()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    before, received = other.overflows, other.received
+    for i in range(200):
+        raw.send(i.to_bytes(2, "big"))
+    other.receive_all()
+    lost = other.overflows - before
+    assert lost > 0
+    # Other tests may send to the group, too.
+    assert other.received - received + lost >= 200
+    one.receive_all()
+    assert one.overflows == 0
+
+
+def test_classic_bus_leaves_fd_frames_out_and_counts_them(pair):
+    one, _ = pair
+    config = BusConfig(interface="udp_multicast", channel=GROUP, frames="classic")
+    with PythonCanBus.open(config) as classic:
+        for frame in (Frame(frame_id=FRAME_ID, data=bytes(8), is_fd=is_fd) for is_fd in (True, False)):
+            one.send(frame)
+        got = heard(classic, 1)
+        assert [frame.is_fd for frame in got] == [False]
+        assert classic.rejected[Rejection.WRONG_FORMAT] >= 1
+        with pytest.raises(BusError, match="CAN FD"):
+            classic.send(Frame(frame_id=FRAME_ID, data=bytes(8)))
+
+
+# The parser
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.binary(max_size=70) | st.just("x"),
+    lambda inner: st.lists(inner, max_size=3),
+    max_leaves=4,
+)
+FIELDS = (
+    "arbitration_id",
+    "data",
+    "dlc",
+    "timestamp",
+    "channel",
+    "is_extended_id",
+    "is_remote_frame",
+    "is_error_frame",
+    "is_fd",
+    "bitrate_switch",
+    "error_state_indicator",
+    "unknown",
+)
+DATAGRAMS = st.binary(max_size=100) | st.builds(
+    lambda fields, odd: msgpack.packb(SOUND | fields | odd),
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "arbitration_id": st.integers(0, 0x7FF),
+            "dlc": st.integers(0, 64),
+            "data": st.binary(max_size=64),
+            "is_fd": st.booleans(),
+            "is_error_frame": st.booleans(),
+            "is_remote_frame": st.booleans(),
+        },
+    ),
+    st.dictionaries(st.sampled_from(FIELDS), VALUES, max_size=2),
+)
+
+
+@given(DATAGRAMS)
+def test_datagram_that_is_taken_means_what_python_can_reads_in_it(datagram):
+    found = parse_datagram(datagram, timestamp=3.0)
+    assert isinstance(found, Rejection | can.Message)
+    if isinstance(found, can.Message):
+        theirs = unpack_message(datagram, replace={"timestamp": 3.0}, check=True)
+        assert found.equals(theirs, check_channel=False)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, None),
+        ({"is_error_frame": True}, None),
+        ({"dlc": 15}, Rejection.WRONG_LENGTH),
+        ({"data": bytes(15)}, Rejection.WRONG_LENGTH),
+        ({"data": bytes(80)}, Rejection.WRONG_LENGTH),
+        ({"is_fd": False}, Rejection.WRONG_LENGTH),
+        ({"data": 2**30}, Rejection.GARBAGE),
+        ({"data": "text"}, Rejection.GARBAGE),
+        ({"data": [1, 2]}, Rejection.GARBAGE),
+        ({"arbitration_id": True}, Rejection.GARBAGE),
+        ({"arbitration_id": 0x800}, Rejection.GARBAGE),
+        ({"arbitration_id": -1}, Rejection.GARBAGE),
+        ({"arbitration_id": 1.0}, Rejection.GARBAGE),
+        ({"is_fd": 1}, Rejection.GARBAGE),
+        ({"dlc": "16"}, Rejection.GARBAGE),
+        ({"surprise": 1}, Rejection.GARBAGE),
+    ],
+)
+def test_why_a_datagram_is_refused(change, expected):
+    found = parse_datagram(msgpack.packb(SOUND | change))
+    assert (found if isinstance(found, Rejection) else None) is expected
+
+
+def test_small_datagram_cannot_ask_for_much_memory():
+    """python-can's own parser makes a gigabyte of these few bytes."""
+    datagrams = (
+        msgpack.packb(SOUND | {"data": 2**30}),
+        msgpack.packb(SOUND | {"dlc": 2**62}),
+        b"\xdf\xff\xff\xff\xff",  # a map that says it has 2^32 - 1 entries
+        b"\xdd\xff\xff\xff\xff",  # an array
+        b"\xc6\xff\xff\xff\xff",  # bytes
+        b"\x91" * 4000,  # nested
+    )
+    tracemalloc.start()
+    try:
+        for datagram in datagrams:
+            assert isinstance(parse_datagram(datagram), Rejection)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # Some objects of Python's, and what msgpack needs for a stack of 4,000.
+    assert peak < 2**20
