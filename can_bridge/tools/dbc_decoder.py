@@ -62,7 +62,5 @@ def _signals(message: "Message", data: bytes) -> tuple[Signal, ...]:
             continue
         signal = message.get_signal_by_name(name)
         choice = (signal.choices or {}).get(int(value)) if float(value).is_integer() else None
-        found.append(
-            Signal(name=name, value=value, unit=signal.unit or "", text="" if choice is None else str(choice))
-        )
+        found.append(Signal(name=name, value=value, unit=signal.unit or "", text="" if choice is None else str(choice)))
     return tuple(found)

@@ -4,7 +4,7 @@ The codec decides what the wire can carry. Signals that are not named are zero.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from typing import Final, TypeVar
 
 from can_bridge.tools.signals import INVALID, PROTECTION, STALE_MS, decode
 from can_bridge.wire.classic_codec import STALE_NS
@@ -13,6 +13,8 @@ from can_bridge.wire.message_sets import SETS, Message
 from can_bridge.wire.message_specs import MessageSpec
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
 from contract.errors import BusError
+
+T = TypeVar("T")
 
 NAMES: Final = tuple(message.spec.name for one in SETS for message in (one.pressure, one.command, one.status))
 
@@ -92,13 +94,13 @@ def _emitters() -> dict[str, _Emitter]:
     return found
 
 
-def _names[T](message: Message[T]) -> tuple[str, ...]:
+def _names(message: Message[T]) -> tuple[str, ...]:
     spec = message.spec
     decoded = decode(Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd))
     return () if decoded is None else tuple(one.name for one in decoded.signals if one.name not in PROTECTION)
 
 
-def _then[T](build: Callable[[Mapping[str, float]], T], message: Message[T]) -> Callable[[Mapping[str, float]], bytes]:
+def _then(build: Callable[[Mapping[str, float]], T], message: Message[T]) -> Callable[[Mapping[str, float]], bytes]:
     return lambda values: message.emit(build(values))
 
 

@@ -116,7 +116,9 @@ def _of_classic_pressure(value: Pressure) -> tuple[Signal, ...]:
         Signal(name="EnableRequest", value=int(value.enable_request)),
         Signal(name="Age", value=STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, unit="ms"),
         *(
-            Signal(name=f"Pressure{i}", value=pressure if valid else INVALID, unit="Pa", text="" if valid else "INVALID")
+            Signal(
+                name=f"Pressure{i}", value=pressure if valid else INVALID, unit="Pa", text="" if valid else "INVALID"
+            )
             for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True))
         ),
     )

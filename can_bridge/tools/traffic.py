@@ -1,6 +1,6 @@
 """What is known of one message on a bus from the frames seen so far: count, rate, losses, end-to-end checks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from can_bridge.e2e.profiles import profile_of
@@ -47,7 +47,7 @@ class Traffic:
     recent_ns: tuple[int, ...]
     check: Check | None = None
     lost: int = 0
-    receiver: ReceiverState = ReceiverState()
+    receiver: ReceiverState = field(default_factory=ReceiverState)
 
     @property
     def name(self) -> str:
@@ -120,9 +120,7 @@ def observe(before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eC
     )
 
 
-def _checked(
-    state: ReceiverState, frame: Frame, spec: MessageSpec, e2e: E2eConfig
-) -> tuple[ReceiverState, Check, int]:
+def _checked(state: ReceiverState, frame: Frame, spec: MessageSpec, e2e: E2eConfig) -> tuple[ReceiverState, Check, int]:
     """The receiver's state after this frame, its check, and how many were lost before it."""
     # What follows the protected part, a freshness value and a code, has its own key to check it with.
     whole = len(frame.data) == spec.length and frame.is_fd == spec.is_fd
