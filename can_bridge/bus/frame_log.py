@@ -6,7 +6,8 @@ The ending chooses the format:
 - `.asc` (Vector): times since the first frame, in microseconds; no content of error frames.
 - `.blf` (Vector): times absolute to the millisecond, among each other to the nanosecond.
 - `.trc` (PEAK, version 2.1): times absolute, in microseconds; no error frames.
-- `.mf4` (ASAM MDF 4, where asammdf is installed): times absolute, in microseconds.
+- `.mf4` (ASAM MDF 4, where asammdf is installed): times absolute, in microseconds; data, remote and error frames are
+  three tables, so that among equal times their order is lost.
 
 No format but `.log` is equal byte for byte when written twice: the others carry the date or the name of the file.
 python-can's CSV is not offered: it loses whether a frame was CAN FD.

@@ -49,18 +49,24 @@ def read_messages(path: Path) -> Iterator[can.Message]:
     check_suffix(path)
     if not path.is_file():
         raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
+    before: can.Message | None = None
     try:
+        cut_off = _is_cut_off(path)
         with can.LogReader(path) as reader:
             for number, message in enumerate(reader, 1):
                 if path.suffix.lower() == ".trc" and message.is_fd and message.error_state_indicator:
                     # It takes PEAK's types FE (error state) and BI (with bit-rate switch, too) for each other.
                     message.bitrate_switch = not message.bitrate_switch
-                yield _sound(message, number)
-        cut_off = _is_cut_off(path)
+                if before is not None:
+                    yield before
+                before = _sound(message, number)
     except Exception as error:
         raise BusError(f"{path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
     if cut_off:
+        # The last frame may be a part of one that was longer.
         raise BusError(f"{path}: is cut off: {cut_off}")
+    if before is not None:
+        yield before
 
 
 def _sound(message: can.Message, number: int) -> can.Message:
@@ -89,7 +95,14 @@ def _is_cut_off(path: Path) -> str:
         case ".asc":
             with path.open("rb") as file:
                 head = file.read(_HEAD).lower()
-                file.seek(max(0, path.stat().st_size - _HEAD))
-                tail = file.read().lower()
-            return "it has no End TriggerBlock" if _ASC_BEGIN in head and _ASC_END not in tail else ""
+            return "it has no End TriggerBlock" if _ASC_BEGIN in head and _ASC_END not in _tail(path).lower() else ""
+        case ".log" | ".trc":
+            tail = _tail(path)
+            return "its last line has no end" if tail and not tail.endswith(b"\n") else ""
     return ""
+
+
+def _tail(path: Path) -> bytes:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _HEAD))
+        return file.read()
