@@ -47,6 +47,8 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
+        # For the exit status, if the work was not done and its command says so by raising KeyboardInterrupt.
+        _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
     for number in before:

@@ -17,7 +17,7 @@ SILENT_AFTER: Final = 5.0
 
 CHECK_TEXT: Final = {
     Check.OK: "OK",
-    Check.OK_SOME_LOST: "OK, some lost",
+    Check.OK_SOME_LOST: "some lost",
     Check.REPEATED: "repeated",
     Check.WRONG_SEQUENCE: "wrong sequence",
     Check.ERROR: "CRC wrong",

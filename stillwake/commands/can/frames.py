@@ -74,6 +74,8 @@ def send(
                 bus.send_message(one)
             sent += 1
     console.print(f"sent {sent if message is not None else sent * len(raw)} frames", highlight=False)
+    if sent < count:
+        raise KeyboardInterrupt
 
 
 def _raw_frames(texts: list[str]) -> "Callable[[float], list[can.Message]]":
@@ -157,7 +159,12 @@ def decode(
         if found.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     if json_file is not None:
-        facts = {"log": file.name, "config": asdict(config), "versions": versions("python-can")}
+        used = {
+            "nominal_bitrate": config.nominal_bitrate,
+            "data_bitrate": config.data_bitrate,
+            "e2e": asdict(config.e2e),
+        }
+        facts = {"log": file.name, "config": used, "versions": versions("python-can")}
         write_result(json_file, figures=found.figures(), facts=facts, on=date.today())
     _print_summary(found)
     for path in (csv_file, json_file):

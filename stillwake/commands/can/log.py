@@ -126,11 +126,12 @@ def replay(
             if not loop:
                 break
         bar.update(task, completed=done.sent)
+    is_cut_short = not loop and done.sent < span.frames
     console.print(
         f"sent {done.sent} frames of {file} in {(time.monotonic_ns() - begin_ns) / 1e9:.3f} s"
         + (f", round {rounds}" if loop else "")
         + (f"; {span.left_out} left out" if span.left_out else "")
-        + (f"; stopped before the end, {span.frames - done.sent} not sent" if done.sent < span.frames else ""),
+        + (f"; {span.frames - done.sent} not sent" if is_cut_short else ""),
         soft_wrap=True,
         highlight=False,
     )
@@ -140,6 +141,8 @@ def replay(
         soft_wrap=True,
         highlight=False,
     )
+    if is_cut_short:
+        raise KeyboardInterrupt
 
 
 def _now_and_then(show: Callable[[int], object], interval_s: float = 0.5) -> Callable[[int], None]:

@@ -68,7 +68,7 @@ def monitor(
     if seconds is not None:
         positive("--for", seconds)
     state = MonitorState(decoder=decoder_of(dbc), e2e=config.e2e)
-    is_live = not once and console.is_terminal
+    is_live = not once and console.is_interactive
     with ExitStack() as stack:
         if log is not None:
             pace = speed if speed is not None else (1.0 if is_live else None)
@@ -240,7 +240,9 @@ def _live(
                 # No key may scroll past the end: the way back would be as long.
                 view = replace(view, top=min(view.top, max(0, _row_count(shown, now_ns, view.matching) - 1)))
                 heading = f"{title}, ended" if source.has_ended else title
-                drawing = screen(shown, view, now_ns, source=heading, height=console.height, keys=has_keys)
+                drawing = screen(
+                    shown, view, now_ns, source=heading, width=console.width, height=console.height, keys=has_keys
+                )
                 live.update(drawing, refresh=True)
     return state
 
@@ -255,4 +257,4 @@ def _print_table(state: "MonitorState", source: _Source, title: str, match: str)
     from can_bridge.tools.monitor import View
     from stillwake.commands.can.monitor_screen import screen
 
-    console.print(screen(state, View(matching=match), source.now_ns(), source=title))
+    console.print(screen(state, View(matching=match), source.now_ns(), source=title, width=console.width))

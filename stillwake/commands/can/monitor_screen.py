@@ -7,6 +7,7 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
@@ -18,12 +19,22 @@ from can_bridge.tools.monitor import KEYS_HELP, TYPING_HELP, MonitorState, Row, 
 HEAD_LINES = 7
 """Of the screen, that are not rows: heading, column names and their rule, keys, margins."""
 
+OTHER_COLUMNS = 70
+"""Of the screen, that are not the value: what the widest names and numbers take."""
+
 STALE_S = 1.0
 """Age from which on a row is dim."""
 
 
 def screen(
-    state: MonitorState, view: View, now_ns: int, *, source: str, height: int | None = None, keys: bool = False
+    state: MonitorState,
+    view: View,
+    now_ns: int,
+    *,
+    source: str,
+    width: int,
+    height: int | None = None,
+    keys: bool = False,
 ) -> RenderableType:
     """What is shown.
 
@@ -31,12 +42,13 @@ def screen(
         state, view: what was seen, and what of it.
         now_ns: in the clock of the frames.
         source: what the frames come from, in words.
+        width: columns there are.
         height: lines there are; None for all rows.
         keys: whether to name the keys.
     """
     found = rows(state, now_ns, matching=view.matching)
-    shown = found if height is None else _window(found, view.top, max(1, height - HEAD_LINES))
-    parts: list[RenderableType] = [_heading(state, view, source), _table(shown)]
+    shown = found if height is None else page(found, view.top, height - HEAD_LINES)
+    parts: list[RenderableType] = [_heading(state, view, source), _table(shown, width)]
     if keys:
         hidden = len(found) - len(shown)
         more = f"   {hidden} more rows" if hidden else ""
@@ -76,9 +88,22 @@ def key_reader() -> Iterator[Callable[[], list[str]]]:
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-def _window(found: list[Row], top: int, lines: int) -> list[Row]:
-    begin = max(0, min(top, len(found) - lines))
-    return found[begin : begin + lines]
+def page(found: list[Row], top: int, lines: int) -> list[Row]:
+    """The rows that fit into so many lines, from `top` on, or the last ones: the first always names its message."""
+
+    def from_row(begin: int) -> list[Row]:
+        return [replace(one, is_first=one.is_first or i == 0) for i, one in enumerate(found[begin:])]
+
+    def height(shown: list[Row]) -> int:
+        return sum(1 + one.is_first for one in shown)
+
+    begin = min(top, len(found))
+    while begin > 0 and height(from_row(begin - 1)) <= lines:
+        begin -= 1
+    shown = from_row(begin)
+    while len(shown) > 1 and height(shown) > lines:
+        shown.pop()
+    return shown
 
 
 def _heading(state: MonitorState, view: View, source: str) -> Text:
@@ -93,28 +118,29 @@ def _heading(state: MonitorState, view: View, source: str) -> Text:
     return text
 
 
-def _table(shown: list[Row]) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("message", "id", "signal"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("value", justify="right", no_wrap=True, min_width=10, max_width=24)
-    table.add_column("unit", no_wrap=True)
-    for name in ("age, s", "rate, 1/s", "lost", "refused"):
-        table.add_column(name, justify="right", no_wrap=True)
+def _table(shown: list[Row], width: int) -> Table:
+    """A line for each message with what is the message's, and one for each of its signals; fits into 80 columns."""
+    value = min(24, max(10, width - OTHER_COLUMNS))
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("message, signal", no_wrap=True, min_width=21)
+    table.add_column("id, value", justify="right", no_wrap=True, min_width=10, max_width=value)
+    table.add_column("unit", no_wrap=True, min_width=4)
+    for name, width in (("age, s", 6), ("1/s", 6), ("lost", 4), ("refused", 7)):
+        table.add_column(name, justify="right", no_wrap=True, min_width=width)
     table.add_column("E2E", no_wrap=True, min_width=14)
-    for i, row in enumerate(shown):
-        is_first = row.is_first or i == 0
-        facts = (f"{row.age_s:.2f}", f"{row.rate_hz:.1f}") if is_first else ("", "")
-        checks = (str(row.lost), str(row.refused), row.e2e) if is_first and row.e2e else ("", "", "")
-        table.add_row(
-            row.message if is_first else "",
-            row.frame_id if is_first else "",
-            Text(row.signal),
-            Text(row.value),
-            Text(row.unit),
-            *facts,
-            *checks[:2],
-            Text(checks[2], style="" if row.is_good else "red"),
-            style="dim" if row.age_s > STALE_S else "",
-        )
+    for row in shown:
+        is_old = row.age_s > STALE_S
+        if row.is_first:
+            checks = (str(row.lost), str(row.refused)) if row.e2e else ("", "")
+            table.add_row(
+                Text(row.message, style="bold"),
+                Text(row.frame_id, style="bold"),
+                "",
+                f"{row.age_s:.2f}",
+                f"{row.rate_hz:.1f}",
+                *checks,
+                Text(row.e2e, style="" if row.is_good else "red"),
+                style="dim" if is_old else "",
+            )
+        table.add_row(Text(f" {row.signal}"), Text(row.value), Text(row.unit), style="dim" if is_old else "")
     return table
