@@ -4,7 +4,8 @@ The ending chooses the format:
 
 - `.log` (candump): times absolute, in microseconds; no data length of remote frames, no content of error frames.
 - `.asc` (Vector): times since the first frame, in microseconds; no content of error frames.
-- `.blf` (Vector): times absolute to the millisecond, among each other to the nanosecond.
+- `.blf` (Vector): times absolute, in nanoseconds; from the first frame on where that lies before 1990, as in virtual
+  time.
 - `.trc` (PEAK, version 2.1): times absolute, in microseconds; no error frames.
 - `.mf4` (ASAM MDF 4, where asammdf is installed): times absolute, in microseconds; data, remote and error frames are
   three tables, so that among equal times their order is lost.

@@ -55,7 +55,12 @@ def open_bus(config: BusConfig) -> RawBus:
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
             "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
         )
-    return RawBus.open(config)
+    try:
+        return RawBus.open(config)
+    except (NotImplementedError, ImportError, TypeError, AttributeError, LookupError) as error:
+        # Of an interface that python-can does not know, or whose driver is missing or wants other arguments.
+        reason = str(error) or type(error).__name__
+        raise BusError(f"CAN bus {config.interface} {config.channel!r}: {reason}") from error
 
 
 def is_sound(message: can.Message) -> bool:
