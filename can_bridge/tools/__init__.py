@@ -1,1 +1,1 @@
-"""What people use at a bench or a vehicle; some of it needs the extra `bus`, and says so."""
+"""What an engineer does at a bus: watch, record, replay, send, decode; turn logs into data. Some needs the extra `bus`."""

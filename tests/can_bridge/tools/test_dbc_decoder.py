@@ -1,0 +1,94 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+import contract
+from can_bridge.tools import signals
+from can_bridge.tools.dbc_decoder import decoder_of
+from can_bridge.wire.frame import Frame
+from contract.errors import BusError
+
+OTHER = """VERSION ""
+NS_ :
+BS_:
+BU_: A
+BO_ 288 Engine: 8 A
+ SG_ Speed : 0|16@1+ (0.25,0) [0|0] "rpm" A
+ SG_ Gear : 16|4@1+ (1,0) [0|0] "" A
+BO_ 2147483904 Wide: 2 A
+ SG_ Level : 7|16@0- (1,-40) [0|0] "degC" A
+BO_ 512 Multi: 2 A
+ SG_ Which M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ First m0 : 8|8@1+ (1,0) [0|0] "" A
+ SG_ Second m1 : 8|8@1+ (2,0) [0|0] "" A
+VAL_ 288 Gear 0 "NEUTRAL" 1 "FIRST" ;
+"""
+
+
+@pytest.fixture
+def other(tmp_path: Path) -> Path:
+    path = tmp_path / "other.dbc"
+    path.write_text(OTHER)
+    return path
+
+
+def values(decoded):
+    assert decoded is not None
+    return {one.name: one.shown + (f" {one.unit}" if one.unit else "") for one in decoded.signals}
+
+
+def test_without_a_file_it_is_our_own_codec():
+    assert decoder_of(None) is signals.decode
+
+
+def test_another_file_gives_values_units_and_names_of_values(other):
+    decode = decoder_of(other)
+    frame = Frame(frame_id=288, data=bytes([0x10, 0x27, 1, 0, 0, 0, 0, 0]), is_fd=False)
+    got = decode(frame)
+    assert got is not None
+    assert (got.name, got.spec) == ("Engine", None)
+    # 0x2710 = 10000 quarters.
+    assert values(got) == {"Speed": "2500 rpm", "Gear": "FIRST"}
+
+
+def test_extended_identifiers_and_byte_orders_are_kept_apart(other):
+    decode = decoder_of(other)
+    wide = Frame(frame_id=256, data=b"\xff\xfe", is_fd=False, is_extended=True)
+    assert values(decode(wide)) == {"Level": "-42 degC"}
+    assert decode(Frame(frame_id=256, data=b"\xff\xfe", is_fd=False)) is None
+
+
+def test_multiplexed_signals(other):
+    decode = decoder_of(other)
+    assert values(decode(Frame(frame_id=512, data=b"\x01\x05", is_fd=False))) == {"Which": "1", "Second": "10"}
+    # No signal goes with 2: nothing can be read.
+    got = decode(Frame(frame_id=512, data=b"\x02\x05", is_fd=False))
+    assert got is not None
+    assert got.signals == ()
+
+
+def test_our_messages_stay_known_and_keep_their_check(other):
+    decode = decoder_of(other)
+    command = Frame(frame_id=0x130, data=bytes(8))
+    assert decode(command) == signals.decode(command)
+    ours = decoder_of(Path(contract.__file__).parent / "stillwake.dbc")(command)
+    assert ours is not None
+    assert ours.spec is not None
+
+
+@pytest.mark.parametrize(("content", "words"), [("BO_ nonsense", "cannot be read as a DBC"), (None, "no such file")])
+def test_bad_files_are_one_line(tmp_path, content, words):
+    path = tmp_path / "x.dbc"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(BusError, match=words) as caught:
+        decoder_of(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_cantools_it_says_what_to_install(other, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cantools", None)
+    with pytest.raises(BusError, match=r"other\.dbc: a DBC file needs cantools: pip install 'stillwake\[bus\]'"):
+        decoder_of(other)
+    assert decoder_of(None) is signals.decode

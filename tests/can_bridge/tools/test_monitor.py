@@ -1,0 +1,132 @@
+"""The model of the live view: rows of known streams, every key."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.tools.monitor import MonitorState, View, press, rows, split_keys
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from tests.can_bridge.tools.test_traffic import frame
+
+
+def state_of(*frames: Frame) -> MonitorState:
+    state = MonitorState()
+    for one in frames:
+        state = state.seen(one)
+    return state
+
+
+def test_rows_of_a_command_with_a_loss():
+    state = state_of(*(frame(JET_COMMAND, i, t_ns=i * 20_000_000) for i in (0, 1, 3)))
+    found = rows(state, 100_000_000)
+    assert [one.signal for one in found] == ["Mode", "Enable", "PressureCounterValid", "Flow", "PressureCounter"]
+    assert [one.is_first for one in found] == [True, False, False, False, False]
+    flow = found[3]
+    assert (flow.message, flow.frame_id, flow.value, flow.unit) == ("JetCommand", "130", "0", "m2/s")
+    # Frames at 0, 20 and 60 ms, looked at 100 ms: two intervals in 60 ms, age 40 ms.
+    assert (flow.rate_hz, flow.age_s) == (pytest.approx(2 / 0.06), pytest.approx(0.04))
+    assert (flow.lost, flow.refused, flow.e2e, flow.is_good) == (1, 0, "some lost", True)
+    assert (state.lost, state.refused, state.frames) == (1, 0, 3)
+
+
+def test_a_refused_frame_shows():
+    good = frame(JET_COMMAND, 0)
+    state = state_of(good, replace(good, data=good.data[:-1] + b"\1"))
+    (first, *_) = rows(state, 0)
+    assert (first.e2e, first.is_good, first.refused) == ("CRC wrong", False, 1)
+    assert state.refused == 1
+
+
+def test_unknown_and_unreadable_messages_show_their_bytes():
+    state = state_of(
+        Frame(frame_id=0x1ABCDEF0, data=b"\xde\xad", is_extended=True, is_fd=False),
+        Frame(frame_id=0x7FF, data=b"", is_fd=False),
+        Frame(frame_id=0x120, data=b"\1\2"),
+    )
+    assert [(one.message, one.frame_id, one.signal, one.value) for one in rows(state, 0)] == [
+        ("Pressure", "120", "not readable", "01 02"),
+        ("unknown", "7FF", "data", "empty"),
+        # 29-bit identifiers stand behind the others.
+        ("unknown", "1ABCDEF0", "data", "de ad"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "signals"),
+    [
+        ("flow", ["Flow"]),
+        ("jet FLOW", ["Flow"]),
+        ("130 counter", ["PressureCounterValid", "PressureCounter"]),
+        ("pressure pressure0", ["Pressure0"]),
+        ("nothing", []),
+    ],
+)
+def test_filter_wants_every_word(words, signals):
+    state = state_of(frame(JET_COMMAND, 0), frame(PRESSURE, 0))
+    found = rows(state, 0, matching=words)
+    assert [one.signal for one in found] == signals
+    assert [one.is_first for one in found] == [True, False, False][: len(signals)]
+
+
+def test_states_are_values():
+    before = state_of(frame(JET_COMMAND, 0))
+    after = before.seen(frame(JET_COMMAND, 1)).seen_other()
+    assert (before.frames, before.others, after.frames, after.others) == (1, 0, 2, 1)
+    assert after.reset() == MonitorState()
+
+
+def pressed(*keys: str) -> View:
+    view = View()
+    for key in keys:
+        view = press(view, key)
+    return view
+
+
+@pytest.mark.parametrize(
+    ("keys", "view"),
+    [
+        (["q"], View(quits=True)),
+        (["\x03"], View(quits=True)),
+        ([" "], View(is_paused=True)),
+        (["p", " "], View()),
+        (["r"], View(resets=True)),
+        ([" ", "r"], View(resets=True)),
+        (["r", "x"], View()),
+        (["/", "f", "q", "r"], View(matching="fqr", is_typing=True)),
+        (["f", "a", " ", "b", "\r"], View(matching="a b")),
+        (["/", "a", "b", "\x7f", "\n"], View(matching="a")),
+        (["/", "\x7f"], View(is_typing=True)),
+        (["/", "a", "\x1b"], View()),
+        (["/", "a", "\r", "\x1b"], View()),
+        (["/", "a", "\x1b[A", "\t"], View(matching="a", is_typing=True)),
+        (["/", "\x03"], View(is_typing=True, quits=True)),
+        (["\x1b[B", "j", "\x1bOB"], View(top=3)),
+        (["j", "k", "\x1b[A"], View()),
+        (["j", "/"], View(is_typing=True)),
+        (["z", "\x1b[C", "é"], View()),
+    ],
+)
+def test_keys(keys, view):
+    assert pressed(*keys) == view
+
+
+@pytest.mark.parametrize(
+    ("typed", "keys"),
+    [("", []), ("qr", ["q", "r"]), ("\x1b[A\x1b[Bq", ["\x1b[A", "\x1b[B", "q"]), ("\x1b", ["\x1b"]), ("é", ["é"])],
+)
+def test_keys_typed_at_once_are_told_apart(typed, keys):
+    assert split_keys(typed) == keys
+
+
+@given(st.lists(st.text(max_size=3)))
+def test_no_key_makes_it_fail(keys):
+    view = pressed(*keys)
+    assert view.top >= 0
+
+
+@given(st.text())
+def test_no_key_is_lost(typed):
+    assert "".join(split_keys(typed)) == typed

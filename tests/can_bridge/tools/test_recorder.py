@@ -1,0 +1,39 @@
+from collections import Counter
+
+import can
+import pytest
+
+from can_bridge.tools.recorder import Recorder
+from contract.errors import BusError
+
+
+def test_everything_that_comes_is_written_and_losses_are_counted():
+    messages = [can.Message(arbitration_id=i, is_error_frame=i % 3 == 0) for i in range(9)]
+    waiting: list[can.Message | None] = [None, *messages[:4], None, None, *messages[4:]]
+    written: list[can.Message] = []
+    recorder = Recorder(written.append, lambda message: "error frames" if message.is_error_frame else "")
+    recorder.run(lambda wait_s: waiting.pop(0), is_over=lambda frames: not waiting)
+    assert [one.arbitration_id for one in written] == list(range(9))
+    assert (recorder.frames, recorder.not_kept) == (9, Counter({"error frames": 3}))
+
+
+def test_it_ends_at_the_number_of_frames():
+    written: list[can.Message] = []
+    recorder = Recorder(written.append, lambda message: "")
+    recorder.run(lambda wait_s: can.Message(), is_over=lambda frames: frames >= 5)
+    assert (len(written), recorder.frames) == (5, 5)
+
+
+def test_a_bus_that_fails_leaves_the_count_of_what_was_written():
+    waiting = [can.Message(), can.Message()]
+
+    def receive(wait_s: float) -> can.Message:
+        if not waiting:
+            raise BusError("CAN bus failed: unplugged")
+        return waiting.pop()
+
+    written: list[can.Message] = []
+    recorder = Recorder(written.append, lambda message: "")
+    with pytest.raises(BusError, match="unplugged"):
+        recorder.run(receive, is_over=lambda frames: False)
+    assert recorder.frames == len(written) == 2

@@ -1,0 +1,161 @@
+"""The schedule, in a time of its own: sleeping and sending take as long as the test says."""
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.tools.replay import LogSpan, Replayed, replay, span_of
+from contract.errors import BusError
+
+
+class Clock:
+    """Sleeps overshoot by a fixed time, and sending takes one."""
+
+    def __init__(self, overshoot_ns: int = 0, send_ns: int = 0) -> None:
+        self.now_ns = 10**15
+        self.overshoot_ns, self.send_ns = overshoot_ns, send_ns
+        self.sent: list[tuple[int, int]] = []
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9) + self.overshoot_ns
+
+    def send(self, message: can.Message) -> None:
+        self.sent.append((self.now_ns - 10**15, message.arbitration_id))
+        self.now_ns += self.send_ns
+
+    def run(self, messages, **options) -> Replayed:
+        return replay(
+            messages,
+            self.send,
+            span=span_of("log", messages, options.get("only")),
+            start_ns=10**15,
+            clock_ns=lambda: self.now_ns,
+            sleep=self.sleep,
+            **options,
+        )
+
+
+def log_of(times) -> list[can.Message]:
+    return [can.Message(timestamp=t, arbitration_id=i % 0x800, is_extended_id=False) for i, t in enumerate(times)]
+
+
+@given(
+    gaps=st.lists(st.integers(0, 2_000_000), min_size=1, max_size=40),
+    overshoot_us=st.integers(0, 50),
+    send_us=st.integers(0, 50),
+    speed=st.sampled_from([0.5, 1.0, 2.0, 10.0]),
+)
+def test_lateness_never_adds_up(gaps, overshoot_us, send_us, speed):
+    """Late by one overshoot, and by the sending of frames that were due at about the same time; never by more."""
+    total_us, times = 0, []
+    for gap in gaps:
+        total_us += gap
+        times.append(total_us / 1e6)
+    clock = Clock(overshoot_ns=overshoot_us * 1000, send_ns=send_us * 1000)
+    done = clock.run(log_of(times), speed=speed)
+    assert done.sent == len(gaps)
+    free_at = 0.0
+    for (sent_ns, _), t in zip(clock.sent, times, strict=True):
+        due = (t - times[0]) * 1e9 / speed
+        # A pause of 0.2 s is slept in pieces: each may overshoot, but only the last one makes it late.
+        assert due - 1 <= sent_ns <= max(due + overshoot_us * 1000, free_at) + 2
+        free_at = sent_ns + send_us * 1000
+
+
+def test_a_thousand_frames_drift_by_nothing():
+    clock = Clock(overshoot_ns=70_000, send_ns=30_000)
+    done = clock.run(log_of(i * 0.02 for i in range(1001)))
+    assert clock.sent[-1][0] == 20_000_000_000 + 70_000
+    assert (done.late_ms(0.5), done.late_ms(0.99), done.late_ms(1.0)) == (0.07, 0.07, 0.07)
+
+
+def test_a_stall_is_caught_up_and_shows():
+    clock = Clock()
+    messages = log_of([0.0, 0.01, 0.02, 0.03, 0.5])
+
+    def stalls(message: can.Message) -> None:
+        clock.send(message)
+        if message.arbitration_id == 0:
+            clock.now_ns += 25_000_000
+
+    done = replay(
+        messages,
+        stalls,
+        span=span_of("log", messages),
+        start_ns=clock.now_ns,
+        clock_ns=lambda: clock.now_ns,
+        sleep=clock.sleep,
+    )
+    assert [sent for sent, _ in clock.sent] == [0, 25_000_000, 25_000_000, 30_000_000, 500_000_000]
+    assert done.late_ms(1.0) == 15.0
+    assert done.late_ms(0.5) == 0.0
+
+
+def test_only_some_identifiers_begin_with_the_first_of_them():
+    clock = Clock()
+    done = clock.run(log_of([0.0, 0.1, 0.2, 0.3]), only={1, 3})
+    assert [(sent // 1_000_000, frame_id) for sent, frame_id in clock.sent] == [(0, 1), (200, 3)]
+    assert done.sent == 2
+
+
+def test_error_frames_are_left_out_and_counted():
+    messages = [*log_of([0.0, 0.1]), can.Message(timestamp=0.2, is_error_frame=True)]
+    span = span_of("log", messages)
+    assert (span.frames, span.left_out, span.first_s, span.last_s) == (2, 1, 0.0, 0.1)
+    clock = Clock()
+    assert clock.run(messages).sent == 2
+
+
+def test_rounds_follow_each_other_by_a_mean_interval():
+    assert span_of("log", log_of([5.0, 5.1, 5.4])).round_s == pytest.approx(0.4 + 0.2)
+    assert LogSpan(frames=3, left_out=0, first_s=1.0, last_s=1.0).round_s == 1.0
+    assert LogSpan(frames=1, left_out=0, first_s=1.0, last_s=1.0).round_s == 1.0
+
+
+def test_counts_go_on_over_rounds():
+    clock = Clock()
+    messages = log_of([0.0, 0.1])
+    once = clock.run(messages)
+    assert clock.run(messages, so_far=once).sent == 4
+
+
+@pytest.mark.parametrize("asked", [0, 1, 2, 5])
+def test_it_can_be_stopped_before_each_frame_and_while_it_waits(asked):
+    clock = Clock()
+    times = [0.0, 10.0, 20.0]
+    answers = iter([False] * asked + [True] * 1000)
+    done = clock.run(log_of(times), is_over=lambda: next(answers))
+    assert done.sent == len(clock.sent) == (0 if asked == 0 else 1)
+    # It stops within the 0.2 s that one sleep lasts.
+    assert clock.now_ns - 10**15 <= 200_000_000 * asked
+
+
+def test_time_that_goes_back_is_refused_by_the_frame():
+    with pytest.raises(BusError, match=r"^a\.log: time goes back at frame 3 \(002\), from 2\.000000 to 1\.500000 s"):
+        span_of("a.log", log_of([1.0, 2.0, 1.5]))
+    # Also where the frame is not among those to send.
+    with pytest.raises(BusError, match="time goes back"):
+        span_of("a.log", log_of([1.0, 2.0, 1.5]), {0})
+
+
+def test_nothing_to_send_is_refused():
+    with pytest.raises(BusError, match=r"^a\.log: holds no CAN frame$"):
+        span_of("a.log", [])
+    with pytest.raises(BusError, match="holds no CAN frame to send among its 2"):
+        span_of("a.log", log_of([1.0, 2.0]), {9})
+
+
+@given(st.lists(st.integers(0, 10**6), min_size=1), st.floats(0.01, 1.0))
+def test_percentiles_are_nearest_rank(late_us, share):
+    done = Replayed(sent=len(late_us))
+    done.late_us.update(late_us)
+    exceeded = sum(one <= round(done.late_ms(share) * 1e3) for one in late_us)
+    assert exceeded >= share * len(late_us) - 1e-9
+    below = sum(one < round(done.late_ms(share) * 1e3) for one in late_us)
+    assert below < share * len(late_us) + 1e-9
+    assert done.late_ms(1.0) == max(late_us) / 1e3
+
+
+def test_nothing_sent_is_not_late():
+    assert Replayed().late_ms(0.99) == 0.0

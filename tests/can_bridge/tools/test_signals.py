@@ -1,0 +1,77 @@
+"""Our own codec against cantools, for every message of the DBC."""
+
+from pathlib import Path
+
+import cantools
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import contract
+from can_bridge.tools.signals import PROTECTION, decode
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS
+
+DBC = Path(contract.__file__).parent / "stillwake.dbc"
+DATABASE = cantools.database.load_file(DBC)
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_any_bytes_mean_what_cantools_says(spec, data):
+    content = data.draw(st.binary(min_size=spec.length, max_size=spec.length))
+    message = DATABASE.get_message_by_frame_id(spec.frame_id)
+    raw = message.decode(content, decode_choices=False)
+    got = decode(Frame(frame_id=spec.frame_id, data=content, is_fd=spec.is_fd))
+    assert got is not None
+    assert (got.name, got.spec) == (message.name, spec)
+    tables = {one.name: one.choices for one in message.signals if one.name in ("Mode", "State", "Reason")}
+    if any(raw[name] not in table for name, table in tables.items()):
+        assert got.signals == ()
+        return
+    if raw.get("PressureCounterValid") == 0:
+        # It means nothing then, and our codec drops it.
+        raw["PressureCounter"] = 0
+    # A double carries sixteen digits of the two 64-bit numbers; ours are whole.
+    assert {one.name: one.value for one in got.signals} == pytest.approx(raw, rel=1e-12, abs=0)
+    assert {one.name: one.unit for one in got.signals} == {one.name: one.unit or "" for one in message.signals}
+    for one in got.signals:
+        choice = (message.get_signal_by_name(one.name).choices or {}).get(raw[one.name])
+        assert one.text == ("" if choice is None else str(choice))
+
+
+def test_whole_numbers_of_64_bits_stay_exact():
+    content = bytes(range(32))
+    got = decode(Frame(frame_id=0x122, data=content))
+    assert got is not None
+    values = {one.name: one.value for one in got.signals}
+    assert values["Freshness"] == 0x1011121314151617
+    assert values["MAC"] == 0x18191A1B1C1D1E1F
+    assert values.keys() >= PROTECTION
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(frame_id=0x7FF, data=bytes(8)),
+        Frame(frame_id=0x120, data=bytes(16), is_extended=True),
+    ],
+)
+def test_other_messages_are_not_known(frame):
+    assert decode(frame) is None
+
+
+@pytest.mark.parametrize("length", [0, 8, 12, 20])
+def test_a_wrong_length_is_ours_and_not_readable(length):
+    got = decode(Frame(frame_id=0x120, data=bytes(length)))
+    assert got is not None
+    assert (got.name, got.signals) == ("Pressure", ())
+
+
+def test_no_digits_are_shown_that_the_wire_does_not_carry():
+    got = decode(Frame(frame_id=0x130, data=bytes([0, 0, 0, 2, 3, 0, 0, 0])))
+    assert got is not None
+    shown = {one.name: one.shown for one in got.signals}
+    # 3 * 0.0002 in doubles is 0.0006000000000000001.
+    assert (shown["Flow"], shown["Mode"]) == ("0.0006", "CONTROL")

@@ -1,0 +1,105 @@
+"""Rates, ages and losses against streams whose answer is known."""
+
+from itertools import accumulate
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.receiver import Check
+from can_bridge.tools.signals import decode
+from can_bridge.tools.traffic import RATE_OVER, SILENT_AFTER, Traffic, observe
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_CLASSIC, PRESSURE_SECURED, SPECS, MessageSpec
+from contract.config.vehicle import E2eConfig
+
+E2E = E2eConfig()
+
+
+def frame(spec: MessageSpec, counter: int, t_ns: int = 0) -> Frame:
+    protected = profile_of(spec).protect(bytes(spec.protected), data_id=spec.data_id, counter=counter)
+    data = protected + bytes(spec.length - spec.protected)
+    return Frame(frame_id=spec.frame_id, data=data, timestamp_ns=t_ns, is_fd=spec.is_fd)
+
+
+def after(frames: list[Frame]) -> Traffic:
+    traffic = None
+    for one in frames:
+        traffic = observe(traffic, one, decoder=decode, e2e=E2E)
+    assert traffic is not None
+    return traffic
+
+
+@given(period_ns=st.integers(1, 10**10), count=st.integers(2, 3 * RATE_OVER), begin=st.integers(0, 2 * 10**18))
+def test_rate_and_age_of_a_periodic_message(period_ns, count, begin):
+    traffic = after([Frame(frame_id=1, data=b"", timestamp_ns=begin + i * period_ns) for i in range(count)])
+    last = begin + (count - 1) * period_ns
+    # Whole ns in, one division: exact to a rounding or two.
+    assert traffic.rate_hz(last) == pytest.approx(1e9 / period_ns, rel=1e-12)
+    assert traffic.mean_rate_hz == pytest.approx(1e9 / period_ns, rel=1e-12)
+    assert traffic.age_ns(last + 17) == 17
+    assert (traffic.count, traffic.first_ns, traffic.last_ns) == (count, begin, last)
+    assert traffic.rate_hz(last + int(SILENT_AFTER * period_ns) + 1) == 0.0
+    assert len(traffic.recent_ns) <= RATE_OVER + 1
+
+
+def test_rate_follows_a_change_after_so_many_frames():
+    gaps = [10_000_000] * 50 + [50_000_000] * RATE_OVER
+    traffic = after([Frame(frame_id=1, data=b"", timestamp_ns=t) for t in accumulate([0, *gaps])])
+    assert traffic.rate_hz(traffic.last_ns) == pytest.approx(20.0)
+    assert traffic.mean_rate_hz == pytest.approx(70 / 1.5)
+
+
+@pytest.mark.parametrize("times", [[5], [5, 5], [9, 3]])
+def test_no_rate_without_two_times(times):
+    traffic = after([Frame(frame_id=1, data=b"", timestamp_ns=t) for t in times])
+    assert (traffic.rate_hz(9), traffic.mean_rate_hz) == (0.0, 0.0)
+    assert traffic.age_ns(0) == 0
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
+@given(data=st.data())
+def test_losses_are_those_that_were_made(spec, data):
+    """Fewer than a counter's period in a row: more cannot be told by a counter."""
+    period = profile_of(spec).counter_period
+    gaps = data.draw(st.lists(st.integers(0, period - 2), max_size=30))
+    counters = accumulate([data.draw(st.integers(0, period - 1)), *(gap + 1 for gap in gaps)])
+    traffic = after([frame(spec, counter % period) for counter in counters])
+    assert traffic.lost == sum(gaps)
+    assert traffic.receiver.count(Check.ERROR) == 0
+    assert traffic.refused == sum(gap + 1 > E2E.max_delta for gap in gaps)
+
+
+def test_checks_of_planted_faults():
+    good = [frame(JET_COMMAND, i) for i in range(4)]
+    flipped = Frame(frame_id=0x130, data=bytes([good[2].data[0] ^ 1]) + good[2].data[1:])
+    classic = Frame(frame_id=0x130, data=good[2].data, is_fd=False)
+    steps = [
+        (good[0], Check.OK, 0),
+        (good[0], Check.REPEATED, 0),
+        (good[1], Check.OK, 0),
+        (flipped, Check.ERROR, 0),
+        (classic, Check.ERROR, 0),
+        (good[3], Check.OK_SOME_LOST, 1),
+        (frame(JET_COMMAND, 3 + 1 + E2E.max_delta), Check.WRONG_SEQUENCE, 1 + E2E.max_delta),
+        (frame(JET_COMMAND_CLASSIC, 1), None, 0),
+    ]
+    traffic = None
+    for one, check, lost in steps[:-1]:
+        traffic = observe(traffic, one, decoder=decode, e2e=E2E)
+        assert (traffic.check, traffic.lost) == (check, lost)
+    assert traffic is not None
+    assert traffic.refused == 4
+
+
+def test_a_secured_message_of_another_length_fails_its_check():
+    """Its protected part alone would pass."""
+    whole = frame(PRESSURE_SECURED, 0)
+    assert after([whole]).check is Check.OK
+    assert after([Frame(frame_id=whole.frame_id, data=whole.data[:16])]).check is Check.ERROR
+
+
+def test_messages_that_are_not_ours_have_no_check():
+    traffic = after([Frame(frame_id=1, data=b"abc")])
+    assert (traffic.check, traffic.name, traffic.decoded, traffic.lost) == (None, "", None, 0)
