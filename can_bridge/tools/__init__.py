@@ -1,0 +1,1 @@
+"""What an engineer does at a bus: watch, record, replay, send, decode."""
