@@ -54,7 +54,7 @@ class BundleSignerError(BundleError):
 
 
 class KeyFileError(StillwakeError):
-    """A key file that is missing, in the way of a new one, or not an Ed25519 key."""
+    """A key file that is missing, in the way of a new one, or not a key of its kind."""
 
 
 class BusError(StillwakeError):

@@ -3,10 +3,14 @@
 Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"): each frame gets a
 `Check` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
-- NODATA until a frame passes its CRC, then INIT;
+- NODATA until a frame passes its CRC, then INIT, with that check alone in the window;
 - INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad ones in the window;
 - INIT becomes INVALID with more bad ones than that;
 - VALID becomes INVALID with more bad ones than that, or with no good one left.
+
+AUTOSAR's own machine has one number a state for `min_ok` and `max_errors`, and leaves the check that ends NODATA out of
+the window. Here it counts, so that with `min_ok` = 2 the second frame of a stream is trusted: AUTOSAR's machine with
+MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2, as long as the window holds that first check.
 
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good
 checks out of the window. As in the standard, a jump moves the receiver to the new count, so that a restarted sender
@@ -80,7 +84,7 @@ class ReceiverState:
     Attributes:
         stream: whether it is to be trusted.
         last_counter: of the latest frame with a good CRC; None before the first.
-        window: the latest periods' checks, oldest first.
+        window: the latest periods' checks, oldest first, from the one that ended NODATA on.
         counts: how often each check came out, by the check's value; read them with `count`.
     """
 
@@ -106,7 +110,8 @@ def receive(
 
     Args:
         state: after the period before.
-        frames: all that were received in the period, oldest first; those of other messages are left alone.
+        frames: all that were received in the period, oldest first; those of other messages are left alone. A secured
+            message is looked at up to its authentication, which is `can_bridge.secoc`'s.
         spec: the message.
         config: when its stream is to be trusted.
     """
@@ -114,7 +119,7 @@ def receive(
     accepted: Frame | None = None
     last_counter = state.last_counter
     for frame in frames:
-        if frame.frame_id != spec.frame_id:
+        if frame.frame_id != spec.frame_id or frame.is_extended:
             continue
         check, last_counter = _checked(frame.data, last_counter, spec=spec, max_delta=config.max_delta)
         checks.append(check)
@@ -125,8 +130,12 @@ def receive(
     for check in found:
         counts[check.value] += 1
     period = _of_period(found)
-    window = (*state.window, period)[-config.window :]
-    stream = _next_stream(state.stream, period, window, config)
+    if state.stream is StreamState.NODATA:
+        begins = period not in (Check.ERROR, Check.NO_NEW_DATA)
+        window, stream = ((period,), StreamState.INIT) if begins else ((), StreamState.NODATA)
+    else:
+        window = (*state.window, period)[-config.window :]
+        stream = _next_stream(state.stream, window, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
     return after, Reception(stream=stream, checks=found, accepted=accepted)
 
@@ -160,7 +169,7 @@ def _of_period(found: tuple[Check, ...]) -> Check:
 def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int) -> tuple[Check, int | None]:
     """The check of one frame, and the counter to compare the next one with."""
     profile = profile_of(spec)
-    if len(data) != spec.protected or not profile.check(data, data_id=spec.data_id):
+    if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return Check.ERROR, last_counter
     counter = profile.counter_of(data)
     # The first frame has nothing to be compared with.
@@ -172,12 +181,10 @@ def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_de
     return Check.OK_SOME_LOST if delta <= max_delta else Check.WRONG_SEQUENCE, counter
 
 
-def _next_stream(stream: StreamState, check: Check, window: tuple[Check, ...], config: E2eConfig) -> StreamState:
-    """The stream's state after one check, the newest in the window."""
+def _next_stream(stream: StreamState, window: tuple[Check, ...], config: E2eConfig) -> StreamState:
+    """The state of a stream that has begun, after the newest check in the window."""
     good = sum(map(window.count, GOOD))
     too_many_errors = window.count(Check.ERROR) > config.max_errors
-    if stream is StreamState.NODATA:
-        return stream if check in (Check.ERROR, Check.NO_NEW_DATA) else StreamState.INIT
     if stream is StreamState.VALID:
         return StreamState.INVALID if too_many_errors or good == 0 else stream
     if not too_many_errors and good >= config.min_ok:

@@ -9,6 +9,7 @@ from typing import Final
 
 from can_bridge.bus import frame_log
 from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
 from contract.config.controller import CostWeights
@@ -73,9 +74,10 @@ def run_closed_loop(
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
     lead_in_periods, total = spans.periods(config.flow.control_period)
     _check_vehicle(config, total - lead_in_periods)
+    authentication = authentication_in_virtual_time(config.bus)
     controller = OnnxController.of(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
-    ecu = Ecu(bundle, controller, config, weights=weights)
+    ecu = Ecu(bundle, controller, config, weights=weights, authentication=authentication)
     folder, rows = RunFolder(output), list[Row]()
     with ExitStack() as stack:
         # Whole runs only: every file appears when the block has succeeded, and none before.
@@ -88,7 +90,7 @@ def run_closed_loop(
         check_bit_rates(bus, message_set(config.bus), config.period_ns)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         check_sensors(bundle, wake.layout)
-        node = VehicleNode(bundle.manifest.sensors, config, wake.layout)
+        node = VehicleNode(bundle.manifest.sensors, config, wake.layout, authentication)
         loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
         ready(total)
         for k in range(total):

@@ -8,6 +8,9 @@ import numpy as np
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
@@ -40,17 +43,30 @@ class VehicleNode:
         sensor_names: what the transducers are mounted on, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
         layout: of the plant's sensors.
+        authentication: with `bus.key`, what the node needs of it.
 
     Raises:
-        ConfigError: the plant has no sensor of that name, or one is named twice.
+        ConfigError: the plant has no sensor of that name, or one is named twice; or `bus.key` without `authentication`,
+            or the other way round.
     """
 
-    def __init__(self, sensor_names: Sequence[str], config: Config, layout: SensorLayout = TRUCK) -> None:
+    def __init__(
+        self,
+        sensor_names: Sequence[str],
+        config: Config,
+        layout: SensorLayout = TRUCK,
+        authentication: Authentication | None = None,
+    ) -> None:
         self._columns = layout.indices(sensor_names)
         self._config = config
         self._messages = message_set(config.bus)
         self._sender = E2eSender(self._messages.pressure.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
+        self._key = key_of(authentication, config.bus)
+        self._freshness, self._verifier = Freshness(), VerifierState()
+        if authentication is not None:
+            self._freshness = authentication.freshness
+            self._verifier = authentication.verifier(self._receiver.spec)
         self._misses = 0
         self._action = 0.0  # commanded last, U_inf W
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
@@ -73,6 +89,8 @@ class VehicleNode:
         self.frames_sent += 1
         frame = self._sender.frame(self._messages.pressure.emit(message), now_ns=now_ns)
         self._sampled_ns[profile_of(self._sender.spec).counter_of(frame.data)] = now_ns
+        frame = secured(frame, spec=self._sender.spec, key=self._key, freshness=self._freshness)
+        self._freshness = self._freshness.next()
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
@@ -80,8 +98,10 @@ class VehicleNode:
 
         Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut.
         """
+        spec = self._receiver.spec
+        self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
         frame = self._receiver.tick(frames).live
-        command = None if frame is None else self._messages.command.parse(frame.data)
+        command = None if frame is None else self._messages.command.parse(frame.data[: spec.protected])
         if command is None:
             self._misses += 1
             if self._misses > self._config.ecu.hold_periods:
@@ -102,5 +122,10 @@ class VehicleNode:
 
     @property
     def frames_rejected(self) -> int:
-        """Jet commands that came but failed their end-to-end check."""
-        return self._receiver.state.frames_rejected
+        """Jet commands that came but were not authentic, or failed their end-to-end check."""
+        return self.frames_not_authentic + self._receiver.state.frames_rejected
+
+    @property
+    def frames_not_authentic(self) -> int:
+        """Jet commands refused by their MAC or freshness."""
+        return self._verifier.refused

@@ -6,7 +6,7 @@ action as it went out on the wire, and as it takes effect if the actuator is kno
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,8 @@ from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import GateLimits, Intervention, gate
 from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.e2e.sender import protected_frame
+from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
@@ -65,13 +67,14 @@ class _Pressures(NamedTuple):
     """What one period's frames contain.
 
     Attributes:
-        receiver: its state after them.
+        verifier, receiver: their states after them.
         cp: usable pressures, (S,); None without.
         enable_request: of the vehicle; None if no trusted frame came.
         unusable_because: why there are no usable pressures, if there are none.
         pressure_ns: when the latest trusted pressures were sampled.
     """
 
+    verifier: VerifierState
     receiver: ReceiverState
     cp: Array | None
     enable_request: bool | None
@@ -103,16 +106,24 @@ class Ecu:
         controller: what runs its `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
         weights: of the cost, in place of the bundle's; its program and digest stay as they are.
+        authentication: with `bus.key`, what the ECU needs of it.
 
     Attributes:
         trace: of the latest step.
 
     Raises:
         BundleError: if the bundle was made for another vehicle or another number of sensors than the bus carries.
+        ConfigError: `bus.key` without `authentication`, or the other way round.
     """
 
     def __init__(
-        self, bundle: Bundle, controller: Controller, config: Config, *, weights: CostWeights | None = None
+        self,
+        bundle: Bundle,
+        controller: Controller,
+        config: Config,
+        *,
+        weights: CostWeights | None = None,
+        authentication: Authentication | None = None,
     ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest
@@ -121,6 +132,7 @@ class Ecu:
         self._weights = None if weights is None else np.array(weights.as_tuple())
         self._config = config
         self._messages = message_set(config.bus)
+        self._key = key_of(authentication, config.bus)
         self._period_ns = config.period_ns
         self._dynamic_pressure = config.operating_point.dynamic_pressure
         self._flow_scale = config.operating_point.flow_rate_scale
@@ -132,6 +144,9 @@ class Ecu:
             horizon=manifest.mpc.horizon,
             delay=config.ecu.delay_steps,
         )
+        if authentication is not None:
+            verifier = authentication.verifier(self._messages.pressure.spec)
+            start = replace(start, verifier=verifier, freshness=authentication.freshness)
         self._sizes = start.memory.sizes
         self.restore(start)
 
@@ -222,6 +237,8 @@ class Ecu:
             late_in_a_row=late_in_a_row,
             missed=state.missed + (received.cp is None),
             health=health,
+            verifier=received.verifier,
+            freshness=state.freshness.next(),
         )
         to_send, status = self._messages, after.status(self._bundle_hash)
         messages = (
@@ -230,7 +247,15 @@ class Ecu:
         )
         return StepOutcome(
             state=after,
-            frames=[protected_frame(sender, data, spec=spec, now_ns=now_ns) for sender, spec, data in messages],
+            frames=[
+                secured(
+                    protected_frame(sender, data, spec=spec, now_ns=now_ns),
+                    spec=spec,
+                    key=self._key,
+                    freshness=state.freshness,
+                )
+                for sender, spec, data in messages
+            ],
             trace=Trace(
                 mode=fail_safe.mode.on_wire,
                 action=action,
@@ -245,8 +270,8 @@ class Ecu:
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but failed their end-to-end check."""
-        return self._state.pressures.frames_rejected
+        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        return self._state.verifier.refused + self._state.pressures.frames_rejected
 
     def _periods_skipped(self, step_ns: int | None, now_ns: int) -> int:
         """Whole periods since the last step, beyond one."""
@@ -261,21 +286,24 @@ class Ecu:
 
     def _receive(self, state: EcuState, frames: Sequence[Frame]) -> _Pressures:
         """The newest trusted pressures, or why there are none."""
-        receiver, reception = receive(
-            state.pressures, frames, spec=self._messages.pressure.spec, config=self._config.bus.e2e
-        )
+        spec = self._messages.pressure.spec
+        verifier, frames, none_authentic = verified(state.verifier, frames, spec=spec, key=self._key)
+        receiver, reception = receive(state.pressures, frames, spec=spec, config=self._config.bus.e2e)
         frame = reception.live
-        pressure = None if frame is None else self._messages.pressure.parse(frame.data)
+        pressure = None if frame is None else self._messages.pressure.parse(frame.data[: spec.protected])
         if frame is None or pressure is None:
             trusted = reception.stream is not StreamState.INVALID
+            because = Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID
             return _Pressures(
+                verifier=verifier,
                 receiver=receiver,
                 cp=None,
                 enable_request=None,
-                unusable_because=Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID,
+                unusable_because=Reason.NOT_AUTHENTIC if none_authentic else because,
                 pressure_ns=state.pressure_ns,
             )
         return _Pressures(
+            verifier=verifier,
             receiver=receiver,
             cp=np.array(pressure.pressure_pa) / self._dynamic_pressure if all(pressure.valid) else None,
             enable_request=pressure.enable_request,

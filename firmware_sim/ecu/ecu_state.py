@@ -10,6 +10,8 @@ from typing import Self
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.e2e.receiver import Check, ReceiverState
 from can_bridge.e2e.sender import SenderState
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.receiver import VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.state_machine import FailSafe
@@ -30,6 +32,8 @@ class EcuState:
         late_in_a_row: steps in a row that left out a period.
         missed: steps without usable pressures.
         health: of the CAN controller, as of the latest step.
+        verifier: what authentication refused of the Pressure message, and accepted last.
+        freshness: of the next JetCommand and the next EcuStatus.
     """
 
     memory: ControllerMemory
@@ -43,6 +47,8 @@ class EcuState:
     late_in_a_row: int
     missed: int
     health: BusHealth = HEALTHY
+    verifier: VerifierState = VerifierState()
+    freshness: Freshness = Freshness()
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int) -> Self:
@@ -69,6 +75,7 @@ class EcuState:
             missed=min(self.missed, COUNT_LIMIT),
             crc_errors=min(self.pressures.count(Check.ERROR), COUNT_LIMIT),
             refused=min(sum(map(self.pressures.count, (Check.REPEATED, Check.WRONG_SEQUENCE))), COUNT_LIMIT),
+            not_authentic=min(self.verifier.refused, COUNT_LIMIT),
             bus_off=min(self.health.bus_off, BUS_OFF_LIMIT),
             tx_errors=min(self.health.tx_errors, ERROR_LIMIT),
             rx_errors=min(self.health.rx_errors, ERROR_LIMIT),

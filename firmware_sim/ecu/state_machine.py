@@ -102,7 +102,9 @@ class FailSafe:
             if request and not latched:
                 latched, reason = misses > config.hold_periods + config.decay_periods, inputs.unusable_because
         if not latched and (inputs.usable or not request):
-            reason = Reason.NONE
+            # A vehicle none of whose frames is authentic cannot make its wish heard: this alone says why.
+            refused = not inputs.usable and inputs.unusable_because is Reason.NOT_AUTHENTIC
+            reason = Reason.NOT_AUTHENTIC if refused else Reason.NONE
         if latched:
             mode = OperatingMode.FAULT
         elif not request:

@@ -2,9 +2,14 @@
 
 import typer
 
+from stillwake.commands.can.keygen import keygen
+
 can = typer.Typer(no_args_is_help=True, help="The CAN bus: load and response times, logs, frames, live signals.")
 
 
 @can.callback()
 def _group() -> None:
     """The CAN bus: load and response times, logs, frames, live signals."""
+
+
+can.command()(keygen)

@@ -1,0 +1,121 @@
+"""What must outlive a power cycle: how often the node was switched on, and what it last accepted.
+
+A file of a node's own, in JSON. `begin` counts the power cycle before the first frame is sent, so that no freshness
+value is used twice. `accepted` keeps the newest value from the other node: at once when that node's power cycle is
+another one, and otherwise every `every` frames, since flash memory wears. After a restart of its own the node refuses
+everything up to the value kept. What stays open is frames accepted after that: up to `every` of them can be replayed
+to a node that has just been restarted, until the first genuine frame arrives.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from can_bridge.secoc.freshness import LARGEST, LARGEST_HALF
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.node import Authentication
+from contract.atomic import replacing
+from contract.errors import BusError
+
+SCHEMA: Final = "stillwake-freshness/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreshnessRecord:
+    """The content of the file.
+
+    Attributes:
+        trip: power cycles so far.
+        heard: the newest freshness value kept, by frame identifier.
+    """
+
+    trip: int = 0
+    heard: Mapping[int, int] = field(default_factory=dict)
+
+
+def is_due(kept: int, freshness: int, every: int) -> bool:
+    """Whether a value accepted now is to be kept: another power cycle of the sender's, or `every` frames on."""
+    return freshness >> 32 != kept >> 32 or freshness - kept >= every
+
+
+class FreshnessStore:
+    """The file, for one process at a time.
+
+    Args:
+        path: of the file; made by the first `begin`.
+        every: frames between two writes.
+    """
+
+    def __init__(self, path: Path, *, every: int = 50) -> None:
+        if every < 1:
+            raise ValueError(f"every {every}: must be at least 1")
+        self._path = path
+        self._every = every
+        self._record = FreshnessRecord()
+
+    def begin(self, key: Key) -> Authentication:
+        """Count a power cycle, and say what the node then needs.
+
+        A file that is gone counts from 1 again. That is safe and loud: the other node refuses every frame.
+
+        Raises:
+            BusError: if the file is damaged or cannot be written, or all power cycles are used up.
+        """
+        before = self._read()
+        if before.trip >= LARGEST_HALF:
+            raise BusError(f"{self._path}: {before.trip} power cycles are all there are; begin anew with another key")
+        self._keep(FreshnessRecord(trip=before.trip + 1, heard=before.heard))
+        return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
+
+    def accepted(self, frame_id: int, freshness: int) -> None:
+        """Note the value that a receiver accepted last; call it as often as you like.
+
+        Raises:
+            BusError: if the file cannot be written.
+        """
+        if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
+            heard = {**self._record.heard, frame_id: freshness}
+            self._keep(FreshnessRecord(trip=self._record.trip, heard=heard))
+
+    def _read(self) -> FreshnessRecord:
+        try:
+            tree = json.loads(self._path.read_text(encoding="utf-8"))
+            return _record_of(tree)
+        except FileNotFoundError:
+            return FreshnessRecord()
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise BusError(
+                f"{self._path}: not a freshness file ({error}); without it the key must not be used further: remove "
+                "the file and give both nodes a new key"
+            ) from error
+
+    def _keep(self, record: FreshnessRecord) -> None:
+        tree = {"schema": SCHEMA, "trip": record.trip, "heard": {str(k): v for k, v in sorted(record.heard.items())}}
+        with replacing(self._path) as temporary, temporary.open("w", encoding="utf-8") as file:
+            json.dump(tree, file)
+            file.flush()
+            os.fsync(file.fileno())
+        # The new name, too, has to be on the disk before the first frame goes out.
+        folder = os.open(self._path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+        self._record = record
+
+
+def _record_of(tree: Any) -> FreshnessRecord:
+    """Raises ValueError, KeyError, TypeError or AttributeError for anything else than `_keep` writes."""
+    if tree["schema"] != SCHEMA:
+        raise ValueError(f"schema {tree['schema']!r}, must be {SCHEMA!r}")
+    heard = {int(frame_id): _whole(value, LARGEST) for frame_id, value in tree["heard"].items()}
+    return FreshnessRecord(trip=_whole(tree["trip"], LARGEST_HALF), heard=heard)
+
+
+def _whole(value: Any, largest: int) -> int:
+    if type(value) is not int or not 0 <= value <= largest:
+        raise ValueError(f"{value!r}: must be a whole number in 0..{largest}")
+    return value

@@ -1,0 +1,61 @@
+"""What a node needs to secure its frames and to verify another node's."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.key import Key, read_key
+from can_bridge.secoc.receiver import VerifierState
+from can_bridge.secoc.securing import secure
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import MessageSpec
+from contract.config.vehicle import BusConfig
+from contract.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Authentication:
+    """Of one node, in one power cycle.
+
+    Attributes:
+        key: shared with the other node.
+        trip: the node's power cycles, this one included. In virtual time there is one.
+        heard: freshness values accepted in earlier power cycles, by frame identifier.
+    """
+
+    key: Key = field(repr=False)
+    trip: int = 1
+    heard: Mapping[int, int] = field(default_factory=dict)
+
+    @property
+    def freshness(self) -> Freshness:
+        """Of the first frame of each message that the node sends."""
+        return Freshness(trip=self.trip)
+
+    def verifier(self, spec: MessageSpec) -> VerifierState:
+        """The receiving end of a message at power-on."""
+        return VerifierState(freshness=self.heard.get(spec.frame_id, 0))
+
+
+def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
+    """By these settings: None without a key. Both nodes are in their first power cycle, and no file is written.
+
+    Raises:
+        KeyFileError: see `read_key`.
+    """
+    return Authentication(key=read_key(Path(config.key))) if config.key else None
+
+
+def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
+    """The key to use; raises ConfigError if the settings and what the node was given do not agree."""
+    if message_set(config).pressure.spec.is_secured != (authentication is not None):
+        given = "without a key" if authentication is None else "with a key"
+        raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")
+    return None if authentication is None else authentication.key
+
+
+def secured(frame: Frame, *, spec: MessageSpec, key: Key | None, freshness: Freshness) -> Frame:
+    """The frame as it goes onto the bus: with its MAC, or without authentication as it is."""
+    return frame if key is None else secure(frame, spec, key, freshness)
