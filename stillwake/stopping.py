@@ -1,7 +1,7 @@
 """How a command ends on Ctrl-C or SIGTERM: alike, with what is needed to go on in one line."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
 from typing import Any, Final
@@ -30,6 +30,32 @@ def ends_like_ctrl_c() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
+
+
+@contextmanager
+def until_stopped() -> Iterator[Callable[[], bool]]:
+    """Work that a stop ends well: yields what says whether Ctrl-C or SIGTERM came. A second one stops at once.
+
+    Nothing is interrupted, so that whatever is being written is written to its end. Outside the main thread, which
+    alone may take signals, nothing ever stops it.
+    """
+    if current_thread() is not main_thread():
+        yield lambda: False
+        return
+    came: list[int] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def stop(number: int, _frame: Any) -> None:
+        came.append(number)
+        signal.signal(number, before[signal.Signals(number)])
+
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

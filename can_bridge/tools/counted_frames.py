@@ -130,7 +130,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
 
 def _step(before: CountedFrame, after: CountedFrame, period_s: float, modulus: int) -> int | None:
-    """Periods from one frame to another by the counters, nearest to those by the clock; None if they disagree, or are many."""
+    """Periods between two frames by the counters, nearest to those by the clock; None if they disagree or are many."""
     elapsed = (after.time_s - before.time_s) / period_s
     step = (after.counter - before.counter) % modulus
     step += modulus * round((elapsed - step) / modulus)
@@ -155,6 +155,5 @@ def _cut_at_jumps(stretch: Stretch, period_s: float) -> list[Stretch]:
             after = i + _AROUND // 2
     edges = [*cuts, len(stretch)]
     return [
-        Stretch(index=stretch.index[a:b] - stretch.index[a], frames=stretch.frames[a:b])
-        for a, b in pairwise(edges)
+        Stretch(index=stretch.index[a:b] - stretch.index[a], frames=stretch.frames[a:b]) for a, b in pairwise(edges)
     ]

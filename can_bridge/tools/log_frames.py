@@ -94,8 +94,8 @@ def frames_of(
             fresh[frame_id] = freshness
         if message.timestamp < latest - back_s:
             raise DatasetError(
-                f"{path}: times go back from {latest:.6f} to {message.timestamp:.6f} s: two logs in one file, or a logger "
-                f"whose clock was set; cut it there"
+                f"{path}: times go back from {latest:.6f} to {message.timestamp:.6f} s: two logs in one file, or "
+                f"a logger whose clock was set; cut it there"
             )
         latest = max(latest, message.timestamp)
         frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)

@@ -67,7 +67,9 @@ class Cutter:
         if periods > self._fill:
             self._cut(f"no pressures for about {periods} control periods {at}", f"; --fill allows {self._fill}")
         else:
-            self._cut(f"the pressures' counter and the log's clock part {at}: the sender began again, or a clock was set")
+            self._cut(
+                f"the pressures' counter and the log's clock part {at}: the sender began again, or a clock was set"
+            )
 
     def add(self, rows: Rows, clock: Clock) -> None:
         """Cut one stretch into pieces."""

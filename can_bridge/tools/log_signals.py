@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import can
 import numpy as np
 
+from can_bridge.tools.dbc_decoder import load_dbc
 from contract.arrays import Array
-from contract.errors import DatasetError, StillwakeError
+from contract.errors import DatasetError
 
 if TYPE_CHECKING:
-    from cantools.database import Message
+    from cantools.database.can import Message
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,12 +41,12 @@ def signals_of(
         wanted: by the name here, "Message.Signal".
 
     Raises:
-        DatasetError: the DBC cannot be read or lacks one, or the log has no frame of it.
-        StillwakeError: cantools is not installed.
+        DatasetError: the DBC lacks one, or the log has no frame of it.
+        BusError: the DBC cannot be read, or cantools is not installed.
     """
     places = {name: _place(dbc, name, text) for name, text in wanted.items()}
-    described = _messages(dbc)
-    specs: dict[tuple[int, bool], "Message"] = {}
+    described = {message.name: message for message in load_dbc(dbc).messages}
+    specs: dict[tuple[int, bool], Message] = {}
     for name, (message_name, signal) in places.items():
         spec = described.get(message_name)
         if spec is None:
@@ -80,27 +81,11 @@ def _place(dbc: Path, name: str, text: str) -> tuple[str, str]:
     return message, signal
 
 
-def _messages(dbc: Path) -> dict[str, "Message"]:
-    try:
-        import cantools
-    except ImportError as error:
-        raise StillwakeError(f"{dbc}: reading a DBC needs cantools: pip install 'stillwake[bus]'") from error
-    if not dbc.is_file():
-        raise DatasetError(f"{dbc}: no such file")
-    try:
-        database = cantools.database.load_file(dbc)
-    except Exception as error:  # cantools and its parser raise what they like for a damaged file
-        raise DatasetError(f"{dbc}: cannot be read as a DBC ({str(error).splitlines()[0]})") from error
-    if not isinstance(database, cantools.database.can.Database):
-        raise DatasetError(f"{dbc}: describes no CAN messages")
-    return {message.name: message for message in database.messages}
-
-
 def _value(spec: "Message", data: bytes, signal: str) -> float | None:
     """The signal in these bytes; None if they do not have it, as a frame of another multiplexer value."""
     try:
         decoded = spec.decode(data, decode_choices=False)
-    except Exception:  # of cantools and bitstruct, for bytes of another length
+    except Exception:  # noqa: BLE001  (cantools raises errors of many kinds for bytes of another length)
         return None
     value = decoded.get(signal) if isinstance(decoded, dict) else None
     return float(value) if isinstance(value, int | float) else None

@@ -1,15 +1,23 @@
 """The commands for the bus: `stillwake can ...`, a file a group of them."""
 
+import logging
+
 import typer
 
+from stillwake.commands.can.frames import decode, send
 from stillwake.commands.can.keygen import keygen
+from stillwake.commands.can.log import record, replay
+from stillwake.commands.can.monitor import monitor
+
+# python-can warns on stderr of what it passes over; what matters of it is an error or a count here.
+logging.getLogger("can").addHandler(logging.NullHandler())
 
 can = typer.Typer(no_args_is_help=True, help="The CAN bus: load and response times, logs, frames, live signals.")
+
+for command in (monitor, record, replay, send, decode, keygen):
+    can.command()(command)
 
 
 @can.callback()
 def _group() -> None:
     """The CAN bus: load and response times, logs, frames, live signals."""
-
-
-can.command()(keygen)

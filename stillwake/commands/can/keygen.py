@@ -9,7 +9,9 @@ import typer
 from stillwake.terminal import console
 
 
-def keygen(file: Annotated[Path, typer.Argument(help="File to write; one that is there is never overwritten.")]) -> None:
+def keygen(
+    file: Annotated[Path, typer.Argument(help="File to write; one that is there is never overwritten.")],
+) -> None:
     """Make the key that authenticates frames on the bus: `bus.key` names its file on both nodes.
 
     128 random bits as hexadecimal digits, readable by the file's owner alone.

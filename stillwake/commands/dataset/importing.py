@@ -1,14 +1,22 @@
 """`stillwake dataset import`: files of one's own, and recorded drives, become a data set."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
+from contract.config.loading import Loaded
 from contract.errors import ConfigError, OutputError
+from contract.recording.importing.forces import ForcesClock
+from stillwake.commands.dataset.drives import USES, DriveOptions, forces_of, is_log, read_drive, scales_of, told
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
 from stillwake.outputs import Overwrite, check_dataset_name, check_output
+from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, Overrides, console
+
+LOGS: Final = "Recorded drives"
+SAME: Final = 1e-6
+"""Relative difference up to which two dynamic pressures are one."""
 
 
 def import_(
@@ -34,9 +42,54 @@ def import_(
     rename: Annotated[
         list[str], typer.Option("--map", help="NAME=COLUMN where a file has another name, e.g. Cd=drag (repeatable).")
     ] = [],  # noqa: B006
+    forces: Annotated[
+        list[str],
+        typer.Option(
+            help="Cd and Cl of CAN logs: a table with t, Cd and Cl, or a log; LOG=FILE for one log (repeatable).",
+            metavar="[LOG=]FILE",
+            rich_help_panel=LOGS,
+        ),
+    ] = [],  # noqa: B006
+    forces_clock: Annotated[
+        ForcesClock | None,
+        typer.Option(
+            help="Times of --forces: s on the log's clock, s since its first pressure, or t_c since then. "
+            "Not needed where a table calls its column 't [t_c]', or for a log on the same clock.",
+            rich_help_panel=LOGS,
+        ),
+    ] = None,
+    forces_shift: Annotated[
+        float, typer.Option(help="Seconds to add to the times of --forces.", rich_help_panel=LOGS)
+    ] = 0.0,
+    forces_dbc: Annotated[
+        Path | None, typer.Option(help="DBC of the messages in --forces, if that is a log.", rich_help_panel=LOGS)
+    ] = None,
+    forces_map: Annotated[
+        list[str],
+        typer.Option(
+            help="NAME=COLUMN in a table of forces, NAME=MESSAGE.SIGNAL in a log; NAME is t, Cd or Cl (repeatable).",
+            rich_help_panel=LOGS,
+        ),
+    ] = [],  # noqa: B006
+    fill: Annotated[
+        int,
+        typer.Option(
+            help="Longest gap in a log, in control periods, that is filled on a straight line.",
+            min=0,
+            rich_help_panel=LOGS,
+        ),
+    ] = 2,
+    split: Annotated[
+        bool,
+        typer.Option(
+            "--split", help="Make an episode of each side of a longer gap; refused without.", rich_help_panel=LOGS
+        ),
+    ] = False,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
     overwrite: Overwrite = False,
 ) -> None:
-    """Make a data set of your own CSV, NPZ or HDF5 files, one episode a file.
+    """Make a data set of your own CSV, NPZ or HDF5 files, or of recorded drives.
 
     Lengths are in W, speeds in U_inf, times in W / U_inf. A file has the
     series action, Cd, Cl, and a column for every sensor's Cp,
@@ -50,47 +103,93 @@ def import_(
     is written unless every file fits. docs/how-to/use-your-own-data.md has
     examples.
     """
-    from contract.recording.dataset import write
+    from contract.recording.dataset import Role, write
     from contract.recording.facts import PlantFacts
     from contract.recording.importing.assemble import Source, assemble
     from contract.recording.importing.sensor_table import read_sensors
 
-    for path in (*train, *test, *extended, *controlled, sensors):
+    files: list[tuple[Path, Role]] = [
+        *((path, "train") for path in train),
+        *((path, "test") for path in test),
+        *((path, "extended") for path in extended),
+        *((path, "controlled") for path in controlled),
+    ]
+    logs = [path for path, _ in files if is_log(path)]
+    for path in (*(path for path, _ in files), sensors, *([] if forces_dbc is None else [forces_dbc])):
         if output.resolve() == path.resolve():
             raise OutputError(f"{output}: is one of the files to read; give another name")
     check_output(output, overwrite=overwrite)
     check_dataset_name(output)
-    sources = [
-        *(Source(path=path, role="train") for path in train),
-        *(Source(path=path, role="test") for path in test),
-        *(Source(path=path, role="extended") for path in extended),
-        *(Source(path=path, role="controlled") for path in controlled),
-    ]
+    options = DriveOptions(
+        fill=fill,
+        split=split,
+        forces=forces,
+        dbc=forces_dbc,
+        names=renamed(forces_map, "--forces-map"),
+        clock=forces_clock,
+        shift_s=forces_shift,
+    )
+    loaded = settings("dataset import", config_file, overrides, uses=USES)
+    facts = PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds)
+    _checked_for_logs(logs, options, loaded, dynamic_pressure)
+    beside = forces_of(logs, forces)
     layout = read_sensors(sensors, symmetric=not asymmetric)
-    unread: list[str] = []
+    notes: list[str] = []
     with console.status("reading") as status:
+        sources: list[Source] = []
+        for path, role in files:
+            if not is_log(path):
+                sources.append(Source(path=path, role=role))
+                continue
+            drive = read_drive(
+                path,
+                role,
+                beside[path],
+                layout,
+                scales_of(facts, loaded),
+                options,
+                loaded,
+                lambda path: status.update(f"reading {path}"),
+            )
+            sources += drive.sources
+            notes += told(drive)
         made = assemble(
             sources,
             layout,
-            PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds),
+            facts,
             dynamic_pressure=dynamic_pressure,
             renamed=renamed(rename, "--map"),
             progress=lambda path: status.update(f"reading {path}"),
-            unread=lambda path, names: unread.append(f"note: {path}: not used: {', '.join(names)}"),
+            unread=lambda path, names: notes.append(f"note: {path}: not used: {', '.join(names)}"),
         )
         write(output, made)
     console.print(episodes_table(made))
     console.print(sensors_line(layout), soft_wrap=True, markup=False)
-    for line in unread:
+    for line in notes:
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(f"wrote {output}; next: stillwake dataset check {output}", soft_wrap=True, markup=False)
 
 
-def _renamed(texts: list[str]) -> dict[str, str]:
+def _checked_for_logs(logs: list[Path], options: DriveOptions, loaded: Loaded, dynamic_pressure: float | None) -> None:
+    """Refuse what would have no effect or contradicts itself."""
+    if not logs:
+        if options.given or loaded.in_overrides:
+            raise ConfigError("--forces, --split and settings are for CAN logs, and no file is one")
+        return
+    own = loaded.config.operating_point.dynamic_pressure
+    if dynamic_pressure is not None and abs(dynamic_pressure / own - 1.0) > SAME:
+        raise ConfigError(
+            f"--dynamic-pressure {dynamic_pressure:g}: operating_point has {own:g} Pa, by which the logs' pressures "
+            f"are divided: put one of the two right"
+        )
+
+
+def renamed(texts: list[str], option: str) -> dict[str, str]:
+    """Pairs of NAME=COLUMN; raises ConfigError for anything else."""
     pairs = {}
     for text in texts:
         name, separator, column = text.partition("=")
         if not (separator and name.strip() and column.strip()):
-            raise ConfigError(f"--map {text}: write NAME=COLUMN, such as Cd=drag_coefficient")
+            raise ConfigError(f"{option} {text}: write NAME=COLUMN, such as Cd=drag_coefficient")
         pairs[name.strip()] = column.strip()
     return pairs

@@ -1,0 +1,54 @@
+"""One frame in the notation of candump and cansend (can-utils)."""
+
+import re
+from typing import Final
+
+import can
+
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID
+from contract.errors import BusError
+
+_CLASSIC: Final = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#((?:[0-9A-Fa-f]{2}\.?)*)")
+_REMOTE: Final = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#[Rr]([0-8]?)")
+_FD: Final = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})##([0-3])((?:[0-9A-Fa-f]{2}\.?)*)")
+
+NOTATION: Final = (
+    "must be ID#DATA, ID#R or ID#R<length> of a remote frame, or ID##<flags>DATA of CAN FD: three or eight hexadecimal "
+    "digits of an identifier, flags 1 bit-rate switch, 2 error state, two digits a byte"
+)
+
+
+def parse(text: str) -> can.Message:
+    """The message, not stamped with a time.
+
+    Raises:
+        BusError: for anything else, or what no wire carries.
+    """
+    flags, length = 0, 0
+    if found := _REMOTE.fullmatch(text):
+        identifier, digits = found[1], ""
+        length = int(found[2] or 0)
+    elif found := _CLASSIC.fullmatch(text):
+        identifier, digits = found[1], found[2]
+    elif found := _FD.fullmatch(text):
+        identifier, flags, digits = found[1], int(found[2]), found[3]
+    else:
+        raise BusError(f"{text}: {NOTATION}")
+    is_fd, is_remote, is_extended = "##" in text, _REMOTE.fullmatch(text) is not None, len(identifier) == 8
+    data = bytes.fromhex(digits.replace(".", ""))
+    largest = MAX_EXTENDED_ID if is_extended else MAX_FRAME_ID
+    if int(identifier, 16) > largest:
+        raise BusError(f"{text}: the identifier must be in 0..{largest:X}")
+    lengths = FD_LENGTHS if is_fd else CLASSIC_LENGTHS
+    if len(data) not in lengths:
+        raise BusError(f"{text}: has {len(data)} bytes; a frame of its kind has {', '.join(map(str, lengths))}")
+    return can.Message(
+        arbitration_id=int(identifier, 16),
+        is_extended_id=is_extended,
+        is_remote_frame=is_remote,
+        dlc=length if is_remote else len(data),
+        data=data,
+        is_fd=is_fd,
+        bitrate_switch=bool(flags & 1),
+        error_state_indicator=bool(flags & 2),
+    )

@@ -1,0 +1,212 @@
+"""What a live view of a bus shows, apart from any terminal: frames in, rows out; keys in, a view out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from can_bridge.e2e.receiver import Check
+from can_bridge.tools import signals
+from can_bridge.tools.raw_bus import id_text
+from can_bridge.tools.signals import PROTECTION, Decoder
+from can_bridge.tools.traffic import CHECK_TEXT, Traffic, observe
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import E2eConfig
+
+Key = tuple[bool, int]
+"""Extended or not, identifier: the order of the rows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One signal of one message; the first row of a message also has what is the message's.
+
+    Attributes:
+        age_s: since its newest frame.
+        rate_hz: of the message.
+        lost: frames missing by their counters.
+        refused: frames that a receiver would not have used.
+        e2e: the newest frame's check, empty without protection.
+        is_good: whether that check lets a receiver use it.
+    """
+
+    message: str
+    frame_id: str
+    signal: str
+    value: str
+    unit: str
+    is_first: bool
+    age_s: float
+    rate_hz: float
+    count: int
+    lost: int
+    refused: int
+    e2e: str
+    is_good: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorState:
+    """Everything seen so far.
+
+    Attributes:
+        decoder: what frames are read with.
+        e2e: how their counters are judged.
+        messages: by identifier.
+        others: remote and error frames.
+        frames: data frames.
+    """
+
+    decoder: Decoder = signals.decode
+    e2e: E2eConfig = field(default_factory=E2eConfig)
+    messages: Mapping[Key, Traffic] = field(default_factory=dict)
+    others: int = 0
+    frames: int = 0
+
+    def seen(self, frame: Frame) -> "MonitorState":
+        """The state after one more frame, stamped with the time it came."""
+        key = (frame.is_extended, frame.frame_id)
+        traffic = observe(self.messages.get(key), frame, decoder=self.decoder, e2e=self.e2e)
+        return replace(self, messages={**self.messages, key: traffic}, frames=self.frames + 1)
+
+    def seen_other(self) -> "MonitorState":
+        """The state after one more remote or error frame."""
+        return replace(self, others=self.others + 1)
+
+    def reset(self) -> "MonitorState":
+        """As before the first frame."""
+        return replace(self, messages={}, others=0, frames=0)
+
+    @property
+    def lost(self) -> int:
+        """Frames of all messages missing by their counters."""
+        return sum(one.lost for one in self.messages.values())
+
+    @property
+    def refused(self) -> int:
+        """Frames of all messages that a receiver would not have used."""
+        return sum(one.refused for one in self.messages.values())
+
+
+def rows(state: MonitorState, now_ns: int, *, matching: str = "") -> list[Row]:
+    """The table, ordered by identifier.
+
+    Args:
+        state: what was seen.
+        now_ns: in the clock of the frames.
+        matching: words that message, identifier or signal must contain, all of them; case does not count.
+    """
+    words = matching.lower().split()
+    found: list[Row] = []
+    for _, traffic in sorted(state.messages.items()):
+        kept = [one for one in _rows_of(traffic, now_ns) if _matches(one, words)]
+        found.extend(replace(one, is_first=i == 0) for i, one in enumerate(kept))
+    return found
+
+
+def _matches(row: Row, words: list[str]) -> bool:
+    text = f"{row.message} {row.frame_id} {row.signal}".lower()
+    return all(word in text for word in words)
+
+
+def _rows_of(traffic: Traffic, now_ns: int) -> list[Row]:
+    decoded = traffic.decoded
+    shown = () if decoded is None else tuple(one for one in decoded.signals if one.name not in PROTECTION)
+    cells = [(one.name, one.shown, one.unit) for one in shown]
+    if not cells:
+        what = "data" if decoded is None else "not readable"
+        cells = [(what, traffic.latest.data.hex(" ") or "empty", "")]
+    check = traffic.check
+    return [
+        Row(
+            message=traffic.name or "unknown",
+            frame_id=id_text(traffic.latest),
+            signal=signal,
+            value=value,
+            unit=unit,
+            is_first=False,
+            age_s=traffic.age_ns(now_ns) / 1e9,
+            rate_hz=traffic.rate_hz(now_ns),
+            count=traffic.count,
+            lost=traffic.lost,
+            refused=traffic.refused,
+            e2e="" if check is None else CHECK_TEXT[check],
+            is_good=check in (None, Check.OK, Check.OK_SOME_LOST),
+        )
+        for signal, value, unit in cells
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """What the user chose to see.
+
+    Attributes:
+        matching: the filter.
+        is_typing: keys go into the filter.
+        is_paused: the table stands still, while frames are counted on.
+        top: the first row shown.
+        quits, resets: what the latest key asked for.
+    """
+
+    matching: str = ""
+    is_typing: bool = False
+    is_paused: bool = False
+    top: int = 0
+    quits: bool = False
+    resets: bool = False
+
+
+KEYS_HELP: Final = "q quit   space pause   r reset   / filter   up, down scroll"
+TYPING_HELP: Final = "words of message, identifier or signal; Enter keeps the filter, Esc drops it"
+
+_ENTER: Final = ("\r", "\n")
+_ERASE: Final = ("\x7f", "\b")
+_ESCAPE: Final = "\x1b"
+_UP: Final = ("\x1b[A", "\x1bOA", "k")
+_DOWN: Final = ("\x1b[B", "\x1bOB", "j")
+_QUIT: Final = ("q", "Q", "\x03", "\x04")
+
+
+def press(view: View, key: str) -> View:
+    """The view after a key, as a terminal sends it; unknown keys change nothing."""
+    view = replace(view, resets=False)
+    if view.is_typing:
+        return _typed(view, key)
+    if key in _QUIT:
+        return replace(view, quits=True)
+    if key in (" ", "p"):
+        return replace(view, is_paused=not view.is_paused)
+    if key == "r":
+        return replace(view, resets=True, is_paused=False, top=0)
+    if key in ("/", "f"):
+        return replace(view, is_typing=True, top=0)
+    if key == _ESCAPE:
+        return replace(view, matching="", top=0)
+    if key in _UP:
+        return replace(view, top=max(0, view.top - 1))
+    if key in _DOWN:
+        return replace(view, top=view.top + 1)
+    return view
+
+
+def _typed(view: View, key: str) -> View:
+    if key in _ENTER:
+        return replace(view, is_typing=False)
+    if key == _ESCAPE:
+        return replace(view, matching="", is_typing=False)
+    if key in _ERASE:
+        return replace(view, matching=view.matching[:-1])
+    if key in ("\x03", "\x04"):
+        return replace(view, quits=True)
+    return replace(view, matching=view.matching + key) if key.isprintable() else view
+
+
+def split_keys(typed: str) -> list[str]:
+    """Single keys of what a terminal sent at once; the sequences of arrow keys stay whole."""
+    keys: list[str] = []
+    i = 0
+    while i < len(typed):
+        length = 3 if typed[i] == _ESCAPE and typed[i + 1 : i + 2] in ("[", "O") else 1
+        keys.append(typed[i : i + length])
+        i += length
+    return keys

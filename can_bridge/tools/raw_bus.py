@@ -1,0 +1,91 @@
+"""A bus as a tool sees it: whatever is on the wire, as python-can's messages, remote and error frames among them.
+
+A node wants `can_bridge.bus.python_can`, which lets nothing through but sound data frames with 11-bit identifiers.
+"""
+
+import can
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError, ConfigError
+
+
+class RawBus(PythonCanBus):
+    """As `PythonCanBus`, for messages in place of frames."""
+
+    def receive_message(self, timeout_s: float) -> can.Message | None:
+        """The next message of any kind, or None if none that could be read came within `timeout_s`.
+
+        Raises:
+            BusError: if the bus failed, or yields nothing but garbage.
+        """
+        try:
+            message = self._bus.recv(timeout=timeout_s)
+        except (can.CanError, OSError, ValueError, TypeError, LookupError, AttributeError) as error:
+            self._reject_or_fail(error)
+            return None
+        self._garbage_in_a_row = 0
+        if message is not None and not is_sound(message):
+            self.rejected += 1
+            return None
+        return message
+
+    def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
+        """Send one message of any kind, waiting at most `timeout_s`.
+
+        Raises:
+            BusError: if the bus does not take it in time, or failed.
+        """
+        try:
+            self._bus.send(message, timeout=timeout_s)
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(f"frame {id_text(message)} was not sent: {error or type(error).__name__}") from error
+
+
+def open_bus(config: BusConfig) -> RawBus:
+    """Connect to a bus that others are on.
+
+    Raises:
+        ConfigError: for the simulated bus, which nobody else can join.
+        BusError: naming interface and channel, if that cannot be opened.
+    """
+    if config.interface == "simulated":
+        raise ConfigError(
+            "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
+            "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
+        )
+    return RawBus.open(config)
+
+
+def is_sound(message: can.Message) -> bool:
+    """Whether a message could have been on a wire: backends pass on what a datagram or a serial line says."""
+    return message.is_error_frame or (message.is_remote_frame and _id_fits(message)) or frame_of(message) is not None
+
+
+def frame_of(message: can.Message) -> Frame | None:
+    """The frame in a message, its identifier of either length; None for remote, error and unsound frames."""
+    if message.is_remote_frame or message.is_error_frame or message.dlc != len(message.data):
+        return None
+    try:
+        return Frame(
+            frame_id=message.arbitration_id,
+            data=bytes(message.data),
+            timestamp_ns=round(message.timestamp * 1e9),
+            is_fd=message.is_fd,
+            is_extended=message.is_extended_id,
+        )
+    except (ValueError, OverflowError, TypeError):
+        return None
+
+
+def id_text(message: can.Message | Frame) -> str:
+    """An identifier as candump writes it: three hexadecimal digits, or eight if it is extended."""
+    if isinstance(message, Frame):
+        return f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}"
+    return f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
+
+
+def _id_fits(message: can.Message) -> bool:
+    largest = MAX_EXTENDED_ID if message.is_extended_id else MAX_FRAME_ID
+    return isinstance(message.arbitration_id, int) and 0 <= message.arbitration_id <= largest

@@ -1,0 +1,44 @@
+"""Recording: every message of a bus, in the order it came, until something says stop."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+import can
+
+POLL_S: Final = 0.1
+"""How long one reception may wait, and with it how long stopping may take."""
+
+
+class Recorder:
+    """Moves messages from a bus to a file.
+
+    Attributes:
+        frames: written so far, of any kind.
+        not_kept: what the file's format does not keep, in words, and how often.
+    """
+
+    def __init__(self, append: Callable[[can.Message], None], loss_of: Callable[[can.Message], str]) -> None:
+        """Args:
+        append: to the file.
+        loss_of: what the file will not keep of a message; empty for nothing.
+        """
+        self._append, self._loss_of = append, loss_of
+        self.frames = 0
+        self.not_kept: Counter[str] = Counter()
+
+    def run(self, receive: Callable[[float], can.Message | None], *, is_over: Callable[[int], bool]) -> None:
+        """Record until it is over; what was written until an error stays counted.
+
+        Args:
+            receive: the next message, or None after waiting for so many seconds.
+            is_over: asked before each reception with the number of frames so far.
+        """
+        while not is_over(self.frames):
+            message = receive(POLL_S)
+            if message is None:
+                continue
+            self._append(message)
+            self.frames += 1
+            if loss := self._loss_of(message):
+                self.not_kept[loss] += 1

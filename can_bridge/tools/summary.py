@@ -1,0 +1,125 @@
+"""A whole log, message by message: what `stillwake can decode` prints, writes and sums up."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+
+from can_bridge.e2e.receiver import Check
+from can_bridge.tools.raw_bus import frame_of, id_text
+from can_bridge.tools.signals import Decoder
+from can_bridge.tools.traffic import CHECK_TEXT, Traffic, observe
+from can_bridge.wire.frame_bits import frame_ns
+from contract.config.vehicle import BusConfig
+
+
+@dataclass(kw_only=True)
+class Summary:
+    """What a log holds.
+
+    Attributes:
+        messages: by (extended, identifier).
+        remote, errors, unsound: frames that carry no data, and such as no wire carries.
+        first_s, last_s: times of the first and the last frame of any kind; None without one.
+        busy_ns: how long the data frames occupied the bus, their stuff bits counted, intermissions included.
+    """
+
+    messages: dict[tuple[bool, int], Traffic] = field(default_factory=dict)
+    remote: int = 0
+    errors: int = 0
+    unsound: int = 0
+    first_s: float | None = None
+    last_s: float | None = None
+    busy_ns: int = 0
+
+    @property
+    def frames(self) -> int:
+        """Data frames."""
+        return sum(one.count for one in self.messages.values())
+
+    @property
+    def span_s(self) -> float:
+        """From the first to the last frame; 0 without any."""
+        return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
+
+    @property
+    def load(self) -> float | None:
+        """Share of the time that data frames occupied the bus; None where all have one time."""
+        return self.busy_ns / 1e9 / self.span_s if self.span_s > 0 else None
+
+    def figures(self) -> dict[str, Any]:
+        """For `--json`: rates in 1/s, times in s."""
+        return {
+            "frames": self.frames,
+            "remote_frames": self.remote,
+            "error_frames": self.errors,
+            "unsound_frames": self.unsound,
+            "first_s": self.first_s,
+            "last_s": self.last_s,
+            "bus_load": self.load,
+            "messages": [
+                {
+                    "id": id_text(one.latest),
+                    "message": one.name or None,
+                    "frames": one.count,
+                    "rate_hz": one.mean_rate_hz,
+                    "first_s": one.first_ns / 1e9,
+                    "last_s": one.last_ns / 1e9,
+                    "lost": one.lost if one.check is not None else None,
+                    "e2e": checks_of(one) if one.check is not None else None,
+                }
+                for _, one in sorted(self.messages.items())
+            ],
+        }
+
+
+def checks_of(traffic: Traffic) -> dict[str, int]:
+    """How often each end-to-end check came out, those that did."""
+    return {CHECK_TEXT[check]: count for check in CHECK_TEXT if (count := traffic.receiver.count(check))}
+
+
+def summarise(
+    messages: Iterable[can.Message],
+    *,
+    decoder: Decoder,
+    config: BusConfig,
+    seen: Callable[[Traffic], None] = lambda traffic: None,
+) -> Summary:
+    """Go through a log.
+
+    Args:
+        messages: in the order of the file.
+        decoder: what frames are read with.
+        config: bit rates, for the load, and how counters are judged. A frame without bit-rate switch is charged the
+            nominal rate throughout.
+        seen: called after each data frame with what is known of its message then.
+    """
+    found = Summary()
+    for message in messages:
+        found.first_s = message.timestamp if found.first_s is None else found.first_s
+        found.last_s = message.timestamp
+        if message.is_error_frame:
+            found.errors += 1
+            continue
+        if message.is_remote_frame:
+            found.remote += 1
+            continue
+        frame = frame_of(message)
+        if frame is None:
+            found.unsound += 1
+            continue
+        found.busy_ns += frame_ns(
+            frame,
+            nominal_bitrate=config.nominal_bitrate,
+            data_bitrate=config.data_bitrate if message.bitrate_switch else config.nominal_bitrate,
+        )
+        key = (frame.is_extended, frame.frame_id)
+        found.messages[key] = observe(found.messages.get(key), frame, decoder=decoder, e2e=config.e2e)
+        seen(found.messages[key])
+    return found
+
+
+def is_bad(check: Check | None) -> bool:
+    """Whether a receiver would not have used the frame."""
+    return check not in (None, Check.OK, Check.OK_SOME_LOST)

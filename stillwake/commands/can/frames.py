@@ -1,0 +1,243 @@
+"""The commands for single frames: `stillwake can send|decode`."""
+
+import csv
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.box import SIMPLE
+from rich.table import Table
+
+from contract.atomic import replacing
+from contract.errors import BusError, ConfigError
+from contract.results import versions, write_result
+from stillwake.commands.can.options import BUS, Dbc, positive
+from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.settings import settings
+from stillwake.stopping import until_stopped
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
+
+if TYPE_CHECKING:
+    import can
+
+    from can_bridge.tools.summary import Summary
+    from can_bridge.tools.traffic import Traffic
+    from contract.config.vehicle import BusConfig
+
+
+def send(
+    message: Annotated[
+        str | None, typer.Argument(help="Message, by its name in the DBC, e.g. Pressure.", show_default=False)
+    ] = None,
+    values: Annotated[
+        list[str] | None,
+        typer.Argument(help="SIGNAL=VALUE, in the signal's unit or a name from its table; 0 where left out."),
+    ] = None,
+    raw: Annotated[
+        list[str],
+        typer.Option(help="Any frame, as candump has it: ID#DATA, ID#R, ID##<flags>DATA of CAN FD (repeatable)."),
+    ] = [],  # noqa: B006
+    count: Annotated[int, typer.Option(help="Send it so often.", min=1)] = 1,
+    period: Annotated[float, typer.Option(help="Seconds between two.")] = 0.02,
+    counter: Annotated[int, typer.Option(help="E2E counter of the first one.", min=0, max=255)] = 0,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Send one of stillwake's messages, with its E2E header, or any frame.
+
+    The codec refuses what the wire cannot carry. A receiver trusts a stream
+    after some good frames, not after one: see --count.
+
+    stillwake can send Pressure Pressure0=-12.5 Valid0=1 --set bus.interface=socketcan --set bus.channel=can0
+    """
+    from can_bridge.tools.raw_bus import open_bus
+
+    config = settings("can send", config_file, overrides, uses=(*BUS, "bus.key")).config.bus
+    positive("--period", period)
+    if (message is None) == (not raw):
+        raise ConfigError("can send: name a message and its values, or give --raw, one of the two")
+    frames = _raw_frames(raw) if message is None else _own_frames(message, values or [], counter, config)
+    sent = 0
+    with open_bus(config) as bus, until_stopped() as is_stopped:
+        begin = time.monotonic()
+        while sent < count and not is_stopped():
+            left = begin + sent * period - time.monotonic()
+            if left > 0:
+                time.sleep(min(left, 0.2))
+                continue
+            for one in frames(time.time()):
+                bus.send_message(one)
+            sent += 1
+    console.print(f"sent {sent if message is not None else sent * len(raw)} frames", highlight=False)
+
+
+def _raw_frames(texts: list[str]) -> "Callable[[float], list[can.Message]]":
+    from can_bridge.tools.candump_text import parse
+
+    messages = [parse(text) for text in texts]
+
+    def stamped(now_s: float) -> "list[can.Message]":
+        for message in messages:
+            message.timestamp = now_s
+        return messages
+
+    return stamped
+
+
+def _own_frames(
+    name: str, values: list[str], counter: int, config: "BusConfig"
+) -> "Callable[[float], list[can.Message]]":
+    from can_bridge.bus.python_can import to_message
+    from can_bridge.e2e.profiles import profile_of
+    from can_bridge.e2e.sender import E2eSender, SenderState
+    from can_bridge.tools.encode import encode
+
+    spec, data = encode(name, values)
+    if spec.is_secured:
+        if not config.key:
+            raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
+        raise BusError(f"{name}: this command cannot sign frames with {config.key}; send the plain set's message")
+    if config.key:
+        raise ConfigError(
+            f"bus.key: {name} is sent without authentication; the message to go with a key ends in Secured"
+        )
+    last = profile_of(spec).counter_period - 1
+    if counter > last:
+        raise ConfigError(f"--counter {counter}: must be in 0..{last} for {name}")
+    sender = E2eSender(spec)
+    sender.state = SenderState(counter=counter)
+    return lambda now_s: [to_message(sender.frame(data, now_ns=round(now_s * 1e9)))]
+
+
+def decode(
+    file: Annotated[Path, typer.Argument(help="Log: .log (candump), .asc, .blf, .trc or .mf4.", show_default=False)],
+    dbc: Dbc = None,
+    summary: Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")] = False,
+    csv_file: Annotated[
+        Path | None, typer.Option("--csv", help="Also write a row for every signal here.", metavar="FILE")
+    ] = None,
+    overwrite: Overwrite = False,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Print a recorded log as signals with units, and what its end-to-end checks say.
+
+    A line for each frame, then a table of the messages: counts, rates, losses,
+    checks and the load of the bus, whose bit rates are settings. A counter is
+    compared with the frame before it. stillwake's own messages are known;
+    --dbc brings others, with cantools.
+    """
+    from can_bridge.bus.log_reader import check_suffix, read_messages
+    from can_bridge.tools.dbc_decoder import decoder_of
+    from can_bridge.tools.summary import summarise
+
+    uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e")
+    config = settings("can decode", config_file, overrides, uses=uses).config.bus
+    check_suffix(file)
+    check_json(json_file)
+    if csv_file is not None:
+        if csv_file.resolve() in (file.resolve(), None if dbc is None else dbc.resolve()):
+            raise BusError(f"{csv_file}: is one of the files to read; give another name")
+        check_output(csv_file, overwrite=overwrite)
+    decoder = decoder_of(dbc)
+    with _csv_rows(csv_file) as write_row:
+
+        def seen(traffic: "Traffic") -> None:
+            write_row(traffic)
+            if not summary:
+                console.print(_line(traffic), soft_wrap=True, highlight=False)
+
+        found = summarise(read_messages(file), decoder=decoder, config=config, seen=seen)
+        if found.first_s is None:
+            raise BusError(f"{file}: holds no CAN frame")
+    if json_file is not None:
+        facts = {"log": file.name, "config": asdict(config), "versions": versions("python-can")}
+        write_result(json_file, figures=found.figures(), facts=facts, on=date.today())
+    _print_summary(found)
+    for path in (csv_file, json_file):
+        if path is not None:
+            console.print(f"wrote {path}", soft_wrap=True, highlight=False)
+
+
+def _line(traffic: "Traffic") -> str:
+    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.tools.traffic import CHECK_TEXT
+
+    frame, decoded = traffic.latest, traffic.decoded
+    head = f"({frame.timestamp_ns / 1e9:.6f}) {id_text(frame)}"
+    if decoded is None or not decoded.signals:
+        what = "unknown" if decoded is None else f"{decoded.name}, not readable"
+        body = f"{what}: {frame.data.hex(' ') or 'empty'}"
+    else:
+        named = (f"{one.name}={one.shown}{f' {one.unit}' if one.unit else ''}" for one in decoded.signals)
+        body = f"{decoded.name}: {', '.join(named)}"
+    return f"{head} {body}" + ("" if traffic.check is None else f"  [E2E {CHECK_TEXT[traffic.check]}]")
+
+
+@contextmanager
+def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
+    """What writes a frame's signals as rows; the file appears when the block succeeds."""
+    if path is None:
+        yield lambda traffic: None
+        return
+    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.tools.traffic import CHECK_TEXT
+
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("time_s", "id", "message", "e2e", "signal", "value", "unit", "text"))
+
+        def write(traffic: "Traffic") -> None:
+            frame, check = traffic.latest, traffic.check
+            head = (
+                f"{frame.timestamp_ns / 1e9:.6f}",
+                id_text(frame),
+                traffic.name,
+                "" if check is None else CHECK_TEXT[check],
+            )
+            signals = () if traffic.decoded is None else traffic.decoded.signals
+            for one in signals:
+                writer.writerow((*head, one.name, one.value, one.unit, one.text))
+            if not signals:
+                writer.writerow((*head, "", "", "", frame.data.hex()))
+
+        yield write
+
+
+def _print_summary(found: "Summary") -> None:
+    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.tools.summary import checks_of
+
+    table = Table(box=SIMPLE)
+    for name in ("id", "message"):
+        table.add_column(name)
+    for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"):
+        table.add_column(name, justify="right")
+    table.add_column("E2E")
+    for _, one in sorted(found.messages.items()):
+        is_checked = one.check is not None
+        table.add_row(
+            id_text(one.latest),
+            one.name or "unknown",
+            str(one.count),
+            f"{one.mean_rate_hz:.2f}",
+            f"{one.first_ns / 1e9:.6f}",
+            f"{one.last_ns / 1e9:.6f}",
+            str(one.lost) if is_checked else "-",
+            ", ".join(f"{text} {count}" for text, count in checks_of(one).items()) or "-",
+        )
+    console.print(table)
+    load = "-" if found.load is None else f"{100 * found.load:.2f} %"
+    console.print(
+        f"{found.frames} data frames, {found.remote} remote, {found.errors} error frames"
+        + (f", {found.unsound} such as no wire carries" if found.unsound else "")
+        + f" in {found.span_s:.6f} s; load of the bus by data frames {load}",
+        soft_wrap=True,
+        highlight=False,
+    )

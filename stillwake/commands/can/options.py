@@ -1,0 +1,49 @@
+"""Options that several commands for the bus share, and how their numbers are looked at."""
+
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from contract.errors import ConfigError
+
+BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
+"""Settings that reach a bus."""
+
+Dbc = Annotated[
+    Path | None,
+    typer.Option("--dbc", help="DBC file of other messages on the bus; stillwake's own are known.", metavar="FILE"),
+]
+Duration = Annotated[float | None, typer.Option("--for", help="End after so many seconds.", metavar="SECONDS")]
+
+LONGEST_S: Final = 1e7
+"""Four months: any longer is a slip, and clocks count it without rounding."""
+
+
+def positive(option: str, value: float) -> float:
+    """The number itself; raises ConfigError by the option's name if it is not in 0..1e7, both ends left out."""
+    if not (isfinite(value) and 0.0 < value <= LONGEST_S):
+        raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {LONGEST_S:g}")
+    return value
+
+
+def identifiers(option: str, text: str) -> frozenset[int]:
+    """Identifiers in hexadecimal, with commas between them; raises ConfigError by the option's name."""
+    return frozenset(_identifier(option, part.strip()) for part in text.split(","))
+
+
+def _identifier(option: str, text: str) -> int:
+    try:
+        value = int(text, 16)
+    except ValueError:
+        value = -1
+    if not 0 <= value <= 0x1FFFFFFF:
+        raise ConfigError(f"{option} {text}: must be identifiers in hexadecimal, e.g. 120,130")
+    return value
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words for a line of text."""
+    return ", ".join(words)
