@@ -94,7 +94,7 @@ class Cutter:
                 if b - a > self._fill:
                     cut[head + a : head + b] = True
         for name, columns in self._groups(present[head:tail]):
-            for a, b in runs(~present[head:tail, columns].all(axis=1)):
+            for a, b in runs(np.any(~present[head:tail, columns], axis=1)):
                 where = f"no {name} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, head + a)}"
                 if b - a > self._fill:
                     self._cut(where, f"; --fill allows {self._fill}")
@@ -129,7 +129,7 @@ class Cutter:
         self.filled[0] += int(np.isnan(part[:, :-1]).any(axis=1).sum())
         self.filled[1] += int(np.isnan(part[:, -1]).sum())
         part = np.column_stack([filled(column) for column in part.T])
-        time_s = clock.start_s + clock.period_s * np.arange(a, b)
+        time_s = clock.start_s + clock.period_s * np.arange(a, b, dtype=np.float64)
         self.pieces.append(
             Piece(
                 first_row=round((time_s[0] - self._begin_s) / self._period_s),

@@ -4,19 +4,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, get_args
+from typing import Final
 
 import numpy as np
 
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.importing.csv_table import read_csv
+from contract.recording.importing.forces_clock import ForcesClock
 from contract.recording.importing.source_file import BINARY, SUFFIXES, numbers_of, stored_arrays
 
 FORCES: Final = ("Cd", "Cl")
-ForcesClock = Literal["log", "start", "t_c"]
-"""What a force's time is: s on the log's clock, s since the log's first pressure, or W / U_inf since then."""
-FORCES_CLOCKS: Final[tuple[ForcesClock, ...]] = get_args(ForcesClock)
 
 _UNIT: Final = re.compile(r"\s*\[([^\[\]]*)\]$")
 _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_c"}

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from can_bridge.bus.log_reader import SUFFIXES as LOG_SUFFIXES
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError
 from contract.recording.facts import PlantFacts
@@ -21,7 +20,8 @@ if TYPE_CHECKING:
     from can_bridge.wire.message_sets import MessageSet
     from contract.recording.episode import Role
     from contract.recording.importing.assemble import Source
-    from contract.recording.importing.forces import ForcesClock, TimeSeries
+    from contract.recording.importing.forces import TimeSeries
+    from contract.recording.importing.forces_clock import ForcesClock
 
 USES: Final = ("operating_point", "bus.frames", "bus.key")
 """Settings that say how a log is read."""
@@ -56,7 +56,9 @@ class DriveOptions:
 
 def is_log(path: Path) -> bool:
     """Whether this is a log of the bus, by its name."""
-    return path.suffix.lower() in LOG_SUFFIXES
+    from can_bridge.bus.log_reader import SUFFIXES
+
+    return path.suffix.lower() in SUFFIXES
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:

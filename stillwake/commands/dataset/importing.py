@@ -7,7 +7,7 @@ import typer
 
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, OutputError
-from contract.recording.importing.forces import ForcesClock
+from contract.recording.importing.forces_clock import ForcesClock
 from stillwake.commands.dataset.drives import USES, DriveOptions, forces_of, is_log, read_drive, scales_of, told
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
 from stillwake.outputs import Overwrite, check_dataset_name, check_output
@@ -91,12 +91,17 @@ def import_(
 ) -> None:
     """Make a data set of your own CSV, NPZ or HDF5 files, or of recorded drives.
 
-    Lengths are in W, speeds in U_inf, times in W / U_inf. A file has the
+    Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the
     series action, Cd, Cl, and a column for every sensor's Cp,
     under its name in --sensors; NPZ and HDF5 files may have one array Cp of
     shape (steps, sensors) instead. A series t is optional, and so is
     initial_action, the action before the first row (otherwise 0). Row k has
     what was measured at t_k and the action commanded then.
+
+    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4) has pressures and
+    commands of the four sensors in --sensors, in the order of the message;
+    its drag and lift come from --forces. Units are those of operating_point in
+    --config or --set. docs/how-to/train-from-a-can-log.md has examples.
 
     --train, --test, --extended and --controlled say what an episode is for;
     training needs the first two. The file's name becomes the episode's. Nothing
