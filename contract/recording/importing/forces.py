@@ -52,22 +52,24 @@ class TimeSeries:
                 f"{self.t[k]:.9g}, {self.t[k + 1]:.9g}"
             )
 
-    def at(self, times: Array, longest_gap: float) -> Array:
+    def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
         """On straight lines between the rows.
 
         Args:
-            times: of the rows wanted, (m,), in the unit of `t`.
+            times: of the rows wanted, rising, (m,), in the unit of `t`.
             longest_gap: between two rows, across which a line may go.
+            slack: by which the first and the last time may lie outside: clocks of two files do not fit to the last digit.
 
         Raises:
             DatasetError: times outside the rows, or in a gap; the message names both.
         """
-        if times[0] < self.t[0] or times[-1] > self.t[-1]:
+        if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
                 f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
                 f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: it must cover them; see --forces-clock and "
                 f"--forces-shift"
             )
+        times = np.clip(times, self.t[0], self.t[-1])
         behind = np.searchsorted(self.t, times, side="left")
         wide = (self.t[behind] - self.t[np.maximum(behind - 1, 0)] > longest_gap) & (self.t[behind] != times)
         if wide.any():

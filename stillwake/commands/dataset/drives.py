@@ -93,11 +93,19 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
 
 def _pair(text: str, logs: Sequence[Path]) -> tuple[Path, Path] | None:
     """LOG and FILE of LOG=FILE; None if no log is named."""
+    names = [log.name for log in logs]
     for log in logs:
-        for name in (str(log), log.name):
+        # Runs all call theirs frames.log: then the whole path says which one is meant.
+        for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
             if text.startswith(f"{name}="):
                 return log, Path(text[len(name) + 1 :])
     return None
+
+
+def names_of(logs: Sequence[Path]) -> dict[Path, str]:
+    """What the episodes of each log are called: as its file, with the folder in front where two files share a name."""
+    stems = [log.stem for log in logs]
+    return {log: log.stem if stems.count(log.stem) == 1 else f"{log.resolve().parent.name} {log.stem}" for log in logs}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +119,7 @@ class Drive:
 
 def read_drive(
     path: Path,
+    name: str,
     role: "Role",
     forces: Path,
     layout: SensorLayout,
@@ -127,6 +136,7 @@ def read_drive(
     from can_bridge.bus.log_reader import read_messages
     from can_bridge.tools.log_to_series import series_of
     from can_bridge.wire.messages import SENSORS
+    from contract.recording.findings import STEP_TOLERANCE
     from contract.recording.importing.assemble import Made, Source
 
     if len(layout) != SENSORS:
@@ -147,14 +157,16 @@ def read_drive(
     )
     progress(forces)
     found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time)
-    tolerated_s = (options.fill + 1.5) * series.period_s
+    # As a table of one's own with times has it; and a gap of `fill` rows, with as much room for jitter.
+    slack_s = STEP_TOLERANCE * series.period_s
+    longest_s = (options.fill + 1.5) * series.period_s
     period = scales.period_s / loaded.config.operating_point.convective_time
     digest, forces_digest = _sha256(path), _sha256(forces)
     sources = []
     for number, piece in enumerate(series.pieces, 1):
-        values = {name: one.at(piece.time_s, tolerated_s) for name, one in found.items()}
+        values = {name: one.at(piece.time_s, longest_gap=longest_s, slack=slack_s) for name, one in found.items()}
         made = Made(
-            name=path.stem if len(series.pieces) == 1 else f"{path.stem} {number}",
+            name=name if len(series.pieces) == 1 else f"{name} {number}",
             series={
                 "t": period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
                 "action": piece.action,

@@ -6,9 +6,18 @@ from typing import Annotated, Final
 import typer
 
 from contract.config.loading import Loaded
-from contract.errors import ConfigError, OutputError
+from contract.errors import ConfigError, DatasetError, OutputError
 from contract.recording.importing.forces_clock import ForcesClock
-from stillwake.commands.dataset.drives import USES, DriveOptions, forces_of, is_log, read_drive, scales_of, told
+from stillwake.commands.dataset.drives import (
+    USES,
+    DriveOptions,
+    forces_of,
+    is_log,
+    names_of,
+    read_drive,
+    scales_of,
+    told,
+)
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
 from stillwake.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.settings import settings
@@ -120,6 +129,11 @@ def import_(
         *((path, "controlled") for path in controlled),
     ]
     logs = [path for path, _ in files if is_log(path)]
+    for log in logs:
+        if logs.count(log) > 1:
+            raise DatasetError(
+                f"{log}: given twice; an episode has one role, so cut the log in two if you have no other"
+            )
     for path in (*(path for path, _ in files), sensors, *([] if forces_dbc is None else [forces_dbc])):
         if output.resolve() == path.resolve():
             raise OutputError(f"{output}: is one of the files to read; give another name")
@@ -137,7 +151,7 @@ def import_(
     loaded = settings("dataset import", config_file, overrides, uses=USES)
     facts = PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds)
     _checked_for_logs(logs, options, loaded, dynamic_pressure)
-    beside = forces_of(logs, forces)
+    beside, names = forces_of(logs, forces), names_of(logs)
     layout = read_sensors(sensors, symmetric=not asymmetric)
     notes: list[str] = []
     with console.status("reading") as status:
@@ -148,6 +162,7 @@ def import_(
                 continue
             drive = read_drive(
                 path,
+                names[path],
                 role,
                 beside[path],
                 layout,
