@@ -22,7 +22,7 @@ def decoder_of(dbc: Path | None) -> Decoder:
     """
     if dbc is None:
         return signals.decode
-    messages = {(one.frame_id, bool(one.is_extended_frame)): one for one in _database(dbc).messages}
+    messages = {(one.frame_id, bool(one.is_extended_frame)): one for one in load_dbc(dbc).messages}
 
     def decode(frame: Frame) -> Decoded | None:
         own = signals.decode(frame)
@@ -35,7 +35,8 @@ def decoder_of(dbc: Path | None) -> Decoder:
     return decode
 
 
-def _database(dbc: Path) -> "Database":
+def load_dbc(dbc: Path) -> "Database":
+    """What a DBC file describes; raises BusError if it cannot be read, or cantools is not installed."""
     try:
         import cantools
     except ModuleNotFoundError as error:

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,12 +23,39 @@ _LARGEST: Final = 127.0
 """A coefficient beyond this does not fit the format; a pressure in Pa does not either."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Made:
+    """An episode that was made of a file rather than read as it stands: part of a CAN log, with its forces.
+
+    Attributes:
+        name: of the episode.
+        series: those of `contract.recording.episode.REQUIRED`, Cp without dimension.
+        initial_action: the action before the first row.
+        provenance: what else it says about itself, beside the file's name and hash.
+    """
+
+    name: str
+    series: Mapping[str, Array]
+    initial_action: float
+    provenance: Mapping[str, Any]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """A file and the role of the episode in it; the file's name without its ending becomes the episode's."""
+    """A file and the role of the episode in it.
+
+    Attributes:
+        made: the episode; without it, the file is read, and its name without the ending becomes the episode's.
+    """
 
     path: Path
     role: Role
+    made: Made | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the episode."""
+        return self.path.stem if self.made is None else self.made.name
 
 
 def assemble(
@@ -71,25 +98,29 @@ def assemble(
             )
     episodes = []
     for source in sources:
+        if source.made is not None:
+            arrays = {**source.made.series, INITIAL_ACTION: np.array([source.made.initial_action])}
+            episodes.append(_episode(source, arrays, layout, facts, 1.0))
+            continue
         progress(source.path)
         contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed)
-        episodes.append(_episode(source, contents.arrays, layout, facts, dynamic_pressure or 1.0, renamed))
+        episodes.append(_episode(source, contents.arrays, layout, facts, dynamic_pressure or 1.0))
         if contents.unread:
             unread(source.path, contents.unread)
     return Dataset(episodes=tuple(episodes), layout=layout, facts=facts)
 
 
 def _check_names(sources: Sequence[Source]) -> None:
-    names = [source.path.stem for source in sources]
-    paths = [source.path for source in sources]
+    names = [source.name for source in sources]
+    paths = [source.path for source in sources if source.made is None]
     for source in sources:
         if paths.count(source.path) > 1:
             raise DatasetError(
                 f"{source.path}: given twice; an episode has one role, so cut the file in two if you have no other"
             )
-        if names.count(source.path.stem) > 1:
+        if names.count(source.name) > 1:
             raise DatasetError(
-                f"{source.path}: two files would make an episode called {source.path.stem!r}: rename one of them"
+                f"{source.path}: two files would make an episode called {source.name!r}: rename one of them"
             )
 
 
@@ -99,7 +130,6 @@ def _episode(
     layout: SensorLayout,
     facts: PlantFacts,
     dynamic_pressure: float,
-    renamed: Mapping[str, str],
 ) -> Episode:
     path, period, limit = source.path, facts.control_period, facts.action_limit
     assert period is not None
@@ -119,11 +149,15 @@ def _episode(
     arrays["Cp"] = arrays["Cp"] / dynamic_pressure
     _check_size(path, arrays, layout)
     return Episode(
-        name=path.stem,
+        name=source.name,
         role=source.role,
         series={name: arrays[name] for name in UNITS if name in arrays},
         initial_action=initial,
-        provenance={"source": path.name, "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest()},
+        provenance={
+            "source": path.name,
+            "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            **({} if source.made is None else source.made.provenance),
+        },
     )
 
 

@@ -14,6 +14,7 @@ from contract.recording.importing.csv_table import columns_of, read_csv
 from contract.sensor_layout import SensorLayout
 
 SUFFIXES: Final = (".csv", ".tsv", ".txt", ".npz", ".h5", ".hdf5")
+BINARY: Final = (".npz", ".h5", ".hdf5")
 INITIAL_ACTION: Final = "initial_action"
 
 
@@ -46,10 +47,8 @@ def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}")
-    if suffix == ".npz":
-        stored = _read_npz(path)
-    elif suffix in (".h5", ".hdf5"):
-        stored = _read_hdf5(path)
+    if suffix in BINARY:
+        stored = stored_arrays(path)
     else:
         table = read_csv(path)
         wanted = {name: renamed.get(name, name) for name in (*names, *layout.names)}
@@ -61,7 +60,7 @@ def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed:
     for name in (*names, "Cp", *layout.names):
         inside = renamed.get(name, name)
         if inside in stored:
-            found[name] = _numbers(path, inside, stored[inside], columns=name == "Cp")
+            found[name] = numbers_of(path, inside, stored[inside], columns=name == "Cp")
     asked = {renamed.get(name, name) for name in found}
     unread = tuple(name for name in stored if name not in asked)
     return Contents(arrays=_with_pressures(path, found, layout, renamed, tuple(stored)), unread=unread)
@@ -96,8 +95,21 @@ def _with_pressures(
     return {**arrays, "Cp": np.column_stack(found)}
 
 
-def _numbers(path: Path, name: str, values: Any, *, columns: bool) -> Array:
-    """A series (n,), or with columns (n, sensors); a series may be stored as one row or one column."""
+def stored_arrays(path: Path) -> dict[str, Any]:
+    """All arrays of an NPZ or HDF5 file by their names, in HDF5 with their groups.
+
+    Raises:
+        DatasetError: the file cannot be read.
+    """
+    return _read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path)
+
+
+def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False) -> Array:
+    """A stored array as a series (n,), which may be one row or one column, or with columns as (n, sensors).
+
+    Raises:
+        DatasetError: it holds no numbers, has another shape, or a number that is not finite.
+    """
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         raise DatasetError(f"{path}: array {name!r} holds {array.dtype}, must hold numbers")

@@ -14,7 +14,7 @@ import stillwake.__main__ as command_line
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.recording.findings import findings
-from stillwake.commands.dataset import _episodes_table
+from stillwake.commands.dataset.tables import episodes_table
 from tests import foreign_plant
 from tests.foreign_plant import LIMIT, NAMES, PERIOD
 
@@ -166,7 +166,7 @@ def test_the_table_of_episodes_has_every_figure_at_80_columns(run: Run, files: l
     words = [tmp_path / "a_sweep_of_some_name.csv" if str(word).endswith("sweep.csv") else word for word in files]
     assert run("import", tmp_path / "my.h5", *words)[0] == 0
     shown = StringIO()
-    Console(width=80, file=shown).print(_episodes_table(dataset.read(tmp_path / "my.h5")))
+    Console(width=80, file=shown).print(episodes_table(dataset.read(tmp_path / "my.h5")))
     lines = shown.getvalue().splitlines()
     assert any("peak" in line for line in lines)
     (row,) = (line.split() for line in lines if "a_sweep_of_some_name" in line)

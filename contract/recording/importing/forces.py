@@ -1,0 +1,147 @@
+"""Drag and lift beside a log that has none: from a table with times, brought to the times of the log's rows."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import DatasetError
+from contract.recording.importing.csv_table import read_csv
+from contract.recording.importing.forces_clock import ForcesClock
+from contract.recording.importing.source_file import BINARY, SUFFIXES, numbers_of, stored_arrays
+
+FORCES: Final = ("Cd", "Cl")
+
+_UNIT: Final = re.compile(r"\s*\[([^\[\]]*)\]$")
+_CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_c"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimeSeries:
+    """One force.
+
+    Attributes:
+        path: of the file, for messages.
+        name: in the file.
+        t: rising, (n,).
+        values: (n,).
+
+    Raises DatasetError for times that do not rise or a number that is not finite.
+    """
+
+    path: Path
+    name: str
+    t: Array
+    values: Array
+
+    def __post_init__(self) -> None:
+        for name, array in (("t", self.t), (self.name, self.values)):
+            if not np.isfinite(array).all():
+                k = int(np.flatnonzero(~np.isfinite(array))[0])
+                raise DatasetError(f"{self.path}: {name!r} holds a value that is not finite, first at row {k}")
+        if len(self.t) < 2:
+            raise DatasetError(f"{self.path}: {self.name!r} has {len(self.t)} rows, must have at least two")
+        if (np.diff(self.t) <= 0).any():
+            k = int(np.flatnonzero(np.diff(self.t) <= 0)[0])
+            raise DatasetError(
+                f"{self.path}: the times of {self.name!r} do not rise from row {k} to {k + 1}: "
+                f"{self.t[k]:.9g}, {self.t[k + 1]:.9g}"
+            )
+
+    def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
+        """On straight lines between the rows.
+
+        Args:
+            times: of the rows wanted, rising, (m,), in the unit of `t`.
+            longest_gap: between two rows, across which a line may go.
+            slack: by which the first and the last time may lie outside: clocks of two files do not fit to the last digit.
+
+        Raises:
+            DatasetError: times outside the rows, or in a gap; the message names both.
+        """
+        if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
+            raise DatasetError(
+                f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
+                f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: it must cover them; see --forces-clock and "
+                f"--forces-shift"
+            )
+        times = np.clip(times, self.t[0], self.t[-1])
+        behind = np.searchsorted(self.t, times, side="left")
+        wide = (self.t[behind] - self.t[np.maximum(behind - 1, 0)] > longest_gap) & (self.t[behind] != times)
+        if wide.any():
+            k = int(behind[np.flatnonzero(wide)[0]])
+            raise DatasetError(
+                f"{self.path}: {self.name!r} has no value between {self.t[k - 1]:.9g} and {self.t[k]:.9g} s on the "
+                f"log's clock; rows must be no more than {longest_gap:.4g} s apart"
+            )
+        return np.asarray(np.interp(times, self.t, self.values))
+
+    def shifted(self, *, scale: float, origin: float) -> "TimeSeries":
+        """The same with times multiplied by `scale` and then counted from `origin`."""
+        return TimeSeries(path=self.path, name=self.name, t=self.t * scale + origin, values=self.values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForcesTable:
+    """The forces of a table.
+
+    Attributes:
+        forces: by `FORCES`.
+        clock: of its times, as far as the column's own unit says; None if it says nothing.
+    """
+
+    forces: Mapping[str, TimeSeries]
+    clock: ForcesClock | None
+
+
+def read_forces(path: Path, renamed: Mapping[str, str]) -> ForcesTable:
+    """Read t, Cd and Cl from a CSV, NPZ or HDF5 file.
+
+    Args:
+        renamed: by the name here, the name in the file. Without one, a name in the file may have its unit behind it in
+            brackets, as `stillwake report --csv` writes it.
+
+    Raises:
+        DatasetError: the file cannot be read or lacks one of the three, or they do not fit each other.
+    """
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such file")
+    if path.suffix.lower() not in SUFFIXES:
+        raise DatasetError(f"{path}: a table of forces must end in {', '.join(SUFFIXES)}")
+    if path.suffix.lower() in BINARY:
+        stored = stored_arrays(path)
+        inside = _inside(path, tuple(stored), renamed)
+        arrays = {name: numbers_of(path, there, stored[there]) for name, there in inside.items()}
+    else:
+        table = read_csv(path)
+        inside = _inside(path, table.header, renamed)
+        arrays = {name: table.numbers(there) for name, there in inside.items()}
+    for name in FORCES:
+        if len(arrays[name]) != len(arrays["t"]):
+            raise DatasetError(
+                f"{path}: {inside[name]!r} has {len(arrays[name])} rows, {inside['t']!r} has {len(arrays['t'])}"
+            )
+    unit = _UNIT.search(inside["t"])
+    return ForcesTable(
+        forces={name: TimeSeries(path=path, name=inside[name], t=arrays["t"], values=arrays[name]) for name in FORCES},
+        clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)),
+    )
+
+
+def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> dict[str, str]:
+    """The names in the file of t, Cd and Cl."""
+    found = {}
+    for name in ("t", *FORCES):
+        wanted = renamed.get(name, name)
+        candidates = [one for one in there if one == wanted] or [one for one in there if _UNIT.sub("", one) == wanted]
+        if len(candidates) != 1:
+            raise DatasetError(
+                f"{path}: no column {wanted!r} for the forces' table; it has {', '.join(there[:12])}"
+                f"{', ..' if len(there) > 12 else ''}. Name another with --forces-map {name}=NAME"
+            )
+        found[name] = candidates[0]
+    return found

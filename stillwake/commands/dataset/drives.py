@@ -1,0 +1,297 @@
+"""Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from beside it."""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from contract.config.loading import Loaded
+from contract.errors import ConfigError, DatasetError
+from contract.recording.facts import PlantFacts
+from contract.sensor_layout import SensorLayout
+
+if TYPE_CHECKING:
+    from can_bridge.tools.log_frames import Verify
+    from can_bridge.tools.log_periods import Scales
+    from can_bridge.tools.log_to_series import LogReport, LogSeries
+    from can_bridge.wire.message_sets import MessageSet
+    from contract.recording.episode import Role
+    from contract.recording.importing.assemble import Source
+    from contract.recording.importing.forces import TimeSeries
+    from contract.recording.importing.forces_clock import ForcesClock
+
+USES: Final = ("operating_point", "bus.frames", "bus.key")
+"""Settings that say how a log is read."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveOptions:
+    """What the command line says about logs.
+
+    Attributes:
+        fill, split: see `can_bridge.tools.log_to_series.series_of`.
+        forces: FILE for every log, or LOG=FILE for one.
+        dbc: of forces that are a log.
+        names: of t, Cd and Cl in the forces' files.
+        clock: of the forces' times; None where the file says it.
+        shift_s: seconds to add to the forces' times.
+    """
+
+    fill: int
+    split: bool
+    forces: Sequence[str]
+    dbc: Path | None
+    names: Mapping[str, str]
+    clock: "ForcesClock | None"
+    shift_s: float
+
+    @property
+    def given(self) -> bool:
+        """Whether any of them was."""
+        return bool(self.split or self.forces or self.dbc or self.names or self.clock or self.shift_s)
+
+
+def is_log(path: Path) -> bool:
+    """Whether this is a log of the bus, by its name."""
+    from can_bridge.bus.log_reader import SUFFIXES
+
+    return path.suffix.lower() in SUFFIXES
+
+
+def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
+    """The file of forces of every log.
+
+    Raises:
+        DatasetError: a log has none or two, or a name before = is no log's.
+    """
+    found: dict[Path, Path] = {}
+    general = [Path(text) for text in forces if not _pair(text, logs)]
+    for text in forces:
+        pair = _pair(text, logs)
+        if pair is not None:
+            if pair[0] in found:
+                raise DatasetError(f"--forces {text}: {pair[0]} has forces already")
+            found[pair[0]] = pair[1]
+    if len(general) > 1:
+        names = ", ".join(str(path) for path in logs)
+        raise DatasetError(
+            f"--forces {general[1]}: is the second one; with more than one write LOG=FILE, where LOG is one of {names}"
+        )
+    for log in logs:
+        if log not in found:
+            if not general:
+                raise DatasetError(
+                    f"{log}: a log has no drag and lift, and training needs them: give them with --forces, as a table "
+                    f"with t, Cd and Cl, or as a log with --forces-dbc and --forces-map"
+                )
+            found[log] = general[0]
+    return found
+
+
+def _pair(text: str, logs: Sequence[Path]) -> tuple[Path, Path] | None:
+    """LOG and FILE of LOG=FILE; None if no log is named."""
+    names = [log.name for log in logs]
+    for log in logs:
+        # Runs all call theirs frames.log: then the whole path says which one is meant.
+        for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
+            if text.startswith(f"{name}="):
+                return log, Path(text[len(name) + 1 :])
+    return None
+
+
+def names_of(logs: Sequence[Path]) -> dict[Path, str]:
+    """What the episodes of each log are called: as its file, with the folder in front where two files share a name."""
+    stems = [log.stem for log in logs]
+    return {log: log.stem if stems.count(log.stem) == 1 else f"{log.resolve().parent.name} {log.stem}" for log in logs}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """One log, made into sources for `contract.recording.importing.assemble`."""
+
+    path: Path
+    sources: "tuple[Source, ...]"
+    report: "LogReport"
+
+
+def read_drive(
+    path: Path,
+    name: str,
+    role: "Role",
+    forces: Path,
+    layout: SensorLayout,
+    scales: "Scales",
+    options: DriveOptions,
+    loaded: Loaded,
+    progress: Callable[[Path], None],
+) -> Drive:
+    """Read a log and its forces.
+
+    Raises:
+        DatasetError, BusError, KeyFileError: what does not fit, by the file's name.
+    """
+    from can_bridge.bus.log_reader import read_messages
+    from can_bridge.tools.log_to_series import series_of
+    from can_bridge.wire.messages import SENSORS
+    from contract.recording.findings import STEP_TOLERANCE
+    from contract.recording.importing.assemble import Made, Source
+
+    if len(layout) != SENSORS:
+        raise DatasetError(
+            f"{path}: a Pressure message has {SENSORS} sensors, --sensors names {len(layout)}: name those of the "
+            f"message, in its order"
+        )
+    progress(path)
+    series = series_of(
+        path,
+        read_messages(path),
+        scales,
+        fill=options.fill,
+        split=options.split,
+        sensors=layout.names,
+        only=_asked_set(loaded),
+        verify=_verifier(loaded),
+    )
+    progress(forces)
+    found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time)
+    # As a table of one's own with times has it; and a gap of `fill` rows, with as much room for jitter.
+    slack_s = STEP_TOLERANCE * series.period_s
+    longest_s = (options.fill + 1.5) * series.period_s
+    period = scales.period_s / loaded.config.operating_point.convective_time
+    digest, forces_digest = _sha256(path), _sha256(forces)
+    sources = []
+    for number, piece in enumerate(series.pieces, 1):
+        values = {name: one.at(piece.time_s, longest_gap=longest_s, slack=slack_s) for name, one in found.items()}
+        made = Made(
+            name=name if len(series.pieces) == 1 else f"{name} {number}",
+            series={
+                "t": period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
+                "action": piece.action,
+                "Cp": piece.Cp,
+                **values,
+            },
+            initial_action=piece.initial_action,
+            provenance={
+                "source_sha256": digest,
+                "messages": series.report.messages,
+                "first_pressure_s": series.start_s,
+                "drift": series.report.drift,
+                "filled": list(series.report.filled),
+                "forces": forces.name,
+                "forces_sha256": forces_digest,
+            },
+        )
+        sources.append(Source(path=path, role=role, made=made))
+    return Drive(path=path, sources=tuple(sources), report=series.report)
+
+
+def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
+    """Units of the wire by the operating point."""
+    from can_bridge.tools.log_periods import Scales
+
+    point = loaded.config.operating_point
+    assert facts.control_period is not None
+    assert facts.action_limit is not None
+    return Scales(
+        period_s=point.period_ns(facts.control_period) * 1e-9,
+        dynamic_pressure=point.dynamic_pressure,
+        flow_rate=point.flow_rate_scale,
+        action_limit=facts.action_limit,
+    )
+
+
+def told(drive: Drive) -> list[str]:
+    """What a user should know of a log that was read, line by line."""
+    report = drive.report
+    pressures, commands = report.frames
+    lines = [
+        f"{drive.path}: {report.messages}, {pressures} pressures and {commands} commands; "
+        f"clock {report.drift * 1e6:+.0f} ppm, jitter up to {report.jitter_s * 1e3:.2f} ms"
+    ]
+    lost = [
+        f"{count} {what}"
+        for count, what in (
+            (report.damaged, "damaged"),
+            (report.forged, "not authentic"),
+            (report.duplicates, "repeated"),
+            (report.misplaced, "out of sequence"),
+            (report.foreign, "of other messages"),
+        )
+        if count
+    ]
+    if lost:
+        lines.append(f"{drive.path}: frames not used: {', '.join(lost)}")
+    if any(report.lost) or report.stale or any(report.filled):
+        stale = f", {report.stale} too old" if report.stale else ""
+        lines.append(
+            f"{drive.path}: {report.lost[0]} pressures and {report.lost[1]} commands missing{stale}; filled on "
+            f"straight lines: pressures in {report.filled[0]} rows, the action in {report.filled[1]}"
+        )
+    if report.checked is False:
+        lines.append(f"{drive.path}: its authentication codes were not checked: give the key with --set bus.key=FILE")
+    return lines + list(report.gaps)
+
+
+def _asked_set(loaded: Loaded) -> "MessageSet | None":
+    from can_bridge.wire.message_sets import message_set
+
+    return message_set(loaded.config.bus) if loaded.given & {"bus.frames", "bus.key"} else None
+
+
+def _verifier(loaded: Loaded) -> "Verify | None":
+    from can_bridge.secoc.key import read_key
+    from can_bridge.secoc.securing import verify
+
+    if not loaded.config.bus.key:
+        return None
+    key = read_key(Path(loaded.config.bus.key))
+    return lambda spec, data: verify(data, spec, key)
+
+
+def _forces(
+    path: Path, series: "LogSeries", scales: "Scales", options: DriveOptions, convective_time: float
+) -> "dict[str, TimeSeries]":
+    """Cd and Cl with times on the log's clock."""
+    from contract.recording.importing.forces import FORCES, TimeSeries, read_forces
+
+    # The sender's own seconds, seen on the log's clock, are as much longer as its periods are.
+    pace = series.period_s / scales.period_s
+    if not is_log(path):
+        table = read_forces(path, options.names)
+        clock = options.clock or table.clock
+        if clock is None:
+            raise DatasetError(
+                f"{path}: say with --forces-clock what its times are: log (s on the log's clock), start (s since the "
+                f"log's first pressure) or t_c (W / U_inf since then)"
+            )
+        scale = {"log": 1.0, "start": 1.0, "t_c": convective_time * pace}[clock]
+        origin = (0.0 if clock == "log" else series.start_s) + options.shift_s
+        return {name: one.shifted(scale=scale, origin=origin) for name, one in table.forces.items()}
+    from can_bridge.bus.log_reader import read_messages
+    from can_bridge.tools.log_signals import signals_of
+
+    if options.dbc is None:
+        raise DatasetError(f"{path}: forces in a log need --forces-dbc FILE, which describes their messages")
+    if options.clock == "t_c":
+        raise ConfigError(f"--forces-clock t_c: {path} is a log, and has its times in s: log or start")
+    for name in FORCES:
+        if name not in options.names:
+            raise DatasetError(f"{path}: name the signal with --forces-map {name}=MESSAGE.SIGNAL")
+    wanted = {name: options.names[name] for name in FORCES}
+    signals, first_s = signals_of(path, read_messages(path), options.dbc, wanted)
+    origin = options.shift_s + (series.start_s - first_s if options.clock == "start" else 0.0)
+    found = {}
+    for name, signal in signals.items():
+        # Of frames that were stamped with one time, one.
+        time_s, place = np.unique(signal.time_s, return_index=True)
+        values = signal.values[place]
+        found[name] = TimeSeries(path=path, name=wanted[name], t=time_s + origin, values=values)
+    return found
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,215 @@
+"""`stillwake dataset import`: files of one's own, and recorded drives, become a data set."""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from contract.config.loading import Loaded
+from contract.errors import ConfigError, DatasetError, OutputError
+from contract.recording.importing.forces_clock import ForcesClock
+from stillwake.commands.dataset.drives import (
+    USES,
+    DriveOptions,
+    forces_of,
+    is_log,
+    names_of,
+    read_drive,
+    scales_of,
+    told,
+)
+from stillwake.commands.dataset.tables import episodes_table, sensors_line
+from stillwake.outputs import Overwrite, check_dataset_name, check_output
+from stillwake.settings import settings
+from stillwake.terminal import ConfigFile, Overrides, console
+
+LOGS: Final = "Recorded drives"
+SAME: Final = 1e-6
+"""Relative difference up to which two dynamic pressures are one."""
+
+
+def import_(
+    output: Annotated[Path, typer.Argument(help="HDF5 data set to write.")],
+    sensors: Annotated[Path, typer.Option(help="CSV file with the sensors: name,x,y and, if known, base (0 or 1).")],
+    period: Annotated[float, typer.Option(help="Control period in t_c = W / U_inf: the time between two rows.")],
+    limit: Annotated[float, typer.Option(help="Largest action, in U_inf W.")],
+    train: Annotated[list[Path], typer.Option(help="File to fit the model to (repeatable).")] = [],  # noqa: B006
+    test: Annotated[list[Path], typer.Option(help="File to judge the model on (repeatable).")] = [],  # noqa: B006
+    extended: Annotated[
+        list[Path], typer.Option(help="File with forcing outside the range of training, kept aside (repeatable).")
+    ] = [],  # noqa: B006
+    controlled: Annotated[
+        list[Path], typer.Option(help="File recorded under a controller, kept aside (repeatable).")
+    ] = [],  # noqa: B006
+    reynolds: Annotated[float | None, typer.Option(help="U_inf W / nu, if it is known.")] = None,
+    asymmetric: Annotated[
+        bool, typer.Option("--asymmetric", help="Body or jets are not their own mirror image in y = 0.")
+    ] = False,
+    dynamic_pressure: Annotated[
+        float | None, typer.Option(help="rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.")
+    ] = None,
+    rename: Annotated[
+        list[str], typer.Option("--map", help="NAME=COLUMN where a file has another name, e.g. Cd=drag (repeatable).")
+    ] = [],  # noqa: B006
+    forces: Annotated[
+        list[str],
+        typer.Option(
+            help="Cd and Cl of CAN logs: a table with t, Cd and Cl, or a log; LOG=FILE for one log (repeatable).",
+            metavar="[LOG=]FILE",
+            rich_help_panel=LOGS,
+        ),
+    ] = [],  # noqa: B006
+    forces_clock: Annotated[
+        ForcesClock | None,
+        typer.Option(
+            help="Times of --forces: s on the log's clock, s since its first pressure, or t_c since then. "
+            "Not needed where a table calls its column 't [t_c]', or for a log on the same clock.",
+            rich_help_panel=LOGS,
+        ),
+    ] = None,
+    forces_shift: Annotated[
+        float, typer.Option(help="Seconds to add to the times of --forces.", rich_help_panel=LOGS)
+    ] = 0.0,
+    forces_dbc: Annotated[
+        Path | None, typer.Option(help="DBC of the messages in --forces, if that is a log.", rich_help_panel=LOGS)
+    ] = None,
+    forces_map: Annotated[
+        list[str],
+        typer.Option(
+            help="NAME=COLUMN in a table of forces, NAME=MESSAGE.SIGNAL in a log; NAME is t, Cd or Cl (repeatable).",
+            rich_help_panel=LOGS,
+        ),
+    ] = [],  # noqa: B006
+    fill: Annotated[
+        int,
+        typer.Option(
+            help="Longest gap in a log, in control periods, that is filled on a straight line.",
+            min=0,
+            rich_help_panel=LOGS,
+        ),
+    ] = 2,
+    split: Annotated[
+        bool,
+        typer.Option(
+            "--split", help="Make an episode of each side of a longer gap; refused without.", rich_help_panel=LOGS
+        ),
+    ] = False,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a data set of your own CSV, NPZ or HDF5 files, or of recorded drives.
+
+    Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the
+    series action, Cd, Cl, and a column for every sensor's Cp,
+    under its name in --sensors; NPZ and HDF5 files may have one array Cp of
+    shape (steps, sensors) instead. A series t is optional, and so is
+    initial_action, the action before the first row (otherwise 0). Row k has
+    what was measured at t_k and the action commanded then.
+
+    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4) has pressures and
+    commands of the four sensors in --sensors, in the order of the message;
+    its drag and lift come from --forces. Units are those of operating_point in
+    --config or --set. docs/how-to/train-from-a-can-log.md has examples.
+
+    --train, --test, --extended and --controlled say what an episode is for;
+    training needs the first two. The file's name becomes the episode's. Nothing
+    is written unless every file fits. docs/how-to/use-your-own-data.md has
+    examples.
+    """
+    from contract.recording.dataset import Role, write
+    from contract.recording.facts import PlantFacts
+    from contract.recording.importing.assemble import Source, assemble
+    from contract.recording.importing.sensor_table import read_sensors
+
+    files: list[tuple[Path, Role]] = [
+        *((path, "train") for path in train),
+        *((path, "test") for path in test),
+        *((path, "extended") for path in extended),
+        *((path, "controlled") for path in controlled),
+    ]
+    logs = [path for path, _ in files if is_log(path)]
+    for log in logs:
+        if logs.count(log) > 1:
+            raise DatasetError(
+                f"{log}: given twice; an episode has one role, so cut the log in two if you have no other"
+            )
+    for path in (*(path for path, _ in files), sensors, *([] if forces_dbc is None else [forces_dbc])):
+        if output.resolve() == path.resolve():
+            raise OutputError(f"{output}: is one of the files to read; give another name")
+    check_output(output, overwrite=overwrite)
+    check_dataset_name(output)
+    options = DriveOptions(
+        fill=fill,
+        split=split,
+        forces=forces,
+        dbc=forces_dbc,
+        names=renamed(forces_map, "--forces-map"),
+        clock=forces_clock,
+        shift_s=forces_shift,
+    )
+    loaded = settings("dataset import", config_file, overrides, uses=USES)
+    facts = PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds)
+    _checked_for_logs(logs, options, loaded, dynamic_pressure)
+    beside, names = forces_of(logs, forces), names_of(logs)
+    layout = read_sensors(sensors, symmetric=not asymmetric)
+    notes: list[str] = []
+    with console.status("reading") as status:
+        sources: list[Source] = []
+        for path, role in files:
+            if not is_log(path):
+                sources.append(Source(path=path, role=role))
+                continue
+            drive = read_drive(
+                path,
+                names[path],
+                role,
+                beside[path],
+                layout,
+                scales_of(facts, loaded),
+                options,
+                loaded,
+                lambda path: status.update(f"reading {path}"),
+            )
+            sources += drive.sources
+            notes += told(drive)
+        made = assemble(
+            sources,
+            layout,
+            facts,
+            dynamic_pressure=dynamic_pressure,
+            renamed=renamed(rename, "--map"),
+            progress=lambda path: status.update(f"reading {path}"),
+            unread=lambda path, names: notes.append(f"note: {path}: not used: {', '.join(names)}"),
+        )
+        write(output, made)
+    console.print(episodes_table(made))
+    console.print(sensors_line(layout), soft_wrap=True, markup=False)
+    for line in notes:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    console.print(f"wrote {output}; next: stillwake dataset check {output}", soft_wrap=True, markup=False)
+
+
+def _checked_for_logs(logs: list[Path], options: DriveOptions, loaded: Loaded, dynamic_pressure: float | None) -> None:
+    """Refuse what would have no effect or contradicts itself."""
+    if not logs:
+        if options.given or loaded.in_overrides:
+            raise ConfigError("--forces, --split and settings are for CAN logs, and no file is one")
+        return
+    own = loaded.config.operating_point.dynamic_pressure
+    if dynamic_pressure is not None and abs(dynamic_pressure / own - 1.0) > SAME:
+        raise ConfigError(
+            f"--dynamic-pressure {dynamic_pressure:g}: operating_point has {own:g} Pa, by which the logs' pressures "
+            f"are divided: put one of the two right"
+        )
+
+
+def renamed(texts: list[str], option: str) -> dict[str, str]:
+    """Pairs of NAME=COLUMN; raises ConfigError for anything else."""
+    pairs = {}
+    for text in texts:
+        name, separator, column = text.partition("=")
+        if not (separator and name.strip() and column.strip()):
+            raise ConfigError(f"{option} {text}: write NAME=COLUMN, such as Cd=drag_coefficient")
+        pairs[name.strip()] = column.strip()
+    return pairs

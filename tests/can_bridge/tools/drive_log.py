@@ -1,0 +1,143 @@
+"""Logs of drives whose content is known: encoded by cantools, protected by autosar-e2e, nothing of it by ourselves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import can
+import cantools
+import numpy as np
+import numpy.typing as npt
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.cmac import CMAC
+from e2e.p02 import e2e_p02_protect
+from e2e.p05 import e2e_p05_protect
+
+Array = npt.NDArray[np.float64]
+
+PERIOD: Final = 0.02
+PRESSURE: Final = 375.0
+"""rho U_inf^2 / 2 in Pa at 25 m/s and 1.2 kg/m3."""
+FLOW: Final = 62.5
+"""U_inf W in m2/s at 25 m/s and 2.5 m."""
+LATENCY: Final = 0.4
+"""Of a period, from pressure to command."""
+STEP: Final = {"fd": 0.1, "classic": 1.0, "secured": 0.1}
+"""Of a pressure on the wire, Pa."""
+SUFFIX: Final = {"fd": "", "classic": "Classic", "secured": "Secured"}
+DATA_IDS: Final = {
+    **{"Pressure": 0x5701, "JetCommand": 0x5702, "PressureClassic": 0x71, "JetCommandClassic": 0x72},
+    **{"PressureSecured": 0x5704, "JetCommandSecured": 0x5705},
+}
+MODULUS: Final = {"fd": 256, "classic": 16, "secured": 256}
+KEY: Final = bytes(range(1, 17))
+
+DBC: Final[Any] = cantools.database.load_file(str(files("contract") / "stillwake.dbc"))
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What happened: Cp (n, 4) and action (n,), on the wire's steps."""
+
+    kind: str
+    Cp: Array
+    action: Array
+
+    def __len__(self) -> int:
+        return len(self.action)
+
+
+def drive(kind: str, rows: int, seed: int) -> Drive:
+    """Smooth pressures and actions, rounded to what the wire can say; the jets begin shut."""
+    generator = np.random.default_rng(seed)
+    t = np.arange(rows)
+    raw = np.round(-60.0 / STEP[kind] + 40.0 / STEP[kind] * np.sin(t[:, None] / 4.0 + generator.uniform(0, 6, 4)))
+    action = np.round(4.0 / 2e-4 * np.sin(t / 5.0)) * 2e-4 / FLOW
+    return Drive(kind, raw * STEP[kind] / PRESSURE, action)
+
+
+def pressure(
+    one: Drive,
+    k: int,
+    time_s: float,
+    *,
+    valid: Sequence[bool] = (True,) * 4,
+    age_ms: float = 0.0,
+    counter: int | None = None,
+) -> can.Message:
+    """The Pressure frame of row k."""
+    values: dict[str, float] = {f"Pressure{i}": one.Cp[k, i] * PRESSURE for i in range(4)}
+    if one.kind == "classic":
+        values |= {f"Pressure{i}": -2048 for i in range(4) if not valid[i]}
+    else:
+        values |= {f"Valid{i}": int(valid[i]) for i in range(4)}
+    values |= {"EnableRequest": 1, "Age": age_ms}
+    return framed(f"Pressure{SUFFIX[one.kind]}", values, k if counter is None else counter, one.kind, time_s)
+
+
+def command(
+    one: Drive,
+    k: int,
+    time_s: float,
+    *,
+    echo: int | None = None,
+    enable: bool = True,
+    mode: str = "CONTROL",
+    action: float | None = None,
+    counter: int | None = None,
+) -> can.Message:
+    """The JetCommand that answers row k."""
+    values: dict[str, Any] = {
+        "Flow": (one.action[k] if action is None else action) * FLOW,
+        "Mode": mode,
+        "Enable": int(enable),
+        "PressureCounterValid": 1,
+        "PressureCounter": (k if echo is None else echo) % MODULUS[one.kind],
+    }
+    return framed(f"JetCommand{SUFFIX[one.kind]}", values, k + 7 if counter is None else counter, one.kind, time_s)
+
+
+def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: float) -> can.Message:
+    """Encoded and protected."""
+    message = DBC.get_message_by_name(name)
+    values = {"E2E_CRC": 0, "E2E_Counter": counter % MODULUS[kind], **values}
+    if kind == "secured":
+        values |= {"Freshness": (1 << 32) + counter, "MAC": 0}
+    data = bytearray(message.encode(values))
+    if kind == "classic":
+        e2e_p02_protect(data, bytes([DATA_IDS[name]] * 16), increment_counter=False)
+    elif kind == "fd":
+        e2e_p05_protect(data, DATA_IDS[name], increment_counter=False)
+    else:
+        covered = data[: 16 if name.startswith("Pressure") else 8]
+        e2e_p05_protect(covered, DATA_IDS[name], increment_counter=False)
+        code = CMAC(AES(KEY))
+        code.update(DATA_IDS[name].to_bytes(2, "big") + covered + data[len(covered) : -8])
+        data = covered + data[len(covered) : -8] + code.finalize()[:8]
+    return can.Message(
+        timestamp=time_s,
+        arbitration_id=message.frame_id,
+        is_extended_id=False,
+        is_fd=kind != "classic",
+        bitrate_switch=kind != "classic",
+        data=data,
+    )
+
+
+def log_of(one: Drive, start_s: float = 1000.0, period_s: float = PERIOD) -> list[can.Message]:
+    """Every frame of a drive in which nothing went wrong."""
+    found = []
+    for k in range(len(one)):
+        found.append(pressure(one, k, start_s + k * period_s))
+        found.append(command(one, k, start_s + (k + LATENCY) * period_s))
+    return found
+
+
+def write(path: Path, messages: Sequence[can.Message]) -> Path:
+    """A log in the format of its ending, by python-can."""
+    with can.Logger(str(path)) as logger:
+        for message in messages:
+            logger(message)
+    return path

@@ -1,0 +1,117 @@
+"""Forces beside a log: what is on straight lines comes out exactly, what does not cover the rows is refused."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.errors import DatasetError
+from contract.recording.importing.forces import TimeSeries, read_forces
+
+T = np.array([0.0, 0.5, 1.0, 2.0])
+VALUES = {"t": T, "Cd": 1.0 + T, "Cl": -2.0 * T}
+
+
+def series(t: Any, values: Any) -> TimeSeries:
+    return TimeSeries(path=Path("forces.csv"), name="Cd", t=np.asarray(t, float), values=np.asarray(values, float))
+
+
+@given(
+    slope=st.floats(-10, 10),
+    offset=st.floats(-10, 10),
+    knots=st.lists(st.floats(0, 100), min_size=2, max_size=30, unique_by=lambda t: round(t, 3)),
+    data=st.data(),
+)
+def test_a_straight_line_is_itself_at_any_time(
+    slope: float, offset: float, knots: list[float], data: st.DataObject
+) -> None:
+    t = np.sort(knots)
+    wanted = np.sort(data.draw(st.lists(st.floats(t[0], t[-1]), min_size=1, max_size=30)))
+    found = series(t, offset + slope * t).at(wanted, longest_gap=1000.0, slack=0.0)
+    # Rounding of sums of numbers up to 1000.
+    np.testing.assert_allclose(found, offset + slope * wanted, atol=1e-9)
+
+
+def test_what_lies_outside_or_in_a_gap_is_refused_by_time() -> None:
+    one = series([0.0, 0.1, 0.5, 0.6], [1.0, 2.0, 3.0, 4.0])
+    wide = {"longest_gap": 0.2, "slack": 0.01}
+    with pytest.raises(DatasetError, match=r"goes from 0 to 0\.6 s .* rows from -0\.02 to 0\.1 s: it must cover them"):
+        one.at(np.array([-0.02, 0.1]), **wide)
+    with pytest.raises(DatasetError, match="it must cover them"):
+        one.at(np.array([0.55, 0.62]), **wide)
+    with pytest.raises(DatasetError, match=r"no value between 0\.1 and 0\.5 s .* no more than 0\.2 s apart"):
+        one.at(np.array([0.0, 0.3]), **wide)
+    # A row on the edge of the gap needs no line across it; one by a hair outside takes the value there.
+    assert one.at(np.array([0.0, 0.1, 0.5, 0.605]), **wide).tolist() == [1.0, 2.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("t", "values", "text"),
+    [
+        ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
+        ([0.0, 1.0, 0.5], [1.0, 2.0, 3.0], "do not rise from row 1 to 2"),
+        ([0.0, np.inf], [1.0, 2.0], "'t' holds a value that is not finite, first at row 1"),
+        ([0.0, 1.0], [np.nan, 2.0], "'Cd' holds a value that is not finite, first at row 0"),
+        ([0.0], [1.0], "has 1 rows, must have at least two"),
+    ],
+)
+def test_series_that_are_none_are_refused(t: Any, values: Any, text: str) -> None:
+    with pytest.raises(DatasetError, match=text):
+        series(t, values)
+
+
+def write(path: Path, values: dict[str, Any]) -> Path:
+    if path.suffix == ".npz":
+        np.savez(path, **values)
+    elif path.suffix == ".h5":
+        with h5py.File(path, "w") as file:
+            for name, array in values.items():
+                file[name] = array[:, None]
+    else:
+        table = np.column_stack(list(values.values()))
+        np.savetxt(path, table, delimiter=",", header=",".join(values), comments="", fmt="%.17g")
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".h5"])
+@pytest.mark.parametrize(
+    ("names", "renamed", "clock"),
+    [
+        (("t", "Cd", "Cl"), {}, None),
+        (("t [t_c]", "Cd [1]", "Cl"), {}, "t_c"),
+        (("t [s]", "Cd", "Cl"), {}, None),
+        (("time", "drag", "Cl [1]"), {"t": "time", "Cd": "drag"}, None),
+    ],
+)
+def test_tables_are_read_whatever_holds_them(
+    tmp_path: Path, suffix: str, names: tuple[str, ...], renamed: dict[str, str], clock: str | None
+) -> None:
+    path = write(tmp_path / f"forces{suffix}", dict(zip(names, VALUES.values(), strict=True)))
+    found = read_forces(path, renamed)
+    assert found.clock == clock
+    for name, inside in (("Cd", names[1]), ("Cl", names[2])):
+        assert found.forces[name].name == inside
+        np.testing.assert_array_equal(found.forces[name].t, T)
+        np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
+
+
+def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path: Path) -> None:
+    for values, text in (
+        ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
+        ({"t": T, "Cd": T, "Cl [1]": T, "Cl [-]": T}, "no column 'Cl'"),
+        ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows, 't' has 4"),
+    ):
+        with pytest.raises(DatasetError, match=text.replace("[", r"\[")):
+            read_forces(write(tmp_path / "forces.npz", values), {})
+    with pytest.raises(DatasetError, match="must end in"):
+        read_forces(write(tmp_path / "forces.npz", VALUES).rename(tmp_path / "forces.xls"), {})
+
+
+def test_times_are_moved_to_another_clock() -> None:
+    moved = series([0.0, 2.0], [5.0, 6.0]).shifted(scale=0.1, origin=1000.0)
+    assert moved.t.tolist() == [1000.0, 1000.2]
+    assert moved.values.tolist() == [5.0, 6.0]
