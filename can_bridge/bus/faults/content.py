@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from random import Random
 
-from can_bridge.bus.faults.fault import Clock, SidedFault, Probability
+from can_bridge.bus.faults.fault import Clock, Probability, SidedFault
 from can_bridge.bus.faults.frame_by_frame import FrameByFrame
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.faults.protection import payload_bits, reprotected, spec_of

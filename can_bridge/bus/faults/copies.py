@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from random import Random
 
-from can_bridge.bus.faults.fault import Clock, SidedFault, Probability
+from can_bridge.bus.faults.fault import Clock, Probability, SidedFault
 from can_bridge.bus.faults.frame_by_frame import FrameByFrame
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Annotated
 
-from can_bridge.bus.faults.fault import Clock, SidedFault, Probability
+from can_bridge.bus.faults.fault import Clock, Probability, SidedFault
 from can_bridge.bus.faults.frame_by_frame import FrameByFrame
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
@@ -59,15 +59,12 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
     def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
         """See `Fault.around`."""
-        bad: bool | None = None
+        # A frame before the first was lost with the share of the lost: the stationary distribution, which stays.
+        bad = random.random() < self.loss
 
         def change(frame: Frame) -> list[Frame]:
             nonlocal bad
-            draw = random.random()
-            if bad is None:
-                bad = draw < self.loss
-            else:
-                bad = draw >= self.to_good if bad else draw < self.to_bad
+            bad = random.random() < (1.0 - self.to_good if bad else self.to_bad)
             return [] if bad else [frame]
 
         return FrameByFrame(bus, self, clock, change)

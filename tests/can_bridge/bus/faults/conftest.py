@@ -12,11 +12,13 @@ from tests.can_bridge.bus.faults.links import Link, simulated_link
 CHANNELS = count()
 
 
-@pytest.fixture(params=["simulated", "virtual"])
-def link(request) -> Iterator[Link]:
-    if request.param == "simulated":
-        yield simulated_link()
-        return
+@pytest.fixture
+def simulated() -> Link:
+    return simulated_link()
+
+
+@pytest.fixture
+def virtual() -> Iterator[Link]:
     config = BusConfig(interface="virtual", channel=f"faults-{next(CHANNELS)}")
     with (
         PythonCanBus.open(config) as one,
@@ -26,9 +28,9 @@ def link(request) -> Iterator[Link]:
         yield Link([one, other, listener])
 
 
-@pytest.fixture
-def simulated() -> Link:
-    return simulated_link()
+@pytest.fixture(params=["simulated", "virtual"])
+def link(request) -> Link:
+    return request.getfixturevalue(request.param)
 
 
 @pytest.fixture(scope="session")

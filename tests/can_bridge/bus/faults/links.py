@@ -28,9 +28,7 @@ def number_of(frame: Frame) -> int:
 
 
 def pressure(step: int) -> Pressure:
-    return Pressure(
-        pressure_pa=(float(step % 1000), 0.0, -1.0, 2.5), valid=(True,) * 4, enable_request=True, age_ns=0
-    )
+    return Pressure(pressure_pa=(float(step % 1000), 0.0, -1.0, 2.5), valid=(True,) * 4, enable_request=True, age_ns=0)
 
 
 class Link:

@@ -9,7 +9,7 @@ from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.protection import payload_bits
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check, StreamState
-from can_bridge.e2e.sender import protected_frame, SenderState
+from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE, PRESSURE_SECURED, SPECS
@@ -121,7 +121,7 @@ def test_frames_of_others_pass_a_fault_ahead_of_our_protection(link):
 @pytest.mark.parametrize("fault", [FlipBits(before_crc=True), StuckAt(counter_runs=True)])
 def test_what_would_need_the_key_is_refused(link, fault):
     frame = Frame(frame_id=PRESSURE_SECURED.frame_id, data=bytes(PRESSURE_SECURED.length))
-    with pytest.raises(BusError, match="PressureSecured is authenticated: .* would need the key"):
+    with pytest.raises(BusError, match=r"PressureSecured is authenticated: .* would need the key"):
         link.wrapped(link.one, fault).send(frame)
 
 

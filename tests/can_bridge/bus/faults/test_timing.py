@@ -1,6 +1,5 @@
 """Late and reordered frames: by how much, stamped how, and that the stream recovers."""
 
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,7 +7,6 @@ from hypothesis import strategies as st
 from can_bridge.bus.faults.timing import Delay, Reorder
 from can_bridge.e2e.receiver import Check, StreamState
 from can_bridge.wire.bit_timing import worst_case_ns
-from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered
 
