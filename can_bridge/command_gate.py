@@ -1,8 +1,11 @@
 """The last check before a jet command goes on the bus. It trusts nothing that comes from the controller.
 
-In this order: no permission, no finite number or no fresh pressure shuts the jets at once; otherwise the command is
-brought into range and then to within one step of the command before it. Zero is the safe state, so shutting is
-never slowed down.
+In this order: no permission, no finite number, a clock that stood still or no fresh pressure shuts the jets at once;
+otherwise the command is brought into range and then to within one step of the command before it. Zero is the safe
+state, so shutting is never slowed down.
+
+Pressures that are too old for a new command may still bear one that leads from the command before it towards zero:
+that is what a fail-safe holds and halves.
 """
 
 import math
@@ -20,6 +23,7 @@ class Intervention(Flag):
 
     NOT_ENABLED = auto()
     NOT_FINITE = auto()
+    CLOCK = auto()
     STALE = auto()
     RANGE = auto()
     RATE = auto()
@@ -31,19 +35,24 @@ class GateLimits:
 
     Attributes:
         flow_m2_per_s: largest magnitude of the command.
-        step_m2_per_s: largest change from one command to the next.
-        pressure_age_ns: oldest valid pressure frame a command may rest on.
+        step_m2_per_s: largest change from one command to the next, a period or more later; in a shorter time the
+            change is smaller in proportion.
+        period_ns: of control.
+        fresh_age_ns: oldest pressures that any command may rest on.
+        held_age_ns: oldest pressures that a command may rest on which lies between the one before it and zero.
     """
 
     flow_m2_per_s: float
     step_m2_per_s: float
-    pressure_age_ns: int
+    period_ns: int
+    fresh_age_ns: int
+    held_age_ns: int
 
     @classmethod
     def from_config(cls, config: Config) -> Self:
         """The limits of a vehicle.
 
-        The range ends on a step of the wire, so that rounding on emission cannot lead out of it. The age lets the
+        The range ends on a step of the wire, so that rounding on emission cannot lead out of it. The ages let the
         fail-safe's hold and decay through and nothing after them.
 
         Raises:
@@ -58,11 +67,13 @@ class GateLimits:
             raise ConfigError(
                 f"flow.action_limit is {limit:g} m2/s at this speed and width: JetCommand ends at {widest:g}"
             )
-        periods = 1 + config.ecu.hold_periods + config.ecu.decay_periods
+        held_age_ns = (1 + config.ecu.hold_periods + config.ecu.decay_periods) * config.period_ns
         return cls(
             flow_m2_per_s=steps * FLOW_RESOLUTION_M2_PER_S,
             step_m2_per_s=config.ecu.command_step * scale,
-            pressure_age_ns=periods * config.period_ns,
+            period_ns=config.period_ns,
+            fresh_age_ns=min(round(config.ecu.pressure_age * config.period_ns), held_age_ns),
+            held_age_ns=held_age_ns,
         )
 
 
@@ -80,6 +91,7 @@ def gate(
     *,
     enable: bool,
     previous_m2_per_s: float,
+    previous_ns: int | None,
     pressure_ns: int | None,
     now_ns: int,
     limits: GateLimits,
@@ -90,22 +102,29 @@ def gate(
         flow_m2_per_s: what the controller or its fail-safe asks for.
         enable: whether the jets may run.
         previous_m2_per_s: what this gate let pass last; 0 at the start.
-        pressure_ns: when the latest valid pressure frame was received; None if there was none.
+        previous_ns: when it did; None at the start.
+        pressure_ns: when the pressures behind the command were sampled; None if there were none.
         now_ns: same clock. A pressure from the future counts as stale: one of the two clocks is wrong.
     """
     if not enable:
         return _shut(Intervention.NOT_ENABLED)
     if not math.isfinite(flow_m2_per_s):
         return _shut(Intervention.NOT_FINITE)
-    if pressure_ns is None or not 0 <= now_ns - pressure_ns <= limits.pressure_age_ns:
+    if previous_ns is not None and now_ns <= previous_ns:
+        return _shut(Intervention.CLOCK)
+    towards_zero = min(0.0, previous_m2_per_s) <= flow_m2_per_s <= max(0.0, previous_m2_per_s)
+    oldest_ns = limits.held_age_ns if towards_zero else limits.fresh_age_ns
+    if pressure_ns is None or not 0 <= now_ns - pressure_ns <= oldest_ns:
         return _shut(Intervention.STALE)
 
     interventions = Intervention(0)
     in_range = _clamp(flow_m2_per_s, -limits.flow_m2_per_s, limits.flow_m2_per_s)
     if in_range != flow_m2_per_s:
         interventions |= Intervention.RANGE
-    low, high = previous_m2_per_s - limits.step_m2_per_s, previous_m2_per_s + limits.step_m2_per_s
-    passed = _clamp(in_range, low, high)
+    step = limits.step_m2_per_s
+    if previous_ns is not None:
+        step *= min(1.0, (now_ns - previous_ns) / limits.period_ns)
+    passed = _clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step)
     if passed != in_range:
         interventions |= Intervention.RATE
         # The range has the last word, whatever `previous` was.

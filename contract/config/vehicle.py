@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
-from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS
+from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,13 +103,28 @@ class EcuConfig(Settings):
     """Missed periods after that during which the command is halved each period, before zero and latch."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES] = 5
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
-    deadline_misses: Annotated[AtLeastOne[int], PERIODS] = 3
-    """Steps in a row that each came a whole period or more late, after which the ECU switches itself off."""
+    pressure_age: Annotated[Positive[float], PERIODS] = 1.5
+    """Oldest pressures, from sampling to control step, that may be planned on: one period of waiting for the step, and
+    half a one for the way. Pressures 40 ms old did the loop no harm, 60 ms ruined it."""
+    loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
+    """Latest periods under control that are judged together by `ecu.loss_limit`: a second."""
+    loss_limit: Annotated[int, PERIODS] = 25
+    """Periods without usable pressures among them, in a row or not, from which on the jets go to zero and the fault
+    latches: with half of the pressures lost, most of the gain is lost too."""
+    deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
+    """Steps that came a period or more late, or too early by half a one, among the latest `ecu.deadline_window`, from
+    which on the ECU switches itself off. More than the window: never."""
+    deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
+    """Latest steps that are judged together by `ecu.deadline_misses`."""
     delay_steps: Annotated[NonNegative[int], PERIODS] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     command_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: half the full
     range, three times what the training waveform does at full amplitude."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,3 +133,6 @@ class VehicleConfig(Settings):
 
     actuator_delay: Annotated[NonNegative[int], PERIODS] = 0
     """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller assumes."""
+    action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
+    """Largest change of the jets' action in one period that their driver makes, in U_inf W, shutting apart: the same as
+    `ecu.command_step`, and kept by the vehicle itself."""

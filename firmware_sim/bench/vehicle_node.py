@@ -1,7 +1,12 @@
-"""The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded."""
+"""The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded.
+
+It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
+run, and that rests on pressures it sent not long ago. No single signal of a command decides.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -10,12 +15,15 @@ from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure
+from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from firmware_sim.bench.echo import EchoTracker
 from firmware_sim.ecu.delay_line import DelayLine
+
+_DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,48 +60,71 @@ class VehicleNode:
         self._sender = E2eSender(self._messages.pressure.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._misses = 0
+        self._requested = False  # in the latest Pressure frame
         self._action = 0.0  # commanded last, U_inf W
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
-        self._sampled_ns: dict[int, int] = {}  # by the counter of the Pressure frame
+        self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
+        # As old as the ECU's gate lets pressures be, and a period for computing and the way.
+        self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int) -> Frame:
         """The Pressure frame for the plant's wall pressures Cp of this instant.
 
-        A pressure beyond the transducer's range saturates and is marked invalid.
+        A pressure beyond the transducer's range saturates and is marked invalid; one that is no number is sent as 0.
         """
         pressure_pa = cp[self._columns] * self._config.operating_point.dynamic_pressure
         limit = self._messages.pressure_limit_pa
         message = Pressure(
-            pressure_pa=tuple(float(value) for value in np.clip(pressure_pa, -limit, limit)),
+            pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
             valid=tuple(bool(value) for value in np.abs(pressure_pa) <= limit),
             enable_request=enable_request,
             age_ns=0,
         )
-        self.frames_sent += 1
         frame = self._sender.frame(self._messages.pressure.emit(message), now_ns=now_ns)
-        self._sampled_ns[profile_of(self._sender.spec).counter_of(frame.data)] = now_ns
+        self.frames_sent += 1
+        self._requested = enable_request
+        self._echo = self._echo.sent(profile_of(self._messages.pressure.spec).counter_of(frame.data), now_ns)
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
         """What the jets do after one control period's frames.
 
-        Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut.
+        Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut. They
+        shut at once when the vehicle no longer wants control.
         """
         frame = self._receiver.tick(frames).live
         command = None if frame is None else self._messages.command.parse(frame.data)
         if command is None:
             self._misses += 1
             if self._misses > self._config.ecu.hold_periods:
+                self._echo = self._echo.interrupted()
                 self._action = 0.0
-            return Actuation(action=self._delayed_action(), command=None, sampled_ns=None)
-        self._misses = 0
-        flow = command.flow_m2_per_s if command.enable else 0.0
-        limit = self._config.flow.action_limit
-        self._action = float(np.clip(flow / self._config.operating_point.flow_rate_scale, -limit, limit))
-        echoed = command.pressure_counter
-        sampled_ns = None if echoed is None else self._sampled_ns.get(echoed)
-        return Actuation(action=self._delayed_action(), command=frame, sampled_ns=sampled_ns)
+        else:
+            self._misses = 0
+            echoed = command.pressure_counter
+            self._echo = self._echo.interrupted() if echoed is None else self._echo.received(echoed)
+            self._action = self._driven(command)
+        if not self._requested:
+            self._action = 0.0
+        return Actuation(
+            action=self._delayed_action(),
+            command=None if command is None else frame,
+            sampled_ns=None if command is None else self._echo.sampled_ns,
+        )
+
+    def _driven(self, command: JetCommand) -> float:
+        """The action that a command leads to, in U_inf W."""
+        age = self._echo.age
+        if not command.enable or command.mode not in _DRIVING or age is None or age > self._oldest_echo:
+            return 0.0
+        wanted, limit = (
+            command.flow_m2_per_s / self._config.operating_point.flow_rate_scale,
+            self._config.flow.action_limit,
+        )
+        step = self._config.vehicle.action_step
+        in_reach = np.clip(wanted, self._action - step, self._action + step)
+        return float(np.clip(in_reach, -limit, limit))
 
     def _delayed_action(self) -> float:
         """The action of `actuator_delay` periods ago, the one commanded now being the newest."""

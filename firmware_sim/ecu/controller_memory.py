@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from contract.arrays import Array
-from contract.controller.interface import Controller, ControllerError, ControlStep
+from contract.controller.interface import FORCES, Controller, ControllerError, ControlStep
 from firmware_sim.ecu.delay_line import DelayLine
 
 
@@ -89,8 +89,12 @@ class ControllerMemory:
         """
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
-            return replace(self, window=np.zeros_like(self.window), rows=0, gap=gap) if self.rows else self._waited(gap)
-        return self._extended(self.window[-1, :-1], gap=gap) if self.rows else self._waited(gap)
+            return replace(self.emptied(), gap=gap)
+        return self._extended(self.window[-1, :-1], gap=gap) if self.rows else replace(self, gap=gap)
+
+    def emptied(self) -> "ControllerMemory":
+        """Without rows; plan and actions under way stay."""
+        return replace(self, window=np.zeros_like(self.window), rows=0) if self.rows else self
 
     def commanded(self, action: float) -> "ControllerMemory":
         """With an action sent in this period, in U_inf W."""
@@ -114,7 +118,8 @@ class ControllerMemory:
             weights: of the cost, (7,) in the order of `CostWeights`; the controller's own without.
 
         Raises:
-            ControllerError: if there is no answer, or it is not finite.
+            ControllerError: if there is no answer, or it is not a control step of this horizon in finite numbers,
+                whatever the controller raised or returned.
         """
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
@@ -122,14 +127,19 @@ class ControllerMemory:
         # whatever the gate, a hold or the wire made of the plan.
         plan[1 : 1 + len(pending)] = pending
         free[: len(pending)] = 0.0
-        step = controller.control_step(self.window, plan, free, weights)
-        for name, values in (("plan", step.plan), ("forecast", step.forces)):
-            if not np.isfinite(values).all():
-                raise ControllerError(f"the controller's {name} is not finite")
+        try:
+            step = controller.control_step(self.window, plan, free, weights)
+            horizon = len(self.plan)
+            new_plan = _checked("plan", step.plan, (horizon,))
+            forces = _checked("forecast", step.forces, (horizon, FORCES))
+        except ControllerError:
+            raise
+        except Exception as error:  # whatever a controller does wrong must not stop the ECU
+            raise ControllerError(f"the controller failed with {type(error).__name__}") from error
         memory = ControllerMemory(
-            window=self.window, rows=self.rows, gap=self.gap, plan=step.plan, under_way=self.under_way
+            window=self.window, rows=self.rows, gap=self.gap, plan=new_plan, under_way=self.under_way
         )
-        return memory, step
+        return memory, replace(step, plan=new_plan, forces=forces)
 
     def _extended(self, cp: Array, *, gap: int) -> "ControllerMemory":
         window = np.empty_like(self.window)
@@ -143,8 +153,14 @@ class ControllerMemory:
             under_way=self.under_way,
         )
 
-    def _waited(self, gap: int) -> "ControllerMemory":
-        return replace(self, gap=gap)
+
+def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
+    """A copy of a controller's output; raises ControllerError if it is anything but finite numbers of this shape."""
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or values.shape != shape:
+        raise ControllerError(f"the controller's {name} is no array of numbers of shape {shape}")
+    if not np.isfinite(values).all():
+        raise ControllerError(f"the controller's {name} is not finite")
+    return _read_only(values.astype(np.float64))
 
 
 def _read_only(array: Array) -> Array:

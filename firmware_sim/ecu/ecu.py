@@ -3,16 +3,19 @@
 Once a control period: check the pressure stream end to end, update the fail-safe, extend the window, plan, pass the
 first free action through the command gate, send it. The row of the window at period k is (Cp_k, a_{k-1}) with the
 action as it went out on the wire, and as it takes effect if the actuator is known to be late.
+
+Nothing that comes from outside ends in an exception: not the frames, not the time, not the controller's answer.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from can_bridge.bus.interface import HEALTHY, BusHealth
-from can_bridge.command_gate import GateLimits, Intervention, gate
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.e2e.sender import protected_frame
 from can_bridge.wire.frame import Frame
@@ -27,7 +30,8 @@ from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
-from firmware_sim.ecu.state_machine import OperatingMode, PeriodInputs
+from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
+from firmware_sim.ecu.timing import Timing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,16 +71,18 @@ class _Pressures(NamedTuple):
     Attributes:
         receiver: its state after them.
         cp: usable pressures, (S,); None without.
-        enable_request: of the vehicle; None if no trusted frame came.
+        enable_request: of the vehicle; None if no frame came that is to be believed.
         unusable_because: why there are no usable pressures, if there are none.
-        pressure_ns: when the latest trusted pressures were sampled.
+        sampled_ns: when the usable ones were sampled.
+        counter: of their frame.
     """
 
     receiver: ReceiverState
     cp: Array | None
     enable_request: bool | None
     unusable_because: Reason
-    pressure_ns: int | None
+    sampled_ns: int | None = None
+    counter: int | None = None
 
 
 class _Decision(NamedTuple):
@@ -177,18 +183,19 @@ class Ecu:
     def next(self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
-        skipped = self._periods_skipped(state.step_ns, now_ns)
-        late_in_a_row = state.late_in_a_row + 1 if skipped else 0
-        received = self._receive(state, frames)
-        memory = self._after_silence(state.memory, skipped)
+        timing = state.timing.next(now_ns, self._period_ns, config)
+        received = self._receive(state, frames, now_ns)
+        usable = received.cp is not None
+        pressure_ns = received.sampled_ns if usable else state.pressure_ns
+        pressure_counter = received.counter if usable else state.pressure_counter
+        memory = self._after_silence(state.memory, timing)
         memory = memory.bridged(self._longest_gap) if received.cp is None else memory.observed(received.cp)
         inputs = PeriodInputs(
-            usable=received.cp is not None,
+            usable=usable,
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            # An ECU that is late again and again cannot keep its budget: it switches itself off.
-            deadline_missed=late_in_a_row >= config.deadline_misses,
+            fault=timing.fault or _bus_fault(state.health, health),
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)
@@ -198,15 +205,18 @@ class Ecu:
             decision.action * self._flow_scale,
             enable=fail_safe.mode.drives_jets,
             previous_m2_per_s=memory.under_way.newest * self._flow_scale,
-            pressure_ns=received.pressure_ns,
+            previous_ns=state.timing.step_ns,
+            pressure_ns=pressure_ns,
             now_ns=now_ns,
             limits=self._limits,
         )
+        fail_safe = _told_by_the_gate(fail_safe, passed)
         command = JetCommand(
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=fail_safe.mode.on_wire,
             enable=passed.enable,
-            pressure_counter=received.receiver.last_counter,
+            # Of the frame the command rests on: this period's, or the one behind the command that is held.
+            pressure_counter=pressure_counter if usable or fail_safe.mode.drives_jets else None,
         )
         on_wire = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
         action = on_wire / self._flow_scale
@@ -216,11 +226,11 @@ class Ecu:
             pressures=received.receiver,
             commands=state.commands.next(self._messages.command.spec),
             statuses=state.statuses.next(self._messages.status.spec),
-            step_ns=now_ns,
-            pressure_ns=received.pressure_ns,
-            overruns=state.overruns + skipped,
-            late_in_a_row=late_in_a_row,
-            missed=state.missed + (received.cp is None),
+            timing=timing,
+            pressure_ns=pressure_ns,
+            pressure_counter=pressure_counter,
+            overruns=state.overruns + timing.skipped,
+            missed=state.missed + (not usable),
             health=health,
         )
         to_send, status = self._messages, after.status(self._bundle_hash)
@@ -230,7 +240,8 @@ class Ecu:
         )
         return StepOutcome(
             state=after,
-            frames=[protected_frame(sender, data, spec=spec, now_ns=now_ns) for sender, spec, data in messages],
+            # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
+            frames=[protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)) for sender, spec, data in messages],
             trace=Trace(
                 mode=fail_safe.mode.on_wire,
                 action=action,
@@ -248,40 +259,51 @@ class Ecu:
         """Pressure frames that came but failed their end-to-end check."""
         return self._state.pressures.frames_rejected
 
-    def _periods_skipped(self, step_ns: int | None, now_ns: int) -> int:
-        """Whole periods since the last step, beyond one."""
-        return 0 if step_ns is None else max(0, round((now_ns - step_ns) / self._period_ns) - 1)
+    def _after_silence(self, memory: ControllerMemory, timing: Timing) -> ControllerMemory:
+        """The memory with one row for each skipped period; the last command stayed in force meanwhile.
 
-    def _after_silence(self, memory: ControllerMemory, skipped: int) -> ControllerMemory:
-        """The memory with one row for each skipped period; the last command stayed in force meanwhile."""
+        Rows whose distance in time is not known are worth nothing: a wrong clock empties the window.
+        """
+        if timing.fault is Reason.CLOCK:
+            return memory.emptied()
         # More silent periods than these change nothing: the window is empty and the jets follow the last command.
-        for _ in range(min(skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
+        for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
 
-    def _receive(self, state: EcuState, frames: Sequence[Frame]) -> _Pressures:
-        """The newest trusted pressures, or why there are none."""
-        receiver, reception = receive(
-            state.pressures, frames, spec=self._messages.pressure.spec, config=self._config.bus.e2e
-        )
-        frame = reception.live
+    def _receive(self, state: EcuState, frames: Sequence[Frame], now_ns: int) -> _Pressures:
+        """The newest trusted pressures, or why there are none that can be used."""
+        spec = self._messages.pressure.spec
+        receiver, reception = receive(state.pressures, frames, spec=spec, config=self._config.bus.e2e)
+        frame = reception.accepted
         pressure = None if frame is None else self._messages.pressure.parse(frame.data)
-        if frame is None or pressure is None:
+        if frame is None or pressure is None or reception.live is None:
+            # Control is requested by a stream that is trusted alone; its end is believed of any good frame.
+            withdrawn = pressure is not None and not pressure.enable_request
             trusted = reception.stream is not StreamState.INVALID
             return _Pressures(
                 receiver=receiver,
                 cp=None,
-                enable_request=None,
+                enable_request=False if withdrawn else None,
                 unusable_because=Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID,
-                pressure_ns=state.pressure_ns,
+            )
+        # A frame that waited in a queue, or was late before it was sent, is as old as it is.
+        sampled_ns = frame.timestamp_ns - pressure.age_ns
+        fresh = 0 <= now_ns - sampled_ns <= self._limits.fresh_age_ns
+        if not (fresh and all(pressure.valid)):
+            return _Pressures(
+                receiver=receiver,
+                cp=None,
+                enable_request=pressure.enable_request,
+                unusable_because=Reason.SENSOR_INVALID if fresh else Reason.STALE,
             )
         return _Pressures(
             receiver=receiver,
-            cp=np.array(pressure.pressure_pa) / self._dynamic_pressure if all(pressure.valid) else None,
+            cp=np.array(pressure.pressure_pa) / self._dynamic_pressure,
             enable_request=pressure.enable_request,
-            unusable_because=Reason.SENSOR_INVALID,
-            # A frame that waited in a queue, or was late before it was sent, is as old as it is.
-            pressure_ns=frame.timestamp_ns - pressure.age_ns,
+            unusable_because=Reason.NONE,
+            sampled_ns=sampled_ns,
+            counter=profile_of(spec).counter_of(frame.data),
         )
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
@@ -300,3 +322,18 @@ class Ecu:
         if mode is OperatingMode.DECAY:
             return _Decision(memory=memory, action=0.5 * latest)
         return _Decision(memory=memory.without_plan(), action=0.0)
+
+
+def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
+    """BUS_OFF while the CAN controller is, and in the first step after it was: nobody heard what the ECU sent."""
+    off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
+    return Reason.BUS_OFF if off else None
+
+
+def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
+    """The fail-safe after the gate: jets that it shut have a reason on the bus."""
+    if Intervention.NOT_FINITE in passed.interventions:
+        return fail_safe.latch(Reason.INTERNAL)
+    if Intervention.STALE in passed.interventions:
+        return replace(fail_safe, reason=Reason.STALE)
+    return fail_safe

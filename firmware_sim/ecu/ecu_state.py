@@ -13,6 +13,7 @@ from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.state_machine import FailSafe
+from firmware_sim.ecu.timing import Timing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,10 +25,10 @@ class EcuState:
         fail_safe: what the ECU does, and why it is not in control.
         pressures: the receiving end of the Pressure message.
         commands, statuses: the sending ends of JetCommand and EcuStatus.
-        step_ns: of the latest step; None before the first.
-        pressure_ns: when the latest trusted pressures were sampled; None before the first.
+        timing: whether the steps come on time.
+        pressure_ns: when the latest usable pressures were sampled; None before the first.
+        pressure_counter: of the frame that brought them; None before the first.
         overruns: whole periods left out.
-        late_in_a_row: steps in a row that left out a period.
         missed: steps without usable pressures.
         health: of the CAN controller, as of the latest step.
     """
@@ -37,10 +38,10 @@ class EcuState:
     pressures: ReceiverState
     commands: SenderState
     statuses: SenderState
-    step_ns: int | None
+    timing: Timing
     pressure_ns: int | None
+    pressure_counter: int | None
     overruns: int
-    late_in_a_row: int
     missed: int
     health: BusHealth = HEALTHY
 
@@ -53,10 +54,10 @@ class EcuState:
             pressures=ReceiverState(),
             commands=SenderState(),
             statuses=SenderState(),
-            step_ns=None,
+            timing=Timing(),
             pressure_ns=None,
+            pressure_counter=None,
             overruns=0,
-            late_in_a_row=0,
             missed=0,
         )
 

@@ -16,13 +16,19 @@ from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from contract.operating_point import OperatingPoint
 
-LIMITS = GateLimits(flow_m2_per_s=4.0, step_m2_per_s=1.0, pressure_age_ns=100)
+LIMITS = GateLimits(flow_m2_per_s=4.0, step_m2_per_s=1.0, period_ns=100, fresh_age_ns=100, held_age_ns=300)
 PASSED = Intervention(0)
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def passing(flow: float, **changes: Any) -> GatedCommand:
-    arguments: dict[str, Any] = {"enable": True, "previous_m2_per_s": 0.0, "pressure_ns": 1000, "now_ns": 1050}
+    arguments: dict[str, Any] = {
+        "enable": True,
+        "previous_m2_per_s": 0.0,
+        "previous_ns": None,
+        "pressure_ns": 1000,
+        "now_ns": 1050,
+    }
     return gate(flow, limits=LIMITS, **{**arguments, **changes})
 
 
@@ -36,14 +42,26 @@ def test_command_within_all_bounds_passes_untouched(flow):
     [
         ({"enable": False}, Intervention.NOT_ENABLED),
         ({"pressure_ns": None}, Intervention.STALE),
-        ({"now_ns": 1101}, Intervention.STALE),
+        ({"now_ns": 1301}, Intervention.STALE),
         ({"now_ns": 999}, Intervention.STALE),
+        ({"previous_ns": 1050}, Intervention.CLOCK),
+        ({"previous_ns": 1051}, Intervention.CLOCK),
+        ({"previous_ns": 10**18}, Intervention.CLOCK),
+        # The first of several causes is the one that is named.
+        ({"enable": False, "pressure_ns": None, "previous_ns": 1050}, Intervention.NOT_ENABLED),
+        ({"pressure_ns": None, "previous_ns": 1050}, Intervention.CLOCK),
     ],
 )
 @pytest.mark.parametrize("previous", [0.0, 4.0, -4.0])
-def test_without_permission_or_pressure_the_jets_shut_at_once(changes, why, previous):
+def test_without_permission_clock_or_pressure_the_jets_shut_at_once(changes, why, previous):
     expected = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=why)
     assert passing(previous, previous_m2_per_s=previous, **changes) == expected
+
+
+def test_shut_jets_are_exactly_at_zero():
+    shut = passing(4.0, enable=False)
+    assert (shut.flow_m2_per_s, shut.enable) == (0.0, False)
+    assert math.copysign(1.0, shut.flow_m2_per_s) == 1.0
 
 
 @pytest.mark.parametrize("flow", [math.nan, math.inf, -math.inf])
@@ -55,6 +73,55 @@ def test_what_is_no_number_shuts_the_jets(flow):
 @pytest.mark.parametrize("now", [1000, 1100])
 def test_age_bounds_are_inclusive(now):
     assert passing(0.5, now_ns=now).interventions == PASSED
+
+
+@pytest.mark.parametrize("previous", [2.0, -2.0])
+@pytest.mark.parametrize("now", [1101, 1300])
+def test_old_pressures_bear_a_command_that_leads_to_zero_and_no_other(previous, now):
+    sign = math.copysign(1.0, previous)
+    for held in (previous, 0.5 * previous, 1.0 * sign):
+        held_on = GatedCommand(flow_m2_per_s=held, enable=True, interventions=PASSED)
+        assert passing(held, previous_m2_per_s=previous, now_ns=now) == held_on
+    for new in (previous + 0.001 * sign, -0.001 * sign, -previous, 2.0 * previous):
+        stale = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=Intervention.STALE)
+        assert passing(new, previous_m2_per_s=previous, now_ns=now) == stale
+        # The same on fresh pressures is a matter of range and rate alone.
+        assert passing(new, previous_m2_per_s=previous, now_ns=1100).enable
+
+
+@pytest.mark.parametrize("flow", [0.0, -0.0])
+def test_old_pressures_bear_no_movement_away_from_zero(flow):
+    assert passing(flow, now_ns=1300).enable
+    for moving in (1e-9, -1e-9):
+        assert passing(moving, now_ns=1300).interventions == Intervention.STALE
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "reach"), [(1, 0.01), (25, 0.25), (50, 0.5), (99, 0.99), (100, 1.0), (101, 1.0), (10**15, 1.0)]
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_step_is_as_large_as_the_time_since_the_one_before(elapsed, reach, sign):
+    result = passing(3.9 * sign, previous_m2_per_s=2.0 * sign, previous_ns=1050 - elapsed)
+    # Floating-point rounding of the product and the sum.
+    assert result.flow_m2_per_s == pytest.approx((2.0 + reach) * sign, abs=1e-12)
+    assert result.interventions == Intervention.RATE
+
+
+def test_many_calls_within_a_period_lead_no_further_than_one():
+    """No command sent more often than the period moves the jets faster."""
+    flow, now_ns = 0.0, 0
+    for elapsed in (1, 9, 40, 20, 30):
+        result = gate(
+            4.0,
+            enable=True,
+            previous_m2_per_s=flow,
+            previous_ns=now_ns,
+            pressure_ns=0,
+            now_ns=now_ns + elapsed,
+            limits=LIMITS,
+        )
+        flow, now_ns = result.flow_m2_per_s, now_ns + elapsed
+    assert flow == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -83,21 +150,35 @@ def test_range_and_rate(flow, previous, expected, why):
 @given(
     flow=ANY,
     enable=st.booleans(),
-    previous=ANY,
+    previous=ANY | st.floats(-4.0, 4.0),
+    previous_ns=st.none() | st.integers(-200, 200),
     pressure_ns=st.none() | st.integers(-200, 200),
     now_ns=st.integers(-200, 200),
 )
-def test_nothing_gets_past(flow, enable, previous, pressure_ns, now_ns):
+def test_nothing_gets_past(flow, enable, previous, previous_ns, pressure_ns, now_ns):
     result = gate(
-        flow, enable=enable, previous_m2_per_s=previous, pressure_ns=pressure_ns, now_ns=now_ns, limits=LIMITS
+        flow,
+        enable=enable,
+        previous_m2_per_s=previous,
+        previous_ns=previous_ns,
+        pressure_ns=pressure_ns,
+        now_ns=now_ns,
+        limits=LIMITS,
     )
     assert -4.0 <= result.flow_m2_per_s <= 4.0
     assert result.enable or result.flow_m2_per_s == 0.0
-    assert result.enable == (
-        enable and math.isfinite(flow) and pressure_ns is not None and 0 <= now_ns - pressure_ns <= 100
-    )
+    oldest = 300 if flow == 0.0 or (flow * previous > 0.0 and abs(flow) <= abs(previous)) else 100
+    if not (math.isnan(previous) or flow * previous == 0.0):  # a product may vanish though neither factor does
+        assert result.enable == (
+            enable
+            and math.isfinite(flow)
+            and (previous_ns is None or now_ns > previous_ns)
+            and pressure_ns is not None
+            and 0 <= now_ns - pressure_ns <= oldest
+        )
     if result.enable and abs(previous) <= 4.0:
-        assert abs(result.flow_m2_per_s - previous) <= 1.0 + 1e-12
+        elapsed = 100 if previous_ns is None else min(100, now_ns - previous_ns)
+        assert abs(result.flow_m2_per_s - previous) <= elapsed / 100 + 1e-12
         assert (result.flow_m2_per_s == flow) == (result.interventions == PASSED)
 
 
@@ -115,15 +196,26 @@ def test_limits_of_the_default_truck():
     limits = GateLimits.from_config(Config())
     assert limits.flow_m2_per_s == pytest.approx(4.6874, abs=1e-12)
     assert limits.step_m2_per_s == pytest.approx(4.6875)
+    assert limits.period_ns == 20_000_000
+    # A period and a half.
+    assert limits.fresh_age_ns == 30_000_000
     # One period of hold, two of decay, and the period the frame was for.
-    assert limits.pressure_age_ns == 80_000_000
+    assert limits.held_age_ns == 80_000_000
 
 
 @given(limit=st.floats(0.001, 0.1))
 def test_rounding_on_the_wire_cannot_lead_out_of_the_action_limit(limit):
     config = Config(flow=FlowConfig(action_limit=limit))
     limits = GateLimits.from_config(config)
-    result = gate(1e9, enable=True, previous_m2_per_s=limits.flow_m2_per_s, pressure_ns=0, now_ns=0, limits=limits)
+    result = gate(
+        1e9,
+        enable=True,
+        previous_m2_per_s=limits.flow_m2_per_s,
+        previous_ns=None,
+        pressure_ns=0,
+        now_ns=0,
+        limits=limits,
+    )
     command = JetCommand(flow_m2_per_s=result.flow_m2_per_s, mode=Mode.CONTROL, enable=True, pressure_counter=None)
     received = codec.parse_jet_command(codec.emit_jet_command(command))
     assert received is not None
@@ -143,7 +235,12 @@ def test_limit_at_the_very_end_of_the_wire_is_kept():
 
 def test_fail_safe_settings_move_the_age():
     config = Config(ecu=EcuConfig(hold_periods=0, decay_periods=0))
-    assert GateLimits.from_config(config).pressure_age_ns == config.period_ns
+    limits = GateLimits.from_config(config)
+    # No command rests on what a hold may not rest on.
+    assert limits.held_age_ns == limits.fresh_age_ns == config.period_ns
+    config = Config(ecu=EcuConfig(hold_periods=3, decay_periods=5, pressure_age=2.25))
+    limits = GateLimits.from_config(config)
+    assert (limits.fresh_age_ns, limits.held_age_ns) == (45_000_000, 180_000_000)
 
 
 def test_speed_the_wire_cannot_carry_is_refused():

@@ -47,9 +47,11 @@ class Bench:
         self.now_ns = 1_000_000
         self.status: EcuStatus | None = None
         self.sender = E2eSender(PRESSURE)
+        self.frames = 0
 
     def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, valid=(True,) * 4, age_ns=0) -> Frame:
-        """A frame sent now; cp in units of the dynamic pressure."""
+        """A frame sent now; cp in units of the dynamic pressure. The request is raised in the second frame of all."""
+        enable, self.frames = enable and self.frames > 0, self.frames + 1
         scale = self.config.operating_point.dynamic_pressure
         message = Pressure(
             pressure_pa=tuple(value * scale for value in cp), valid=valid, enable_request=enable, age_ns=age_ns

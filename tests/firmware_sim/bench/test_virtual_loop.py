@@ -95,7 +95,8 @@ class Harness:
         )
 
     def run(self, periods: int) -> list:
-        return [self.loop.period(enable_request=True) for _ in range(periods)]
+        # Raised once: a request that stands at power-on is none.
+        return [self.loop.period(enable_request=self.plant.period > 0) for _ in range(periods)]
 
     def targets(self) -> list[float | None]:
         """What the plant was to reach at the end of each period."""
@@ -120,7 +121,7 @@ def harness(bundle_of, recording_controller):
     ):
         config = Config(bus=bus or BusConfig(), ecu=EcuConfig(compute_time_ms=compute_ms, **ecu_settings))
         step = iter(range(10**6))
-        default = recording_controller(lambda i: 0.04 * cos(next(step)))
+        default = recording_controller(lambda i: 0.03 * cos(next(step)))
         return Harness(bundle_of(), config, controller or default, {"vehicle": vehicle, "ecu": ecu})
 
     return make

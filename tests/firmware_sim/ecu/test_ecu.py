@@ -284,7 +284,7 @@ def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recor
         controller.control_step = kept
         ecu = Ecu(bundle_of(), controller, config, weights=weights)
         for k in range(6):
-            message = Pressure(pressure_pa=(0.0,) * 4, valid=(True,) * 4, enable_request=True, age_ns=0)
+            message = Pressure(pressure_pa=(0.0,) * 4, valid=(True,) * 4, enable_request=k > 0, age_ns=0)
             now_ns = k * config.period_ns
             ecu.step(now_ns, [sender.frame(codec.emit_pressure(message), now_ns=now_ns)])
         return seen

@@ -38,7 +38,7 @@ class Period(NamedTuple):
 
 # G/g good with and without request, x none, c corrupted, i invalid sensor, R repeated, S a skipped period, P a
 # pressure that the controller does not bear.
-EPISODE = "GGGGGGGGxGGcxGGiGSGGRGGxxxxxxggggggGGGGGSGGGPGgggggGGGGGSSSSGGGG"
+EPISODE = "gGGGGGGGxGGcxGGiGSGGRGGxxxxxxggggggGGGGGSGGGPGgggggGGGGGSSSSGGGG"
 ALPHABET = "GGGGGGgxciRSP"
 
 
@@ -105,7 +105,7 @@ def test_restored_at_any_step_it_sends_the_rest_of_the_episode(bench_of, saved, 
 def test_a_step_is_a_function_of_state_time_and_frames(bench_of, events, delay):
     bench = bench_of(Mixing(), delay_steps=delay)
     other = bench_of(Mixing(), delay_steps=delay).ecu
-    for period in periods_of(bench, "GGGGGG" + events):
+    for period in periods_of(bench, "gGGGGG" + events):
         before = bench.ecu.state
         kept = pickle.dumps(before)
         outcome = bench.ecu.next(before, *period)
