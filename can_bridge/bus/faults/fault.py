@@ -23,8 +23,8 @@ NS: Final = 10**9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault(Settings, ABC, section="fault"):
-    """A fault in the span [start_s, end_s) of the clock; raises ConfigError for a parameter out of its bounds."""
+class Span(Settings, section="span"):
+    """From start_s until before end_s of the clock; raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf
@@ -36,6 +36,11 @@ class Fault(Settings, ABC, section="fault"):
     def is_active(self, now_ns: int) -> bool:
         """Whether the fault acts at this time."""
         return round(self.start_s * NS) <= now_ns and (self.end_s == inf or now_ns < round(self.end_s * NS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault(Span, ABC, section="fault"):
+    """What acts in a span on one port."""
 
     @abstractmethod
     def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
