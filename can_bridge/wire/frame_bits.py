@@ -2,14 +2,20 @@
 
 A stuff bit of the other value follows five equal bits and counts as the first of the next run. Classic CAN stuffs from
 the start of frame to the end of the CRC. CAN FD stuffs so to the end of the data only; its stuff count and CRC carry
-fixed stuff bits, as many for every content. `can_bridge.wire.bit_timing` bounds the same lengths for all contents.
+fixed stuff bits, as many for every content. The first of those stands between the data and the stuff count in any case,
+so that five equal bits at the end of the data need no other one. `can_bridge.wire.bit_timing` bounds the same lengths
+for all contents.
 """
 
+import re
+from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 
-_RUN: Final = 5
+_RUN: Final = re.compile("0{5}|1{5}")
+_RUN_INSIDE: Final = re.compile("(?:0{5}|1{5})(?=.)")
 _CRC15: Final = 0x4599
 
 TAIL: Final = 13
@@ -21,23 +27,55 @@ FD_CRC_LONG: Final = 4 + 21 + 7
 FD_LONGEST_SHORT: Final = 16
 
 
+@dataclass(frozen=True, kw_only=True)
+class SentBits:
+    """A frame as it goes out.
+
+    Attributes:
+        stuffed: of the part with stuff bits by content, "0" dominant and "1" recessive: up to the end of the CRC for
+            classic CAN, of the data for CAN FD.
+        nominal: bits at the nominal rate before the tail.
+        data: bits at the data bit rate.
+    """
+
+    stuffed: str
+    nominal: int
+    data: int
+
+    @property
+    def total(self) -> tuple[int, int]:
+        """Bits at the nominal and at the data bit rate, from the start of frame to the end of the intermission."""
+        return self.nominal + TAIL, self.data
+
+    def through(self, position: int) -> tuple[int, int]:
+        """Bits at each rate up to and including the bit at a position, the start of frame being 0."""
+        before_tail = self.nominal + self.data
+        fast = min(max(position + 1 - self.nominal, 0), self.data)
+        return min(position + 1, self.nominal) + max(position + 1 - before_tail, 0), fast
+
+
+def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
+    """A frame's bits; in CAN FD an error-passive sender says in the frame (ESI) that it is."""
+    if not frame.is_fd:
+        head = _classic_head(frame) + _bits_of(frame.data)
+        sent = stuffed(head + _to_bits(crc15(head), 15))
+        return SentBits(stuffed=sent, nominal=len(sent), data=0)
+    arbitration = _fd_arbitration(frame)
+    rest = str(int(error_passive)) + _to_bits(FD_LENGTHS.index(len(frame.data)), 4) + _bits_of(frame.data)
+    sent = stuffed(arbitration + rest, at_end=False)
+    # BRS follows a dominant bit, so no stuff bit stands between it and the first bit at the data bit rate.
+    nominal = len(stuffed(arbitration))
+    crc = FD_CRC_SHORT if len(frame.data) <= FD_LONGEST_SHORT else FD_CRC_LONG
+    return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + crc)
+
+
 def frame_bits(frame: Frame) -> tuple[int, int]:
     """Bits at the nominal and at the data bit rate, from the start of frame to the end of the intermission.
 
     An FD frame changes its rate at the sample points of BRS and of the CRC delimiter; both bits are counted at the
     nominal rate as a whole, as the bound does.
     """
-    if not frame.is_fd:
-        head = _classic_head(frame) + _bits_of(frame.data)
-        stuffed = head + _to_bits(crc15(head), 15)
-        return len(stuffed) + stuff_bits(stuffed) + TAIL, 0
-    arbitration = _fd_arbitration(frame)
-    # ESI: the sender is error-active.
-    rest = "0" + _to_bits(FD_LENGTHS.index(len(frame.data)), 4) + _bits_of(frame.data)
-    early = stuff_bits(arbitration)
-    late = stuff_bits(arbitration + rest) - early
-    crc = FD_CRC_SHORT if len(frame.data) <= FD_LONGEST_SHORT else FD_CRC_LONG
-    return len(arbitration) + early + TAIL, len(rest) + late + crc
+    return sent_bits(frame).total
 
 
 def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
@@ -59,26 +97,64 @@ def bits_ns(nominal: int, data: int, *, nominal_bitrate: int, data_bitrate: int)
     return -(-(10**9) * (nominal * data_bitrate + data * nominal_bitrate) // (nominal_bitrate * data_bitrate))
 
 
-def stuff_bits(bits: str) -> int:
-    """Stuff bits that a sequence of "0" and "1" needs."""
-    count = run = 0
-    last = ""
-    for bit in bits:
-        run = run + 1 if bit == last else 1
-        last = bit
-        if run == _RUN:
-            count += 1
-            last, run = ("1" if bit == "0" else "0"), 1
-    return count
+def stuffed(bits: str, *, at_end: bool = True) -> str:
+    """A sequence of "0" and "1" with its stuff bits, also behind the last bit if it needs one there and `at_end`."""
+    pattern, sent, rest = _RUN if at_end else _RUN_INSIDE, "", bits
+    while run := pattern.search(rest):
+        end = run.end()
+        sent += rest[:end]
+        # The stuff bit counts towards the next run.
+        rest = ("1" if rest[end - 1] == "0" else "0") + rest[end:]
+    return sent + rest
+
+
+def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
+    """Whether the bit at a position is a stuff bit of the identifier, that is before RTR or RRS."""
+    return position in _stuff_positions(_identifier_bits(frame))
+
+
+def is_arbitration_bit(frame: Frame, position: int) -> bool:
+    """Whether a recessive bit at a position may be overruled without error, because a smaller identifier does so."""
+    return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
 def crc15(bits: str) -> int:
     """The CRC of a classic frame over a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
-    crc = 0
-    for bit in bits:
-        top = crc >> 14 ^ (bit == "1")
-        crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if top else 0)
+    table, crc = _crc15_table(), 0
+    # Leading zeros leave a CRC that starts at 0 as it is.
+    for byte in int(bits or "0", 2).to_bytes(len(bits) // 8 + 1):
+        crc = (crc << 8 & 0x7FFF) ^ table[crc >> 7 ^ byte]
     return crc
+
+
+@cache
+def _crc15_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        crc = byte << 7
+        for _ in range(8):
+            crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if crc >> 14 else 0)
+        table.append(crc)
+    return tuple(table)
+
+
+def _stuff_positions(bits: str) -> list[int]:
+    """Where the stuff bits stand in the bits as sent."""
+    positions, run, last, sent = [], 0, "", 0
+    for bit in bits:
+        run = run + 1 if bit == last else 1
+        last, sent = bit, sent + 1
+        if run == 5:
+            positions.append(sent)
+            last, run, sent = ("1" if bit == "0" else "0"), 1, sent + 1
+    return positions
+
+
+def _identifier_bits(frame: Frame) -> str:
+    """From the start of frame to the bit before RTR or RRS."""
+    if frame.is_extended:
+        return "0" + _to_bits(frame.frame_id >> 18, 11) + "11" + _to_bits(frame.frame_id & 0x3FFFF, 18)
+    return "0" + _to_bits(frame.frame_id, 11)
 
 
 def _classic_head(frame: Frame) -> str:

@@ -1,0 +1,125 @@
+"""What a CAN controller makes of errors: its two counters and three states, as pure functions of a frozen value.
+
+ISO 11898-1:2015, fault confinement; the rules are numbered as in the Bosch specification they come from (CAN
+Specification 2.0, part B, chapter 8), which is free to read. Each function is one rule:
+
+    1  `receive_error`         REC + 1   a receiver detects an error
+    2  `dominant_after_flag`   REC + 8   a receiver sees a dominant bit right after its own error flag
+    3  `transmit_error`        TEC + 8   a transmitter sends an error flag, with two exceptions
+    4  `flag_overwritten`      TEC + 8   a transmitter's active flag is not seen on the bus (bit error)
+    5  `flag_overwritten`      REC + 8   the same for a receiver
+    6  `held_dominant`         + 8       the bus stays dominant behind a flag: every eight bits
+    7  `transmitted`           TEC - 1   a frame went out and was acknowledged
+    8  `received`              REC - 1   a frame came in without error; from above 127 back to 127
+    9  `state`                           error-passive from 128 on, whichever counter
+    10 `state`                           bus-off from TEC = 256 on
+    11 `state`                           error-active again when both are below 128
+    12 `recovered`                       error-active with both at 0 after 128 x 11 recessive bits (`RECOVERY`)
+
+Rule 1's exception is rules 4 and 5: a bit error in an active flag counts eight, not one more.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+from can_bridge.bus.interface import BusHealth, BusState
+
+PASSIVE_FROM: Final = 128
+OFF_FROM: Final = 256
+STEP: Final = 8
+RECOVERY: Final = 128
+"""Sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
+RECESSIVE_BITS: Final = 11
+
+AFTER_ACTIVE_FLAG: Final = 14
+"""The dominant bit in a row, the active flag's own six included, that counts as an error; then every eighth."""
+AFTER_PASSIVE_FLAG: Final = 8
+"""The same, behind a passive flag."""
+
+_RECEIVE_LIMIT: Final = 255
+"""A register of eight bits; the standard leaves open how far above 127 it counts."""
+_AFTER_PASSIVE: Final = 127
+"""The standard lets a controller choose from 119 to 127."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultConfinement:
+    """A controller's error counters.
+
+    Attributes:
+        tx_errors, rx_errors: TEC and REC.
+        is_off: it went bus-off and has not recovered.
+        times_off: how often it went bus-off since power-on.
+    """
+
+    tx_errors: int = 0
+    rx_errors: int = 0
+    is_off: bool = False
+    times_off: int = 0
+
+    @property
+    def state(self) -> BusState:
+        """Rules 9 to 11."""
+        if self.is_off:
+            return BusState.BUS_OFF
+        passive = max(self.tx_errors, self.rx_errors) >= PASSIVE_FROM
+        return BusState.ERROR_PASSIVE if passive else BusState.ERROR_ACTIVE
+
+    @property
+    def health(self) -> BusHealth:
+        """As the node's software reads it."""
+        return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
+
+    def receive_error(self) -> "FaultConfinement":
+        """Rule 1."""
+        return self._received(1)
+
+    def dominant_after_flag(self) -> "FaultConfinement":
+        """Rule 2: the others answered a flag that this receiver was the first to send, so the fault may be its own."""
+        return self._received(STEP)
+
+    def transmit_error(
+        self, *, only_unacknowledged: bool = False, only_arbitration_stuff: bool = False
+    ) -> "FaultConfinement":
+        """Rule 3 with its exceptions.
+
+        Args:
+            only_unacknowledged: nobody acknowledged, and no dominant bit was seen during the passive flag. An
+                error-passive controller then does not count: one that is alone on the bus never goes bus-off.
+            only_arbitration_stuff: a stuff bit in the identifier was sent recessive and seen dominant.
+        """
+        if only_arbitration_stuff or (only_unacknowledged and self.state is BusState.ERROR_PASSIVE):
+            return self
+        return self._transmitted(STEP)
+
+    def flag_overwritten(self, *, transmitting: bool) -> "FaultConfinement":
+        """Rules 4 and 5: a bit error in an active error flag."""
+        return self._transmitted(STEP) if transmitting else self._received(STEP)
+
+    def held_dominant(self, bits: int, *, transmitting: bool, passive_flag: bool) -> "FaultConfinement":
+        """Rule 6: so many dominant bits in a row, from the active flag's first or behind the passive flag's last on."""
+        first = AFTER_PASSIVE_FLAG if passive_flag else AFTER_ACTIVE_FLAG
+        counted = STEP * (1 + (bits - first) // STEP) if bits >= first else 0
+        return self._transmitted(counted) if transmitting else self._received(counted)
+
+    def transmitted(self) -> "FaultConfinement":
+        """Rule 7."""
+        return replace(self, tx_errors=max(0, self.tx_errors - 1))
+
+    def received(self) -> "FaultConfinement":
+        """Rule 8."""
+        if self.rx_errors >= PASSIVE_FROM:
+            return replace(self, rx_errors=_AFTER_PASSIVE)
+        return replace(self, rx_errors=max(0, self.rx_errors - 1))
+
+    def recovered(self) -> "FaultConfinement":
+        """Rule 12."""
+        return FaultConfinement(times_off=self.times_off)
+
+    def _transmitted(self, errors: int) -> "FaultConfinement":
+        counted = self.tx_errors + errors
+        goes_off = counted >= OFF_FROM and not self.is_off
+        return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
+
+    def _received(self, errors: int) -> "FaultConfinement":
+        return replace(self, rx_errors=min(self.rx_errors + errors, _RECEIVE_LIMIT))

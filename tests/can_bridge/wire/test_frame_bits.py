@@ -1,0 +1,196 @@
+"""Exact lengths against published frames, a plain bit-by-bit construction, and the bounds of `bit_timing`."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.wire.bit_timing import worst_case_bits
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from can_bridge.wire.frame_bits import (
+    bits_ns,
+    crc15,
+    frame_bits,
+    frame_ns,
+    is_arbitration_bit,
+    is_arbitration_stuff_bit,
+    sent_bits,
+    stuffed,
+)
+
+REPEATED = st.sampled_from([b"\x00", b"\xff", b"\x0f", b"\xf0", b"\x1e", b"\xe1", b"\x78", b"\x87"])
+PAYLOADS = st.binary(max_size=64) | REPEATED.map(lambda byte: byte * 64)
+
+
+@st.composite
+def frames(draw, *, fd: bool) -> Frame:
+    extended = draw(st.booleans())
+    length = draw(st.sampled_from(FD_LENGTHS if fd else CLASSIC_LENGTHS))
+    return Frame(
+        frame_id=draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)),
+        data=draw(PAYLOADS).ljust(length, b"\0")[:length],
+        is_fd=fd,
+        is_extended=extended,
+    )
+
+
+def bits(value: int, count: int) -> list[int]:
+    return [value >> i & 1 for i in reversed(range(count))]
+
+
+def header(frame: Frame) -> list[int]:
+    """Start of frame to the bit before the length code, field by field (ISO 11898-1:2015, frame formats)."""
+    if frame.is_extended:
+        identifier = [*bits(frame.frame_id >> 18, 11), 1, 1, *bits(frame.frame_id & 0x3FFFF, 18)]
+        # RRS, FDF, res, BRS, ESI; or RTR, r1, r0.
+        return [0, *identifier, *([0, 1, 0, 1, 0] if frame.is_fd else [0, 0, 0])]
+    # RRS, IDE, FDF, res, BRS, ESI; or RTR, IDE, r0.
+    return [0, *bits(frame.frame_id, 11), *([0, 0, 1, 0, 1, 0] if frame.is_fd else [0, 0, 0])]
+
+
+def on_the_wire(body: list[int]) -> list[tuple[int, bool]]:
+    """(bit, is a stuff bit) one after the other; a stuff bit due at the end is sent."""
+    sent: list[tuple[int, bool]] = []
+    for bit in body:
+        sent.append((bit, False))
+        if len(sent) >= 5 and len({value for value, _ in sent[-5:]}) == 1 and not any(s for _, s in sent[-4:]):
+            sent.append((1 - bit, True))
+    return sent
+
+
+def length_bits(frame: Frame) -> list[int]:
+    return bits(FD_LENGTHS.index(len(frame.data)), 4)
+
+
+def payload_bits(frame: Frame) -> list[int]:
+    return [bit for byte in frame.data for bit in bits(byte, 8)]
+
+
+def crc_by_division(body: list[int]) -> int:
+    """The remainder of the polynomial division, in whole numbers."""
+    rest = int("".join(map(str, body)), 2) << 15
+    while rest.bit_length() > 15:
+        rest ^= 0xC599 << (rest.bit_length() - 16)
+    return rest
+
+
+@given(frame=frames(fd=False))
+def test_a_classic_frame_has_the_bits_of_its_fields(frame):
+    body = header(frame) + length_bits(frame) + payload_bits(frame)
+    sent = on_the_wire(body + bits(crc_by_division(body), 15))
+    assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
+    # CRC delimiter, acknowledge, its delimiter, end of frame, intermission.
+    assert frame_bits(frame) == (len(sent) + 1 + 1 + 1 + 7 + 3, 0)
+
+
+@given(frame=frames(fd=True))
+def test_a_can_fd_frame_has_the_bits_of_its_fields(frame):
+    before = header(frame)
+    sent = on_the_wire(before + length_bits(frame) + payload_bits(frame))
+    if sent[-1][1]:
+        sent.pop()  # the fixed stuff bit before the stuff count stands there anyway
+    plain = [index for index, (_, is_stuff) in enumerate(sent) if not is_stuff]
+    switch = plain[len(before) - 1]  # ESI is the first bit at the data bit rate
+    crc = 17 if len(frame.data) <= 16 else 21
+    fixed = -(-(4 + crc) // 4)  # before the stuff count, then after every fourth bit of stuff count and CRC
+    assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
+    assert frame_bits(frame) == (switch + 1 + 2 + 7 + 3, len(sent) - switch + 4 + crc + fixed)
+
+
+@given(frame=frames(fd=False) | frames(fd=True))
+def test_no_frame_is_longer_than_the_bound(frame):
+    (nominal, data), (most_nominal, most_data) = frame_bits(frame), worst_case_bits(frame)
+    assert nominal <= most_nominal
+    assert nominal + data <= most_nominal + most_data
+
+
+@pytest.mark.parametrize(
+    ("frame", "on_bus"),
+    [
+        # Davis, Burns, Bril, Lukkien (2007): 47 + 8 n bits without stuff bits, 67 + 8 n with the long identifier. Ids
+        # and data chosen so that none is needed but in the CRC, which is counted in the test above.
+        (Frame(frame_id=0x555, data=b"\x55" * 8, is_fd=False), range(111, 115)),
+        (Frame(frame_id=0x15555555, data=b"\x55" * 8, is_fd=False, is_extended=True), range(131, 135)),
+        # The same paper: 55 + 10 n at most; 80 + 10 n.
+        (Frame(frame_id=0, data=bytes(8), is_fd=False), range(111, 136)),
+        (Frame(frame_id=0, data=bytes(8), is_fd=False, is_extended=True), range(131, 161)),
+    ],
+)
+def test_published_ranges_hold(frame, on_bus):
+    assert frame_bits(frame)[0] in on_bus
+
+
+def test_the_published_worst_case_of_stuffing():
+    """Figure 1 of Davis et al. (2007): five bits, then runs of four, each of which a stuff bit makes five."""
+    body = "111110000111100001111"
+    assert stuffed(body) == "11111000001111100000111110"
+    assert len(stuffed(body)) - len(body) == (len(body) - 1) // 4
+
+
+def test_crc_is_the_published_one():
+    """The check value of CRC-15/CAN in the RevEng catalogue: "123456789" gives 0x059E."""
+    message = "".join(format(byte, "08b") for byte in b"123456789")
+    assert crc15(message) == 0x059E
+    assert crc15("") == 0
+
+
+@given(body=st.lists(st.integers(0, 1), max_size=200))
+def test_crc_is_the_remainder_of_the_division(body):
+    assert crc15("".join(map(str, body))) == crc_by_division([0, *body])
+
+
+@given(body=st.text("01", max_size=300))
+def test_stuffing_leaves_no_six_equal_bits_and_can_be_undone(body):
+    sent = stuffed(body)
+    assert "000000" not in sent
+    assert "111111" not in sent
+    kept, run, last, skip = "", 0, "", False
+    for bit in sent:
+        run = run + 1 if bit == last else 1
+        last = bit
+        if not skip:
+            kept += bit
+        skip = run == 5
+    assert kept == body
+
+
+def test_every_stuff_bit_in_the_identifier_is_known():
+    # Start of frame and ten zeros: stuff bits after the 5th and, with the first of them ending a run, the 10th bit.
+    frame = Frame(frame_id=0x001, data=b"")
+    assert sent_bits(frame).stuffed.startswith("00000100000101")
+    assert [k for k in range(20) if is_arbitration_stuff_bit(frame, k)] == [5, 11]
+    assert [k for k in range(20) if is_arbitration_bit(frame, k)] == list(range(1, 14))
+    assert not any(is_arbitration_stuff_bit(Frame(frame_id=0x555, data=b""), k) for k in range(40))
+
+
+def test_an_error_passive_sender_says_so_in_can_fd_alone():
+    fd, classic = Frame(frame_id=0x555, data=b"\x55"), Frame(frame_id=0x555, data=b"\x55", is_fd=False)
+    assert sent_bits(fd).stuffed != sent_bits(fd, error_passive=True).stuffed
+    assert sent_bits(classic) == sent_bits(classic, error_passive=True)
+
+
+@given(frame=frames(fd=False) | frames(fd=True))
+def test_every_bit_is_counted_once_and_in_order(frame):
+    sent = sent_bits(frame)
+    assert sent.through(0) == (1, 0)
+    counts = [sent.through(k) for k in range(sum(sent.total))]
+    assert [sum(count) for count in counts] == list(range(1, sum(sent.total) + 1))
+    assert counts[-1] == sent.total
+    assert all(a <= b and c <= d for (a, c), (b, d) in pairwise(counts))
+
+
+def test_times_are_the_bits_at_their_rates():
+    frame = Frame(frame_id=0x120, data=bytes(16))
+    nominal, data = frame_bits(frame)
+    assert frame_ns(frame, nominal_bitrate=500_000, data_bitrate=2_000_000) == nominal * 2000 + data * 500
+    assert bits_ns(1, 0, nominal_bitrate=3, data_bitrate=1) == 333_333_334
+    with pytest.raises(ValueError, match="data bit rate 0: must be positive"):
+        bits_ns(1, 1, nominal_bitrate=1, data_bitrate=0)
+
+
+def test_the_data_bit_rate_shortens_the_data_phase_alone():
+    frame = Frame(frame_id=0x120, data=bytes(64))
+    slow, fast = (frame_ns(frame, nominal_bitrate=10**6, data_bitrate=rate) for rate in (10**6, 8 * 10**6))
+    nominal, data = frame_bits(frame)
+    assert (slow, fast) == ((nominal + data) * 1000, nominal * 1000 + data * 125)
