@@ -7,6 +7,7 @@ from typing import Final
 from can_bridge.bus.faults.fault import NS, Clock, Fault
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_FRAME_ID, Frame
 from contract.config.rules import NonNegative, Positive, require
 from contract.errors import BusError
@@ -20,7 +21,8 @@ class Babble(Fault, section="babble"):
     """The node sends frames of random content beside its own. `acted` counts those that the bus took.
 
     They are handed over at the node's next call, ahead of its own frame, as many as the rate makes due since the call
-    before, until the bus takes no more: what does not fit into the transmit queue is not sent later.
+    before, until the bus takes no more: what does not fit into the transmit queue is not sent later. A node that does
+    nothing but babble is a port of its own, with `keep_babbling` on a simulated bus.
     """
 
     frame_id: NonNegative[int] = 0
@@ -82,3 +84,13 @@ class Babbling(Injector):
                 return
             self._due -= 1.0
             self.acted += 1
+
+
+def keep_babbling(port: Bus, bus: SimulatedBus, *, every_ns: int = 1_000_000) -> None:
+    """Let the babbling node on this port of the bus look at it so often that its queue need not run empty."""
+
+    def look() -> None:
+        port.receive_all()
+        bus.call_at(bus.now_ns + every_ns, look)
+
+    look()

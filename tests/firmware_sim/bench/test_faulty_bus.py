@@ -5,6 +5,7 @@ given tells which frame it came from. Control is requested from period 2 on and 
 """
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.copies import Duplicate
+from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.bus.faults.timing import Delay, Reorder
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
@@ -25,6 +27,8 @@ from contract.config.tree import Config
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
+
+AnyFault = TypeVar("AnyFault", bound=Fault)
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 PERIOD_S = 0.02
@@ -46,9 +50,10 @@ class Period:
     """By the vehicle."""
 
 
-def span(periods: int, start: int = START) -> dict[str, float]:
+def during(fault: AnyFault, periods: int) -> AnyFault:
     """Begins and ends between two frames, so that so many periods are hit."""
-    return {"start_s": (start - 0.1) * PERIOD_S, "end_s": (start - 0.1 + periods) * PERIOD_S}
+    begin_s = (START - 0.1) * PERIOD_S
+    return replace(fault, start_s=begin_s, end_s=begin_s + periods * PERIOD_S)
 
 
 class Loop:
@@ -141,8 +146,8 @@ def recovers(loop: Loop, *, rearmed: bool) -> None:
 @pytest.mark.parametrize("fault", ["drop", "open wire"])
 def test_lost_pressures_hold_decay_and_latch(loop, lost, expected, fault):
     faults = {
-        "drop": Drop(probability=1.0, frame_ids=(PRESSURE.frame_id,), **span(lost)),
-        "open wire": Disconnect(**span(lost)),
+        "drop": during(Drop(probability=1.0, frame_ids=(PRESSURE.frame_id,)), lost),
+        "open wire": during(Disconnect(), lost),
     }
     h = loop(vehicle=(faults[fault],))
     before = h.run(START)
@@ -159,7 +164,7 @@ def test_lost_pressures_hold_decay_and_latch(loop, lost, expected, fault):
 
 
 def test_lost_commands_shut_the_jets_by_the_vehicle_alone(loop):
-    h = loop(ecu=(Drop(probability=1.0, frame_ids=(JET_COMMAND.frame_id,), **span(6)),))
+    h = loop(ecu=(during(Drop(probability=1.0, frame_ids=(JET_COMMAND.frame_id,)), 6),))
     before = h.run(START)[-1]
     rows = h.run(START + 6)
     assert set(modes(rows)) == {Mode.CONTROL}  # the ECU cannot know
@@ -184,7 +189,7 @@ def test_copies_change_nothing_but_a_count(loop):
 
 @pytest.mark.parametrize("bits", [1, 2, 3])
 def test_flips_behind_the_protection_are_misses_and_counted(loop, bits):
-    h = loop(vehicle=(FlipBits(bits=bits, frame_ids=(PRESSURE.frame_id,), **span(1)),))
+    h = loop(vehicle=(during(FlipBits(bits=bits, frame_ids=(PRESSURE.frame_id,)), 1),))
     h.run(START)
     (row,) = h.run(START + 1)
     assert (row.mode, row.status.crc_errors) == (Mode.HOLD, 1)
@@ -193,7 +198,7 @@ def test_flips_behind_the_protection_are_misses_and_counted(loop, bits):
 
 
 def test_flips_that_go_on_make_the_stream_invalid(loop):
-    h = loop(vehicle=(FlipBits(frame_ids=(PRESSURE.frame_id,), **span(10)),))
+    h = loop(vehicle=(during(FlipBits(frame_ids=(PRESSURE.frame_id,)), 10),))
     h.run(START)
     rows = h.run(START + 10)
     # More than two errors in the window of five end the trust in the stream, and the fault latches.
@@ -205,7 +210,7 @@ def test_flips_that_go_on_make_the_stream_invalid(loop):
 
 
 def test_flips_in_the_commands_are_refused_by_the_vehicle(loop):
-    h = loop(ecu=(FlipBits(frame_ids=(JET_COMMAND.frame_id,), **span(6)),))
+    h = loop(ecu=(during(FlipBits(frame_ids=(JET_COMMAND.frame_id,)), 6),))
     before = h.run(START)[-1]
     rows = h.run(START + 6)
     assert [row.driven for row in rows] == [before.driven] + [0.0] * 5
@@ -216,7 +221,7 @@ def test_flips_in_the_commands_are_refused_by_the_vehicle(loop):
 def test_flips_ahead_of_the_protection_are_planned_on(loop):
     """End-to-end protection cannot see them: another pressure than the sender had is what the controller gets."""
     # Bit 4 of the flags and the spare ones are not pressures; the seed gives a run in which some hit a pressure.
-    h = loop(vehicle=(FlipBits(before_crc=True, frame_ids=(PRESSURE.frame_id,), **span(20)),))
+    h = loop(vehicle=(during(FlipBits(before_crc=True, frame_ids=(PRESSURE.frame_id,)), 20),))
     rows = h.run(START + 20)
     assert rows[-1].status.crc_errors == rows[-1].status.refused == 0
     wrong = [window[-1, :4] for window, _, _ in h.controller.calls if len(set(np.round(window[-1, :4], 4))) > 1]
@@ -224,7 +229,7 @@ def test_flips_ahead_of_the_protection_are_planned_on(loop):
 
 
 def test_a_frozen_frame_is_as_good_as_none(loop):
-    h = loop(vehicle=(StuckAt(frame_ids=(PRESSURE.frame_id,), **span(8)),))
+    h = loop(vehicle=(during(StuckAt(frame_ids=(PRESSURE.frame_id,)), 8),))
     h.run(START)
     rows = h.run(START + 8)
     # The first one is new.
@@ -234,7 +239,7 @@ def test_a_frozen_frame_is_as_good_as_none(loop):
 
 
 def test_frozen_pressures_under_a_running_counter_are_planned_on(loop):
-    h = loop(vehicle=(StuckAt(counter_runs=True, frame_ids=(PRESSURE.frame_id,), **span(30)),))
+    h = loop(vehicle=(during(StuckAt(counter_runs=True, frame_ids=(PRESSURE.frame_id,)), 30),))
     rows = h.run(START + 40)
     assert set(modes(rows[START:])) == {Mode.CONTROL}
     rest = [seen for period, seen in h.plans if period >= START]
@@ -273,8 +278,8 @@ def test_pressures_in_another_order_cost_control_every_other_period(loop):
 
 def test_a_slow_consumer_plans_on_nothing_old(loop):
     """Nothing but pressures and babble arrives; one frame a period is taken, so the pressures wait and grow old."""
-    babble = Babble(rate_hz=100.0, frame_id=0x100, **span(40))
-    slow = SlowConsumer(frames_per_call=1, queue=16, **span(40))
+    babble = during(Babble(rate_hz=100.0, frame_id=0x100), 40)
+    slow = during(SlowConsumer(frames_per_call=1, queue=16), 40)
     h = loop(vehicle=(babble,), ecu=(slow,))
     h.run(START)
     rows = h.run(START + 40)
@@ -287,7 +292,7 @@ def test_a_slow_consumer_plans_on_nothing_old(loop):
 
 @pytest.mark.parametrize("offset_s", [-0.1, 0.1, 3600.0])
 def test_stamps_of_a_clock_that_disagrees_are_not_believed(loop, offset_s):
-    h = loop(ecu=(ClockDrift(offset_s=offset_s, **span(10)),))
+    h = loop(ecu=(during(ClockDrift(offset_s=offset_s), 10),))
     h.run(START)
     rows = h.run(START + 10)
     assert rows[-1].mode is Mode.FAULT
@@ -309,7 +314,7 @@ def test_a_node_whose_own_clock_drifts_stays_in_control(loop, ppm):
 
 
 def test_a_device_that_is_gone_is_an_error_and_not_silence(loop):
-    h = loop(ecu=(Disconnect(kind="device_gone", **span(1)),))
+    h = loop(ecu=(during(Disconnect(kind="device_gone"), 1),))
     h.run(START)
     with pytest.raises(BusError, match="the device is gone"):
         h.one()

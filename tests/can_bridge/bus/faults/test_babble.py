@@ -2,14 +2,17 @@
 
 import pytest
 
-from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble
+from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble, keep_babbling
 from can_bridge.bus.faults.connection import SlowConsumer
+from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.python_can import QUEUE_SIZE
+from can_bridge.bus.simulated import SimulatedBus
 from can_bridge.e2e.receiver import StreamState
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
-from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered
+from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered
 
 
 def test_the_node_sends_at_the_rate_beside_its_own_frames(link):
@@ -35,37 +38,60 @@ def test_the_default_is_more_than_the_bus_carries():
     assert Babble().rate_hz > 1e9 / worst_ns
 
 
+class Hoard:
+    """A transmit queue that is never emptied."""
+
+    def __init__(self, room: int) -> None:
+        self.room, self.taken = room, 0
+
+    def send(self, frame: Frame) -> None:
+        if self.taken == self.room:
+            raise BusError("the transmit queue is full")
+        self.taken += 1
+
+    def receive_all(self) -> list[Frame]:
+        return []
+
+
 def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link_of):
-    class Full:
-        """A transmit queue of 16 that is never emptied."""
-
-        def __init__(self) -> None:
-            self.taken: list[Frame] = []
-
-        def send(self, frame: Frame) -> None:
-            if len(self.taken) == 16:
-                raise BusError("the transmit queue is full")
-            self.taken.append(frame)
-
-        def receive_all(self) -> list[Frame]:
-            return []
-
-    link, full = link_of(), Full()
+    link, full = link_of(), Hoard(16)
     faulty = link.wrapped(full, Babble())
     link.advance()
     assert faulty.receive_all() == []
-    assert faulty.injectors[0].acted == len(full.taken) == 16
+    assert faulty.injectors[0].acted == full.taken == 16
     assert faulty.injectors[0].refused == 1
     # Its own frame meets the full queue as any other would.
     with pytest.raises(BusError, match="full"):
         faulty.send(numbered(1))
 
 
-def test_a_long_pause_does_not_end_in_an_endless_burst(simulated):
-    faulty = simulated.wrapped(simulated.one, Babble())
-    simulated.advance(3600 * 10**9)
+def test_a_long_pause_does_not_end_in_an_endless_burst(link_of):
+    link, bus = link_of(), Hoard(10**6)
+    faulty = link.wrapped(bus, Babble())
+    link.advance(3600 * 10**9)
     faulty.receive_all()
-    assert faulty.injectors[0].acted == MOST_AT_ONCE
+    assert faulty.injectors[0].acted == bus.taken == MOST_AT_ONCE
+
+
+def test_on_a_bus_with_arbitration_a_babbling_node_starves_the_others():
+    """Two nodes at 50 frames a second each, and a third one that babbles at the highest priority."""
+    bus = SimulatedBus(BusConfig())
+    one, other = bus.port(), bus.port()
+    fault = Babble(start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+    babbler = wrap(bus.port(), (fault,), lambda: bus.now_ns)
+    keep_babbling(babbler, bus)
+    received = []
+    for period in range(40):
+        one.send(numbered(period))
+        bus.advance_to((period + 1) * PERIOD_NS)
+        received.append([number_of(frame) for frame in other.receive_all() if frame.frame_id == 0x120])
+    # Up to 64 frames are still in the babbler's queue when it stops; then everything that waited gets through.
+    assert received[:10] == [[k] for k in range(10)]
+    assert received[10:30] == [[]] * 20
+    assert [number for numbers in received[30:] for number in numbers] == list(range(10, 40))
+    assert received[32:] == [[k] for k in range(32, 40)]
+    # It had the bus to itself: no pause between frames of 111 to 135 bits at 2 us.
+    assert 400_000_000 / 270_000 < babbler.injectors[0].acted < 400_000_000 / 222_000 + 64
 
 
 def test_a_reader_that_sleeps_is_flooded_until_its_queue_is_full(virtual):

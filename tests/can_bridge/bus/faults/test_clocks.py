@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.faults.clocks import ClockDrift
-from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
+from can_bridge.e2e.receiver import Check, E2eReceiver, Reception, StreamState
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.message_specs import PRESSURE
 from contract.config.vehicle import E2eConfig
@@ -64,7 +64,8 @@ def test_periods_that_differ_slip_as_often_as_they_must(simulated, ppm):
     """The receiver ticks at whole periods of its own clock: 2,000 periods and 5,000 ppm make ten ticks more or less."""
     link, fault = simulated, ClockDrift(ppm=ppm)
     sender, receiver = E2eSender(PRESSURE), E2eReceiver(PRESSURE, E2eConfig())
-    periods, sent, receptions = 2000, 0, []
+    receptions: list[Reception] = []
+    periods, sent = 2000, 0
     events = [(k * PERIOD_NS, "send") for k in range(periods)]
     tick_ns = PERIOD_NS / (1 + ppm / 1e6)
     # Half a period behind the frames at first.

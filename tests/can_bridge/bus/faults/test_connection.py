@@ -9,11 +9,11 @@ from can_bridge.e2e.receiver import StreamState
 from contract.errors import BusError, ConfigError
 from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered
 
-CUT = {"start_s": 9.5 * PERIOD_S, "end_s": 19.5 * PERIOD_S}
+CUT = Disconnect(start_s=9.5 * PERIOD_S, end_s=19.5 * PERIOD_S)
 
 
 def test_an_open_wire_is_silence_in_both_directions(link):
-    faulty = link.wrapped(link.one, Disconnect(**CUT))
+    faulty = link.wrapped(link.one, CUT)
     received = link.stream(faulty, link.other, 30)
     assert [number_of(frame) for frames in received for frame in frames] == [*range(10), *range(20, 30)]
     assert faulty.injectors[0].acted == 10
@@ -40,7 +40,7 @@ def test_a_device_that_is_gone_says_so_and_comes_back(link):
 
 
 def test_the_stream_is_trusted_again_after_a_cut(link):
-    streams = [r.stream for r in link.protected(link.wrapped(link.one, Disconnect(**CUT)), link.other, 40)]
+    streams = [r.stream for r in link.protected(link.wrapped(link.one, CUT), link.other, 40)]
     assert StreamState.INVALID in streams[10:20]
     assert set(streams[22:]) == {StreamState.VALID}
 

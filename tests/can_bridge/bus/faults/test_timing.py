@@ -19,7 +19,7 @@ def numbers(received) -> list[list[int]]:
 
 def seen(link: Link, receiver, until_ms: int) -> dict[int, int]:
     """When each frame was received, in ms, looking every ms."""
-    when = {}
+    when: dict[int, int] = {}
     while link.now_ns < until_ms * MS:
         link.advance(MS)
         when |= {number_of(frame): link.now_ns // MS for frame in receiver.receive_all()}

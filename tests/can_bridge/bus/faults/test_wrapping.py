@@ -1,5 +1,6 @@
 """What holds for every fault: without effect it is no fault, it invents nothing, it nests, its draws are its own."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -52,8 +53,9 @@ SPAN = {"start_s": 9.5 * PERIOD_S, "end_s": 19.5 * PERIOD_S}
 BURSTS = st.lists(st.integers(0, 4), max_size=12)
 
 
-def carried(link, one: Bus, other: Bus, bursts) -> list[list[Frame]]:
+def carried(link, ports: Sequence[Bus], bursts) -> list[list[Frame]]:
     """What each side received, with frames in both directions; a rest after them lets everything come out."""
+    one, other = ports
     received: list[list[Frame]] = [[], []]
     number = 0
     for burst in [*bursts, *[0] * 20]:
@@ -72,7 +74,7 @@ def carried(link, one: Bus, other: Bus, bursts) -> list[list[Frame]]:
 def test_a_fault_without_effect_is_none(link_of, fault, bursts, seed):
     plain, faulty = link_of(), link_of()
     wrapped = [faulty.wrapped(port, fault, seed=seed) for port in (faulty.one, faulty.other)]
-    assert carried(faulty, *wrapped, bursts) == carried(plain, plain.one, plain.other, bursts)
+    assert carried(faulty, wrapped, bursts) == carried(plain, (plain.one, plain.other), bursts)
     assert [port.injectors[0].acted for port in wrapped] == [0, 0]
 
 
@@ -82,7 +84,7 @@ def test_outside_its_span_a_fault_is_none(link_of, fault, bursts):
     later = replace(fault, start_s=100.0)
     plain, faulty = link_of(), link_of()
     wrapped = [faulty.wrapped(port, later) for port in (faulty.one, faulty.other)]
-    assert carried(faulty, *wrapped, bursts) == carried(plain, plain.one, plain.other, bursts)
+    assert carried(faulty, wrapped, bursts) == carried(plain, (plain.one, plain.other), bursts)
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.section}")
@@ -116,7 +118,7 @@ def test_nothing_is_invented(link_of, faults, bursts, seed):
     link = link_of()
     wrapped = [link.wrapped(port, *faults, seed=seed) for port in (link.one, link.other)]
     copies = any(isinstance(fault, Duplicate | StuckAt) for fault in faults)
-    for frame_id, frames in zip((0x130, 0x120), carried(link, *wrapped, bursts), strict=True):
+    for frame_id, frames in zip((0x130, 0x120), carried(link, wrapped, bursts), strict=True):
         numbers = [number_of(frame) for frame in frames]
         assert {frame.frame_id for frame in frames} <= {frame_id}
         assert set(numbers) <= set(range(sum(bursts)))
@@ -130,7 +132,7 @@ def test_faults_nest_from_the_wire_to_the_node(link):
     inner_copy = link.wrapped(link.listener, copy, drop)
     for number in range(200):
         link.one.send(numbered(number))
-    link.advance(10**9)
+        link.advance()
     received = inner_drop.receive_all()
     dropped, copied = (injector.acted for injector in inner_drop.injectors)
     assert (dropped + copied, len(received)) == (200, 2 * copied)
