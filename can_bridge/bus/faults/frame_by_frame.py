@@ -1,0 +1,44 @@
+"""The injector of faults that turn one frame into none, another one, or several, at once."""
+
+from collections.abc import Callable
+
+from can_bridge.bus.faults.arrivals import Arrivals
+from can_bridge.bus.faults.fault import Clock, SidedFault
+from can_bridge.bus.faults.injector import Injector
+from can_bridge.bus.interface import Bus
+from can_bridge.wire.frame import Frame
+
+Change = Callable[[Frame], list[Frame]]
+
+
+class FrameByFrame(Injector):
+    """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`.
+
+    Attributes:
+        acted: frames that came out otherwise than they went in.
+    """
+
+    def __init__(self, bus: Bus, fault: SidedFault, clock: Clock, change: Change) -> None:
+        super().__init__(bus)
+        self._fault, self._clock, self._change = fault, clock, change
+        self._arrivals = Arrivals()
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`; what the frame turns into is sent."""
+        for item in self._changed(frame, self._clock()) if self._fault.at == "send" else (frame,):
+            self._bus.send(item)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`; what the frames turn into."""
+        received = self._bus.receive_all()
+        if self._fault.at == "send":
+            return received
+        arrived = self._arrivals.of(received, self._clock())
+        return [item for arrived_ns, frame in arrived for item in self._changed(frame, arrived_ns)]
+
+    def _changed(self, frame: Frame, t_ns: int) -> list[Frame]:
+        if not (self._fault.concerns(frame) and self._fault.is_active(t_ns)):
+            return [frame]
+        frames = self._change(frame)
+        self.acted += frames != [frame]
+        return frames

@@ -1,0 +1,111 @@
+"""Frames that arrive late, or in another order. Both act on what a node receives: it is who asks for frames."""
+
+import heapq
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Annotated
+
+from can_bridge.bus.faults.arrivals import Arrivals
+from can_bridge.bus.faults.fault import NS, Clock, FrameFault
+from can_bridge.bus.faults.injector import Injector
+from can_bridge.bus.interface import Bus
+from can_bridge.wire.frame import Frame
+from contract.config.rules import NonNegative, at_least
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay(FrameFault, section="delay"):
+    """Frames wait in a queue, in their order, and are received once their time has come. `acted` counts the late.
+
+    The delay counts from the arrival (`can_bridge.bus.faults.arrivals`).
+    """
+
+    delay_s: NonNegative[float]
+    """At least."""
+    jitter_s: NonNegative[float] = 0.0
+    """At most so much more, uniformly distributed."""
+    restamp: bool = True
+    """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
+    Otherwise it waits behind it, in a queue of the receiver, and the stamp tells."""
+
+    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
+        """See `Fault.around`."""
+        return _Delaying(bus, self, clock, random)
+
+
+class _Delaying(Injector):
+    def __init__(self, bus: Bus, fault: Delay, clock: Clock, random: Random) -> None:
+        super().__init__(bus)
+        self._fault, self._clock, self._random = fault, clock, random
+        self._waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
+        self._serial = 0
+        self._arrivals = Arrivals()
+        self._last_due_ns = 0
+
+    def receive_all(self) -> list[Frame]:
+        """What is due, in the order of the times at which it became so."""
+        now_ns = self._clock()
+        for arrived_ns, frame in self._arrivals.of(self._bus.receive_all(), now_ns):
+            self._put(frame, arrived_ns)
+        due: list[Frame] = []
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            due.append(heapq.heappop(self._waiting)[2])
+        return due
+
+    def _put(self, frame: Frame, arrived_ns: int) -> None:
+        due_ns = arrived_ns
+        if self._fault.concerns(frame):
+            if self._fault.is_active(arrived_ns):
+                due_ns += round((self._fault.delay_s + self._random.random() * self._fault.jitter_s) * NS)
+            # A queue: nobody overtakes, the frames after the fault's end included.
+            due_ns = self._last_due_ns = max(due_ns, self._last_due_ns)
+        late_ns = due_ns - arrived_ns
+        self.acted += late_ns > 0
+        if self._fault.restamp and late_ns > 0:
+            frame = replace(frame, timestamp_ns=frame.timestamp_ns + late_ns)
+        self._serial += 1
+        heapq.heappush(self._waiting, (due_ns, self._serial, frame))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reorder(FrameFault, section="reorder"):
+    """So many frames are kept and then received together in a random order. `acted` counts those out of place.
+
+    No frame moves by `window` places or more. What is kept when the span ends is received at the next look.
+    """
+
+    window: Annotated[int, at_least(1)] = 2
+
+    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
+        """See `Fault.around`."""
+        return _Reordering(bus, self, clock, random)
+
+
+class _Reordering(Injector):
+    def __init__(self, bus: Bus, fault: Reorder, clock: Clock, random: Random) -> None:
+        super().__init__(bus)
+        self._fault, self._clock, self._random = fault, clock, random
+        self._arrivals = Arrivals()
+        self._kept: list[Frame] = []
+
+    def receive_all(self) -> list[Frame]:
+        """Whole windows, shuffled; frames that the fault does not concern at once."""
+        now_ns = self._clock()
+        frames: list[Frame] = []
+        for arrived_ns, frame in self._arrivals.of(self._bus.receive_all(), now_ns):
+            if not self._fault.concerns(frame):
+                frames.append(frame)
+            elif not self._fault.is_active(arrived_ns):
+                frames += [*self._shuffled(), frame]
+            else:
+                self._kept.append(frame)
+                if len(self._kept) == self._fault.window:
+                    frames += self._shuffled()
+        return frames if self._fault.is_active(now_ns) else [*frames, *self._shuffled()]
+
+    def _shuffled(self) -> list[Frame]:
+        kept, self._kept = self._kept, []
+        order = list(range(len(kept)))
+        self._random.shuffle(order)
+        self.acted += sum(place != index for place, index in enumerate(order))
+        return [kept[index] for index in order]

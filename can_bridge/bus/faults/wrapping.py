@@ -1,0 +1,50 @@
+"""Several faults around one port."""
+
+from collections.abc import Sequence
+from random import Random
+
+from can_bridge.bus.faults.fault import Clock, Fault
+from can_bridge.bus.faults.injector import Injector, health_of
+from can_bridge.bus.interface import Bus, BusHealth
+from can_bridge.wire.frame import Frame
+
+
+class FaultyBus:
+    """A port with faults; made by `wrap`.
+
+    Attributes:
+        injectors: one for each fault, in the order of the faults; read `acted` there.
+    """
+
+    def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
+        self._outermost = injectors[-1] if injectors else bus
+        self.injectors = tuple(injectors)
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`."""
+        self._outermost.send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        return self._outermost.receive_all()
+
+    def health(self) -> BusHealth:
+        """Of the CAN controller beneath."""
+        return health_of(self._outermost)
+
+
+def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0) -> FaultyBus:
+    """The port with these faults around it.
+
+    Args:
+        bus: one node's connection.
+        faults: from the wire to the node: a received frame meets the first one first, a sent frame the last one.
+        clock: the time in ns that the faults' spans refer to.
+        seed: same faults, frames, times and seed: same outcome. Each fault draws from a generator of its own, so that
+            the draws of one do not depend on what another does.
+    """
+    injectors: list[Injector] = []
+    for place, fault in enumerate(faults):
+        random = Random(f"{seed} {place} {fault.section}")
+        injectors.append(fault.around(injectors[-1] if injectors else bus, clock, random))
+    return FaultyBus(bus, injectors)

@@ -1,0 +1,75 @@
+"""Two nodes on a bus, simulated or python-can's, and streams of frames over it with faults at either end."""
+
+from collections.abc import Callable, Sequence
+
+from can_bridge.bus.faults.fault import Fault
+from can_bridge.bus.faults.wrapping import FaultyBus, wrap
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.e2e.receiver import E2eReceiver, Reception
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import PRESSURE
+from can_bridge.wire.messages import Pressure
+from contract.config.vehicle import BusConfig, E2eConfig
+
+PERIOD_NS = 20_000_000
+PERIOD_S = 0.02
+
+
+def numbered(number: int, *, frame_id: int = 0x120, now_ns: int = 0) -> Frame:
+    """A frame that can be told from all the others."""
+    return Frame(frame_id=frame_id, data=number.to_bytes(8, "little"), timestamp_ns=now_ns)
+
+
+def number_of(frame: Frame) -> int:
+    return int.from_bytes(frame.data[:8], "little")
+
+
+def pressure(step: int) -> Pressure:
+    return Pressure(pressure_pa=(float(step % 1000), 0.0, -1.0, 2.5), valid=(True,) * 4, enable_request=True, age_ns=0)
+
+
+class Link:
+    """Two nodes, a third that only listens, and the time."""
+
+    def __init__(self, ports: Sequence[Bus], advance_to: Callable[[int], None] = lambda t_ns: None) -> None:
+        self.one, self.other, self.listener = ports
+        self._advance_to = advance_to
+        self.now_ns = 0
+
+    def clock(self) -> int:
+        return self.now_ns
+
+    def advance(self, by_ns: int = PERIOD_NS) -> None:
+        self.now_ns += by_ns
+        self._advance_to(self.now_ns)
+
+    def wrapped(self, port: Bus, *faults: Fault, seed: int = 1) -> FaultyBus:
+        return wrap(port, faults, self.clock, seed=seed)
+
+    def stream(self, sender: Bus, receiver: Bus, periods: int, *, frame_ids: Sequence[int] = (0x120,)) -> list[list]:
+        """A numbered frame of each identifier a period; what was received by the end of each period."""
+        received = []
+        for _ in range(periods):
+            for frame_id in frame_ids:
+                sender.send(numbered(self.now_ns // PERIOD_NS, frame_id=frame_id, now_ns=self.now_ns))
+            self.advance()
+            received.append(receiver.receive_all())
+        return received
+
+    def protected(self, sender: Bus, receiver: Bus, periods: int) -> list[Reception]:
+        """A pressure a period, and what an E2E receiver makes of each period's frames."""
+        e2e_sender, e2e_receiver = E2eSender(PRESSURE), E2eReceiver(PRESSURE, E2eConfig())
+        receptions = []
+        for step in range(periods):
+            sender.send(e2e_sender.frame(codec.emit_pressure(pressure(step)), now_ns=self.now_ns))
+            self.advance()
+            receptions.append(e2e_receiver.tick(receiver.receive_all()))
+        return receptions
+
+
+def simulated_link() -> Link:
+    bus = SimulatedBus(BusConfig())
+    return Link([bus.port() for _ in range(3)], bus.advance_to)

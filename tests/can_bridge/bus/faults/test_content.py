@@ -1,0 +1,184 @@
+"""Changed data, ahead of the end-to-end protection and behind it, and a node that is stuck."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.faults.content import FlipBits, StuckAt
+from can_bridge.bus.faults.copies import Duplicate
+from can_bridge.bus.faults.protection import payload_bits
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.receiver import Check, StreamState
+from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import PRESSURE, PRESSURE_SECURED, SPECS
+from contract.errors import BusError
+from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered, pressure
+
+OURS = [spec for spec in SPECS if not spec.is_secured]
+
+
+def differing_bits(one: bytes, other: bytes) -> int:
+    assert len(one) == len(other)
+    return (int.from_bytes(one, "big") ^ int.from_bytes(other, "big")).bit_count()
+
+
+@given(st.binary(min_size=8, max_size=8), st.integers(1, 64), st.integers(0, 99))
+def test_as_many_bits_flip_as_asked_for(link_of, data, bits, seed):
+    link = link_of()
+    faulty = link.wrapped(link.one, FlipBits(bits=bits), seed=seed)
+    faulty.send(Frame(frame_id=0x130, data=data))
+    link.advance()
+    (frame,) = link.other.receive_all()
+    assert differing_bits(frame.data, data) == bits
+
+
+def test_every_bit_can_flip(simulated):
+    faulty = simulated.wrapped(simulated.one, FlipBits())
+    for _ in range(1000):
+        faulty.send(Frame(frame_id=0x130, data=bytes(8)))
+        simulated.advance()
+    flipped = {frame.data for frame in simulated.other.receive_all()}
+    # A given bit of 64 is missed by 1,000 draws with probability 1.4e-7.
+    assert flipped == {(1 << place).to_bytes(8, "little") for place in range(64)}
+
+
+def test_an_empty_frame_has_nothing_to_flip(link):
+    faulty = link.wrapped(link.one, FlipBits(bits=3))
+    faulty.send(Frame(frame_id=0x130, data=b""))
+    link.advance()
+    assert [frame.data for frame in link.other.receive_all()] == [b""]
+    assert faulty.injectors[0].acted == 0
+
+
+@pytest.mark.parametrize("bits", [1, 2, 3])
+@pytest.mark.parametrize("side", ["send", "receive"])
+def test_flips_behind_the_protection_are_all_refused(link, bits, side):
+    """Up to three wrong bits are always found: the Hamming distance of profile 5's CRC at this length is 4."""
+    fault = FlipBits(bits=bits, at=side, start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+    faulty = link.wrapped(link.one if side == "send" else link.other, fault)
+    receptions = link.protected(*((faulty, link.other) if side == "send" else (link.one, faulty)), 50)
+    checks = [reception.checks for reception in receptions]
+    assert checks[10:30] == [(Check.ERROR,)] * 20
+    assert receptions[20].stream is StreamState.INVALID
+    assert receptions[20].live is None
+    # Three errors leave the window of five and two good ones are in it, four periods after the last error at most.
+    assert all(reception.stream is StreamState.VALID for reception in receptions[34:])
+    assert checks[31:] == [(Check.OK,)] * 19
+
+
+def test_flips_ahead_of_the_protection_are_not_found(link):
+    fault = FlipBits(before_crc=True, start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+    faulty = link.wrapped(link.one, fault)
+    receptions = link.protected(faulty, link.other, 50)
+    assert [reception.checks for reception in receptions] == [(Check.OK,)] * 50
+    wrong = set()
+    for step, reception in enumerate(receptions):
+        assert reception.accepted is not None
+        right = codec.emit_pressure(pressure(step))
+        if differing_bits(reception.accepted.data[3:], right[3:]):
+            wrong.add(step)
+    assert wrong == set(range(10, 30))
+    assert faulty.injectors[0].acted == 20
+
+
+@pytest.mark.parametrize("spec", OURS, ids=lambda spec: spec.name)
+@given(st.data())
+def test_every_message_of_ours_can_be_wrong_and_protected(link_of, spec, data):
+    body = data.draw(st.binary(min_size=spec.protected, max_size=spec.protected))
+    bits = data.draw(st.integers(1, len(payload_bits(spec))))
+    profile = profile_of(spec)
+    counter = data.draw(st.integers(0, profile.counter_period - 1))
+    right = protected_frame(SenderState(counter=counter), body, spec=spec, now_ns=0)
+    link = link_of()
+    link.wrapped(link.one, FlipBits(bits=bits, before_crc=True)).send(right)
+    link.advance()
+    (wrong,) = link.other.receive_all()
+    assert profile.check(wrong.data, data_id=spec.data_id)
+    assert profile.counter_of(wrong.data) == counter
+    # The header's bits are laid out by the standard: 12 of profile 2, the CRC-8 first; 24 of profile 5.
+    header = 1.5 if spec.profile == 2 else 3
+    keep = [0xFF] * spec.protected
+    keep[: int(header)] = [0] * int(header)
+    if spec.profile == 2:
+        keep[1] = 0xF0
+    payloads = [bytes(a & b for a, b in zip(frame.data, keep, strict=True)) for frame in (right, wrong)]
+    assert differing_bits(*payloads) == bits
+
+
+def test_frames_of_others_pass_a_fault_ahead_of_our_protection(link):
+    for fault in (FlipBits(before_crc=True), StuckAt(counter_runs=True)):
+        faulty = link.wrapped(link.one, fault)
+        frames = [numbered(1, frame_id=0x7E0), numbered(2, frame_id=0x7E0), numbered(3, frame_id=PRESSURE.frame_id)]
+        for frame in frames:
+            faulty.send(frame)
+            link.advance()
+        assert [number_of(frame) for frame in link.other.receive_all()] == [1, 2, 3]
+        assert faulty.injectors[0].acted == 0
+
+
+@pytest.mark.parametrize("fault", [FlipBits(before_crc=True), StuckAt(counter_runs=True)])
+def test_what_would_need_the_key_is_refused(link, fault):
+    frame = Frame(frame_id=PRESSURE_SECURED.frame_id, data=bytes(PRESSURE_SECURED.length))
+    with pytest.raises(BusError, match=r"PressureSecured is authenticated: .* would need the key"):
+        link.wrapped(link.one, fault).send(frame)
+
+
+def test_a_frozen_frame_is_repeated_and_refused(link):
+    fault = StuckAt(start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+    faulty = link.wrapped(link.one, fault)
+    receptions = link.protected(faulty, link.other, 50)
+    checks = [reception.checks for reception in receptions]
+    assert checks[10] == (Check.OK,)  # it freezes on this one
+    assert checks[11:30] == [(Check.REPEATED,)] * 19
+    assert receptions[29].stream is StreamState.INVALID
+    # The counter has gone on by 20: one jump, then all is well, with two good frames in the window.
+    assert checks[30:] == [(Check.WRONG_SEQUENCE,), *[(Check.OK,)] * 19]
+    assert all(reception.stream is StreamState.VALID for reception in receptions[32:])
+    assert faulty.injectors[0].acted == 19
+
+
+def test_a_frozen_message_with_a_counter_that_runs_is_not_found(link):
+    fault = StuckAt(counter_runs=True, start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+    receptions = link.protected(link.wrapped(link.one, fault), link.other, 50)
+    assert [reception.checks for reception in receptions] == [(Check.OK,)] * 50
+    shown = []
+    for reception in receptions:
+        assert reception.accepted is not None
+        message = codec.parse_pressure(reception.accepted.data)
+        assert message is not None
+        shown.append(message.pressure_pa[0])
+    assert shown == [*range(10), *[10] * 20, *range(30, 50)]
+
+
+def test_identifiers_are_stuck_each_on_its_own(link):
+    faulty = link.wrapped(link.one, StuckAt())
+    received = link.stream(faulty, link.other, 4, frame_ids=(0x120, 0x130))
+    assert {(frame.frame_id, number_of(frame)) for frames in received for frame in frames} == {(0x120, 0), (0x130, 0)}
+    assert [len(frames) for frames in received] == [2] * 4
+
+
+@pytest.mark.parametrize("copies", [1, 3])
+def test_copies_follow_their_frame_and_change_nothing(link, copies):
+    fault = Duplicate(copies=copies, at="receive", start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+    receptions = link.protected(link.one, link.wrapped(link.other, fault), 50)
+    expected = [(Check.OK,)] * 10 + [(Check.OK, *[Check.REPEATED] * copies)] * 20 + [(Check.OK,)] * 20
+    assert [reception.checks for reception in receptions] == expected
+    assert all(reception.live is not None for reception in receptions[1:])
+
+
+def test_a_copy_that_is_sent_goes_over_the_bus_itself(simulated):
+    simulated.wrapped(simulated.one, Duplicate()).send(numbered(5))
+    simulated.advance()
+    first, second = simulated.other.receive_all()
+    assert first.data == second.data
+    assert second.timestamp_ns > first.timestamp_ns
+
+
+def test_as_many_are_copied_as_the_probability_says(simulated):
+    faulty = simulated.wrapped(simulated.other, Duplicate(probability=0.2, at="receive"))
+    received = simulated.stream(simulated.one, faulty, 2000)
+    # Five standard deviations of a binomial number.
+    assert abs(sum(len(frames) == 2 for frames in received) - 400) < 5 * (2000 * 0.2 * 0.8) ** 0.5
+    assert faulty.injectors[0].acted == sum(len(frames) == 2 for frames in received)

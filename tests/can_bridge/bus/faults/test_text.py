@@ -1,0 +1,92 @@
+"""Faults from text: what it says, and what is refused with which words."""
+
+from dataclasses import MISSING, fields
+from math import inf
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.faults.babble import Babble
+from can_bridge.bus.faults.clocks import ClockDrift
+from can_bridge.bus.faults.connection import Disconnect
+from can_bridge.bus.faults.content import FlipBits
+from can_bridge.bus.faults.fault import Fault, FrameFault, SidedFault
+from can_bridge.bus.faults.loss import BurstLoss, Drop
+from can_bridge.bus.faults.text import KINDS, parse_fault
+from can_bridge.bus.faults.timing import Delay
+from contract.errors import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("drop:probability=0.1@5..10", Drop(probability=0.1, start_s=5.0, end_s=10.0)),
+        ("drop:probability=1@5..10s", Drop(probability=1.0, start_s=5.0, end_s=10.0)),
+        (
+            "drop: probability = 1, frame_ids=0x120+304 @ ..1.5",
+            Drop(probability=1.0, frame_ids=(0x120, 0x130), end_s=1.5),
+        ),
+        ("burst_loss:loss=0.2,mean_burst=3@2..", BurstLoss(loss=0.2, mean_burst=3.0, start_s=2.0, end_s=inf)),
+        ("flip_bits:bits=2,before_crc=true,at=receive", FlipBits(bits=2, before_crc=True, at="receive")),
+        ("delay:delay_s=0.04,restamp=false", Delay(delay_s=0.04, restamp=False)),
+        ("disconnect", Disconnect()),
+        ("disconnect:kind=device_gone", Disconnect(kind="device_gone")),
+        ("babble:frame_id=0x10,length=64,is_fd=true", Babble(frame_id=16, length=64, is_fd=True)),
+        ("clock_drift:ppm=-100", ClockDrift(ppm=-100.0)),
+    ],
+)
+def test_a_text_says_what_the_fault_is(text, fault):
+    assert parse_fault(text) == fault
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "dorp:probability=1",
+            r"fault 'dorp:probability=1': no fault 'dorp'; there are drop, burst_loss, .*clock_drift",
+        ),
+        ("", r"fault '': no fault ''"),
+        ("drop", r"fault 'drop': drop also needs some of probability"),
+        ("drop:rate=1", r"'rate=1' must be NAME=VALUE with a name of frame_ids, at, probability"),
+        ("drop:probability", r"'probability' must be NAME=VALUE"),
+        ("drop:start_s=1,probability=1", r"'start_s=1' must be NAME=VALUE"),
+        ("drop:probability=much", r"probability = 'much' must be a number"),
+        ("drop:probability=2", r"drop\.probability = 2\.0: must be in \[0, 1\]"),
+        ("drop:probability=nan", r"drop\.probability = nan"),
+        ("flip_bits:bits=1.5", r"bits = '1\.5' must be a whole number"),
+        ("flip_bits:before_crc=yes", r"before_crc = 'yes' must be true or false"),
+        ("flip_bits:at=both", r"at = 'both' must be send or receive"),
+        ("drop:probability=1,frame_ids=a", r"frame_ids = 'a' must be whole numbers with \+ between them"),
+        ("disconnect@5", r"'5' must be START\.\.END in seconds"),
+        ("disconnect@a..b", r"'a\.\.b' must be START\.\.END in seconds"),
+        ("disconnect@9..5", r"disconnect\.end_s = 5\.0: must be start_s = 9\.0 or later"),
+    ],
+)
+def test_a_text_that_says_nothing_is_refused_with_the_cure(text, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_fault(text)
+
+
+@given(st.text(max_size=40) | st.text(alphabet="drop:flip_bts=,@.0123456789+-xse ", max_size=40))
+def test_no_text_ends_in_anything_but_a_fault_or_an_error_of_one_line(text):
+    for candidate in (text, f"drop:{text}", f"disconnect@{text}", f"drop:probability=0.5,{text}"):
+        try:
+            assert isinstance(parse_fault(candidate), Fault)
+        except ConfigError as error:
+            assert len(str(error).splitlines()) == 1
+
+
+def test_every_fault_has_a_text():
+    """All concrete classes there are, found by inheritance."""
+
+    def concrete(kind):
+        return {kind}.union(*map(concrete, kind.__subclasses__())) - {Fault, FrameFault, SidedFault}
+
+    assert set(KINDS.values()) == concrete(Fault)
+    for name, kind in KINDS.items():
+        needed = [field.name for field in fields(kind) if field.default is MISSING]
+        assert isinstance(
+            parse_fault(f"{name}:{','.join(f'{key}=1' if key != 'loss' else 'loss=0' for key in needed)}"), kind
+        )

@@ -1,0 +1,205 @@
+"""What holds for every fault: without effect it is no fault, it invents nothing, it nests, its draws are its own."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.faults.arrivals import Arrivals
+from can_bridge.bus.faults.babble import Babble
+from can_bridge.bus.faults.clocks import ClockDrift
+from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
+from can_bridge.bus.faults.content import FlipBits, StuckAt
+from can_bridge.bus.faults.copies import Duplicate
+from can_bridge.bus.faults.loss import BurstLoss, Drop
+from can_bridge.bus.faults.timing import Delay, Reorder
+from can_bridge.bus.faults.wrapping import wrap
+from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
+from can_bridge.wire.frame import Frame
+from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered
+
+NULL_FAULTS = (
+    Drop(probability=0.0),
+    Drop(probability=0.0, at="receive"),
+    BurstLoss(loss=0.0, mean_burst=3.0),
+    Duplicate(probability=0.0),
+    FlipBits(probability=0.0),
+    Delay(delay_s=0.0),
+    Reorder(window=1),
+    SlowConsumer(frames_per_call=100, queue=100),
+    ClockDrift(),
+)
+"""Faults whose parameters say that nothing happens."""
+
+FAULTS = (
+    Drop(probability=0.4),
+    BurstLoss(loss=0.4, mean_burst=3.0, at="receive"),
+    Duplicate(probability=0.5),
+    FlipBits(probability=0.5, bits=2),
+    FlipBits(probability=0.5, before_crc=True),
+    StuckAt(at="receive"),
+    StuckAt(counter_runs=True),
+    Delay(delay_s=0.03, jitter_s=0.05),
+    Reorder(window=3),
+    Babble(rate_hz=300.0),
+    Disconnect(),
+    SlowConsumer(frames_per_call=1, queue=2),
+    ClockDrift(ppm=1000.0),
+)
+SPAN = {"start_s": 9.5 * PERIOD_S, "end_s": 19.5 * PERIOD_S}
+
+BURSTS = st.lists(st.integers(0, 4), max_size=12)
+
+
+def carried(link, ports: Sequence[Bus], bursts) -> list[list[Frame]]:
+    """What each side received, with frames in both directions; a rest after them lets everything come out."""
+    one, other = ports
+    received: list[list[Frame]] = [[], []]
+    number = 0
+    for burst in [*bursts, *[0] * 20]:
+        for _ in range(burst):
+            one.send(numbered(number, now_ns=link.now_ns))
+            other.send(numbered(number, frame_id=0x130, now_ns=link.now_ns))
+            number += 1
+        link.advance()
+        received[0] += one.receive_all()
+        received[1] += other.receive_all()
+    return received
+
+
+@pytest.mark.parametrize("fault", NULL_FAULTS, ids=lambda fault: f"{fault.section}")
+@given(bursts=BURSTS, seed=st.integers(0, 3))
+def test_a_fault_without_effect_is_none(link_of, fault, bursts, seed):
+    plain, faulty = link_of(), link_of()
+    wrapped = [faulty.wrapped(port, fault, seed=seed) for port in (faulty.one, faulty.other)]
+    assert carried(faulty, wrapped, bursts) == carried(plain, (plain.one, plain.other), bursts)
+    assert [port.injectors[0].acted for port in wrapped] == [0, 0]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.section}")
+@given(bursts=BURSTS)
+def test_outside_its_span_a_fault_is_none(link_of, fault, bursts):
+    later = replace(fault, start_s=100.0)
+    plain, faulty = link_of(), link_of()
+    wrapped = [faulty.wrapped(port, later) for port in (faulty.one, faulty.other)]
+    assert carried(faulty, wrapped, bursts) == carried(plain, (plain.one, plain.other), bursts)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.section}")
+def test_every_fault_acts_and_clears(link, fault):
+    """Whatever it does, from the third period behind its end all is as it was without."""
+    wrapped = [link.wrapped(port, replace(fault, **SPAN)) for port in (link.one, link.other)]
+    for period in range(40):
+        wrapped[0].send(numbered(period, now_ns=link.now_ns))
+        wrapped[0].send(numbered(period, frame_id=0x7E0, now_ns=link.now_ns))
+        wrapped[1].send(numbered(period, frame_id=0x130, now_ns=link.now_ns))
+        link.advance()
+        received = [port.receive_all() for port in wrapped]
+        if not 9 <= period < 25:
+            assert [sorted((f.frame_id, number_of(f)) for f in frames) for frames in received] == [
+                [(0x130, period)],
+                [(0x120, period), (0x7E0, period)],
+            ]
+    assert sum(port.injectors[0].acted for port in wrapped) > 0
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [(fault,) for fault in FAULTS if not isinstance(fault, FlipBits | Babble) and fault != StuckAt(counter_runs=True)]
+    + [
+        (Drop(probability=0.2), Duplicate(probability=0.5, at="receive"), Delay(delay_s=0.01, jitter_s=0.05), Reorder())
+    ],
+    ids=lambda faults: "+".join(fault.section for fault in faults),
+)
+@given(bursts=BURSTS, seed=st.integers(0, 3))
+def test_nothing_is_invented(link_of, faults, bursts, seed):
+    link = link_of()
+    wrapped = [link.wrapped(port, *faults, seed=seed) for port in (link.one, link.other)]
+    copies = any(isinstance(fault, Duplicate | StuckAt) for fault in faults)
+    for frame_id, frames in zip((0x130, 0x120), carried(link, wrapped, bursts), strict=True):
+        numbers = [number_of(frame) for frame in frames]
+        assert {frame.frame_id for frame in frames} <= {frame_id}
+        assert set(numbers) <= set(range(sum(bursts)))
+        assert copies or len(set(numbers)) == len(numbers)
+
+
+def test_faults_nest_from_the_wire_to_the_node(link):
+    """A copy of a frame that is then dropped, or a frame that is dropped and so not copied: the counts tell."""
+    drop, copy = Drop(probability=0.5, at="receive"), Duplicate(at="receive")
+    inner_drop = link.wrapped(link.other, drop, copy)
+    inner_copy = link.wrapped(link.listener, copy, drop)
+    for number in range(200):
+        link.one.send(numbered(number))
+        link.advance()
+    received = inner_drop.receive_all()
+    dropped, copied = (injector.acted for injector in inner_drop.injectors)
+    assert (dropped + copied, len(received)) == (200, 2 * copied)
+    received = inner_copy.receive_all()
+    copied, dropped = (injector.acted for injector in inner_copy.injectors)
+    assert (copied, len(received)) == (200, 400 - dropped)
+    assert any(received.count(frame) == 1 for frame in received)
+
+
+def test_the_draws_of_one_fault_do_not_depend_on_another(link_of):
+    def lost(*before):
+        link = link_of()
+        faulty = link.wrapped(link.one, *before, Drop(probability=0.5), seed=7)
+        received = link.stream(faulty, link.other, 100)
+        return [number_of(frame) for frames in received for frame in frames]
+
+    # In the same place behind two others that draw, or not.
+    assert lost(FlipBits(probability=0.0, frame_ids=(0x7FF,))) == lost(Duplicate(probability=0.5, at="receive"))
+    assert lost(Drop(probability=0.0)) == lost(Drop(probability=0.0, frame_ids=(0x7FF,)))
+
+
+def test_two_equal_faults_draw_differently(link):
+    faulty = link.wrapped(link.one, Drop(probability=0.5), Drop(probability=0.5))
+    received = link.stream(faulty, link.other, 400)
+    # A quarter gets through both: within five standard deviations of a binomial number.
+    assert abs(sum(map(len, received)) - 100) < 5 * (400 * 0.25 * 0.75) ** 0.5
+
+
+def test_without_faults_the_port_is_the_bus(link):
+    faulty = link.wrapped(link.one)
+    assert faulty.injectors == ()
+    assert [len(frames) for frames in link.stream(faulty, link.other, 3)] == [1, 1, 1]
+
+
+def test_only_the_named_identifiers_are_concerned(link):
+    faulty = link.wrapped(link.one, Drop(probability=1.0, frame_ids=(0x130, 0x140)))
+    received = link.stream(faulty, link.other, 4, frame_ids=(0x120, 0x130, 0x140))
+    assert [[frame.frame_id for frame in frames] for frames in received] == [[0x120]] * 4
+
+
+def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link_of):
+    class Ill:
+        def health(self) -> BusHealth:
+            return BusHealth(tx_errors=136)
+
+        def send(self, frame: Frame) -> None: ...
+
+        def receive_all(self) -> list[Frame]:
+            return []
+
+    faults = (Drop(probability=0.1), Delay(delay_s=0.1))
+    clock = link_of().clock
+    assert wrap(Ill(), faults, clock).health().tx_errors == wrap(Ill(), (), clock).health().tx_errors == 136
+
+    class Unaware:
+        def send(self, frame: Frame) -> None: ...
+
+        def receive_all(self) -> list[Frame]:
+            return []
+
+    assert wrap(Unaware(), faults, clock).health() == HEALTHY
+
+
+def test_arrivals_are_stamps_where_those_can_be_meant():
+    arrivals = Arrivals()
+    frames = [numbered(0, now_ns=t) for t in (3, 7, 5, 99, 8)]
+    # 5 is before the frame ahead of it, 99 is in the future, and what follows was not there before that.
+    assert [t for t, _ in arrivals.of(frames, 10)] == [3, 7, 7, 10, 10]
+    assert [t for t, _ in arrivals.of([numbered(0, now_ns=t) for t in (9, 12, 10**18)], 20)] == [20, 20, 20]
+    assert [t for t, _ in arrivals.of([numbered(0, now_ns=21)], PERIOD_NS)] == [21]
