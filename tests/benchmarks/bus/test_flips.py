@@ -29,7 +29,7 @@ def test_every_flip_is_tried_and_the_same_seed_finds_the_same():
         assert message["random"]["live"] == 0
         # A genuine stream with every fifth frame replaced is trusted from its second frame on.
         assert message["random_among_genuine"] == {"tried": 20, "live": 0, "genuine_live": 79}
-    assert seen[-1][0] == seen[-1][1] == sum(SMALL.frames(spec) for spec in flips.SPECS)
+    assert seen[-1][0] == seen[-1][1] == sum(SMALL.frames(spec) for spec in SPECS if spec.name.startswith("JetCommand"))
     assert found == flips.measure(SMALL, seed=3)
 
 
