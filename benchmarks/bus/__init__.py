@@ -1,1 +1,1 @@
-"""Measurements of frames, protection and buses."""
+"""What the bus is worth: codec, protection, response times, reception under fire, command gate."""
