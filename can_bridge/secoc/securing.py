@@ -7,7 +7,6 @@ freshness; numbers have their most significant byte first, as AUTOSAR SecOC has 
 binds a frame to its message.
 """
 
-from dataclasses import replace
 from hmac import compare_digest
 
 from can_bridge.secoc.freshness import Freshness
@@ -28,7 +27,8 @@ def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> F
         raise ValueError(f"{spec.name} of {len(frame.data)} bytes: must have {spec.protected} before it is secured")
     covered = frame.data.ljust(spec.length - FRESHNESS_LENGTH - MAC_LENGTH, b"\0")
     covered += freshness.value.to_bytes(FRESHNESS_LENGTH, "big")
-    return replace(frame, data=covered + _mac(covered, spec, key))
+    data = covered + _mac(covered, spec, key)
+    return Frame(frame_id=frame.frame_id, data=data, timestamp_ns=frame.timestamp_ns, is_fd=frame.is_fd)
 
 
 def verify(data: bytes, spec: MessageSpec, key: Key) -> int | None:

@@ -2,9 +2,14 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from can_bridge.secoc.key import write_key
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from contract.release import bundle
 from stillwake.shipped import BUNDLE
 
 ROOT = Path(__file__).parents[2]
@@ -54,3 +59,18 @@ def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypa
     # 5 ms is the time W / U_inf, so 1 ms, three samples, is a period of 0.2.
     np.testing.assert_allclose(np.diff(made["t"]), 0.2, rtol=1e-6)
     np.testing.assert_allclose([made[name][7] for name in ("action", "Cd", "Cl", "p3")], [0.05, 1.0, -0.5, -0.5])
+
+
+def test_a_node_in_real_time_counts_its_power_cycles(tmp_path, monkeypatch):
+    """Run twice: the frames of the second power cycle are fresher than any of the first."""
+    (code,) = python_blocks("docs/explanation/protection.md")
+    monkeypatch.chdir(tmp_path)
+    write_key(Path("bus.key"), bytes(range(1, 17)))
+    release, config = bundle.load(BUNDLE), Config(bus=BusConfig(key="bus.key"))
+    values = []
+    for _ in range(2):
+        names: dict[str, Any] = {"bundle": release, "controller": None, "config": config}
+        exec(compile(code, "page", "exec"), names)
+        (command, _) = names["ecu"].step(0, [])
+        values.append(int.from_bytes(command.data[-16:-8], "big"))
+    assert values == [1 << 32, 2 << 32]

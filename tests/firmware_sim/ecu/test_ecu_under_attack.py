@@ -1,5 +1,6 @@
 """Someone on the bus who knows the DBC, and not the key: what E2E lets pass, and authentication does not."""
 
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -235,6 +236,17 @@ def test_what_the_ecu_sends_counts_up_in_its_power_cycle(bench_in):
         bench.now_ns += bench.config.period_ns
     expected = [(5 << 32) + count for count in range(300)]
     assert list(values.values()) == [expected, expected]
+
+
+def test_a_saved_state_goes_on_with_the_freshness_it_had(bench_in):
+    """Restored into another ECU it refuses what the first one refused, and sends what the first one would have."""
+    bench, twin = bench_in(authenticated=True), bench_in(authenticated=True)
+    bench.good(20)
+    twin.ecu.restore(pickle.loads(pickle.dumps(bench.ecu.state)))
+    frames = [bench.replayed(7), bench.forged(), bench.pressure()]
+    assert twin.ecu.step(bench.now_ns, frames) == bench.ecu.step(bench.now_ns, frames)
+    assert twin.ecu.state == bench.ecu.state
+    assert twin.ecu.state.verifier.refused == 2
 
 
 def test_key_and_settings_must_agree(bundle_of, recording_controller):
