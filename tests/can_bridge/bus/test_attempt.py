@@ -32,15 +32,21 @@ def test_every_node_gets_a_verdict_and_a_frame_goes_through_or_does_not(attempt)
     heard = {node for node, verdict in outcome.verdicts.items() if verdict is Verdict.HEARD}
     sent = {node for node, verdict in outcome.verdicts.items() if verdict is Verdict.SENT}
     assert heard <= set(receivers)
-    assert bool(heard) == (outcome.frame is not None)
-    assert not sent or heard
-    # A frame that was sent was heard by all but those that misheard it without being able to say so.
+    if outcome.frame is None:
+        assert not heard
+        assert not sent
     if sent:
+        # All heard it but those that misheard it and are error-passive, so that they could not say so.
+        assert outcome.frame is not None
         assert set(receivers) - heard == set(misheard)
         assert all(receivers[node] for node in misheard)
         assert outcome.rest == 3
     else:
         assert outcome.rest >= 6 + 8 + 3
+    unacknowledged = Verdict.UNACKNOWLEDGED in outcome.verdicts.values()
+    assert not (unacknowledged and heard)
+    if not receivers:
+        assert not sent
     longest = max(sum(sender.bits.total) for sender in senders)
     assert 0 < sum(outcome.used) <= longest - 3
     # All who sent to the end sent the same.
