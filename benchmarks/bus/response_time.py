@@ -120,7 +120,7 @@ def at_critical_instant(
     exact = [replace(timing(message, bus), frame_ns=length) for message, length in zip(messages, lengths, strict=True)]
     bound = response_times(exact, bit_ns=nominal_bit_ns(bus))[level]
     # Twice as long as the analysis looks, in case that it looks too short.
-    until_ns = 2 * (bound.instance + 1) * messages[level].period_ns
+    until_ns = 2 * (bound.instance * messages[level].period_ns + (bound.response_ns or messages[level].period_ns))
     plans: list[list[Sent]] = [[] for _ in messages]
     for higher in range(level + 1):
         plans[higher] = list(_after_one_delay(messages[higher], contents[higher], 1, until_ns))

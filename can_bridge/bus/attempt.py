@@ -74,7 +74,7 @@ class Outcome(Generic[T]):
     """The end of an attempt.
 
     Attributes:
-        frame: that went over the bus for those with the verdict HEARD; None for none.
+        frame: for those with the verdict HEARD; None if it did not get to its end.
         verdicts: of every node that takes part.
         used: bits at the nominal and the data bit rate until it is decided: the end of frame, or the error.
         rest: nominal bits from there until the bus is free.
@@ -107,19 +107,22 @@ def resolve(
     if position is not None:
         return _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(position))
     last = sum(bits.total) - INTERMISSION - 1
+    slot = last - AFTER_ACKNOWLEDGE
+    acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
     # The flag of an error-passive receiver is recessive: nobody else notices.
     loud = {node: min(at, last) for node, at in misheard.items() if not receivers[node]}
     earliest = min(loud.values(), default=last + 1)
-    if disturbed is not None and min(disturbed, last) <= earliest:
-        return _disturbed(senders, receivers, verdicts, min(disturbed, last), last)
-    if loud:
-        outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(earliest))
-        first = {node for node, at in loud.items() if at == earliest}
-        answered = any(not sender.passive for sender in senders) or any(
-            not passive for node, passive in receivers.items() if node not in first
-        )
-        return outcome if not answered else _with(outcome, dict.fromkeys(first, Verdict.SIGNALLED_FIRST))
-    return _undisturbed(senders, receivers, verdicts, deaf=misheard)
+    everywhere = last + 1 if disturbed is None else min(disturbed, last)
+    if min(everywhere, earliest) > (last if acknowledged else slot):
+        return _undisturbed(senders, receivers, verdicts, deaf=misheard, acknowledged=acknowledged)
+    if everywhere <= earliest:
+        return _disturbed(senders, receivers, verdicts, everywhere, last=last, deaf=misheard)
+    outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(earliest))
+    first = {node for node, at in loud.items() if at == earliest}
+    answered = any(not sender.passive for sender in senders) or any(
+        not passive for node, passive in receivers.items() if node not in first
+    )
+    return _with(outcome, dict.fromkeys(first, Verdict.SIGNALLED_FIRST)) if answered else outcome
 
 
 def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list[Sender[T]], int | None]:
@@ -142,13 +145,17 @@ def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list
 
 
 def _undisturbed(
-    senders: list[Sender[T]], receivers: Mapping[T, bool], verdicts: dict[T, Verdict], *, deaf: Mapping[T, int]
+    senders: list[Sender[T]],
+    receivers: Mapping[T, bool],
+    verdicts: dict[T, Verdict],
+    *,
+    deaf: Mapping[T, int],
+    acknowledged: bool,
 ) -> Outcome[T]:
-    """No error flag up to the acknowledge slot: through, if a node acknowledges. Nodes that send do not."""
+    """No error flag on the way. Nodes that send do not acknowledge."""
     nominal, fast = senders[0].bits.total
     for node in receivers:
         verdicts[node] = Verdict.RECEIVE_ERROR if node in deaf else Verdict.HEARD
-    acknowledged = Verdict.HEARD in verdicts.values()
     verdicts.update({sender.node: Verdict.SENT if acknowledged else Verdict.UNACKNOWLEDGED for sender in senders})
     if acknowledged:
         return Outcome(
@@ -159,7 +166,13 @@ def _undisturbed(
 
 
 def _disturbed(
-    senders: list[Sender[T]], receivers: Mapping[T, bool], verdicts: dict[T, Verdict], position: int, last: int
+    senders: list[Sender[T]],
+    receivers: Mapping[T, bool],
+    verdicts: dict[T, Verdict],
+    position: int,
+    *,
+    last: int,
+    deaf: Mapping[T, int],
 ) -> Outcome[T]:
     """All nodes see the bit at the position inverted."""
     frame, bits = senders[0].frame, senders[0].bits
@@ -167,7 +180,7 @@ def _disturbed(
     if position == last:
         # Receivers take the frame at the bit before. The sender sends it again, and they get it twice.
         outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, used)
-        heard = _with(outcome, dict.fromkeys(receivers, Verdict.HEARD))
+        heard = _with(outcome, {node: Verdict.HEARD for node in receivers if node not in deaf})
         return Outcome(frame=frame, verdicts=heard.verdicts, used=used, rest=heard.rest)
     if position < len(bits.stuffed) and bits.stuffed[position] == "1":
         if is_arbitration_stuff_bit(frame, position):

@@ -2,7 +2,7 @@
 
 Made-up messages fill a share of the bus at their worst-case frame length, whatever they contain: a background of 0.9
 leaves a tenth of the bus free in every case, and no queue grows without end. Random contents need fewer stuff bits, so
-a meter on the bus shows 10 to 15 per cent less than the share.
+a meter on the bus shows about 15 per cent less than the share.
 """
 
 from collections.abc import Collection, Iterator

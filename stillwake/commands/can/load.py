@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 from datetime import date
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -10,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from contract.config.tree import Config
-from contract.results import write_result
+from contract.results import versions, write_result
 from stillwake.outputs import check_json
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
@@ -83,8 +84,9 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """The settings behind the figures."""
+    """The settings behind the figures, and what the background's file was."""
     bus = config.bus
+    file = Path(bus.background.dbc) if bus.background.dbc else None
     return {
         "frames": bus.frames,
         "authenticated": bool(bus.key),
@@ -93,6 +95,8 @@ def facts(config: Config) -> dict[str, Any]:
         "control_period_ms": config.period_ns / 1e6,
         "compute_time_ms": config.ecu.compute_time_ms,
         "background": asdict(bus.background),
+        "background_sha256": None if file is None else sha256(file.read_bytes()).hexdigest(),
+        "versions": versions("stillwake", *(() if file is None else ("cantools",))),
     }
 
 

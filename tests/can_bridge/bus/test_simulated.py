@@ -1,6 +1,7 @@
 """The bus in virtual time against arrival times worked out by hand, and properties over random traffic."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -249,7 +250,7 @@ def test_arbitration_on_random_traffic(traffic, step):
     ports = [bench.bus.port() for _ in range(4)]
     for node, at_ns, frame_id, length in traffic:
         sent = frame(frame_id, bytes(length))
-        bench.bus.call_at(at_ns, lambda node=node, sent=sent: ports[node].send(sent))
+        bench.bus.call_at(at_ns, partial(ports[node].send, sent))
     for t_ns in range(0, 20_000_001, step):
         bench.bus.advance_to(t_ns)
     bench.bus.advance_to(20_000_000)

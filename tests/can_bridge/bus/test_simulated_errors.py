@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from can_bridge.bus.interface import HEALTHY, BusState
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated import SimulatedBus, Transmission
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_bits
 from contract.config.vehicle import BusConfig
@@ -90,13 +90,14 @@ def test_an_error_late_in_a_can_fd_frame_is_timed_at_both_rates():
 
 
 def test_a_higher_priority_comes_before_the_repetition():
-    bus, sender, receiver = two(corrupts=Script(40))
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(40))
+    sender, receiver = bus.port("sender"), bus.port("receiver")
     sender.send(SENT)
     bus.call_at(10 * BIT, lambda: receiver.send(replace(SENT, frame_id=0x001)))
-    seen = []
-    bus.call_at(10**7, lambda: seen.extend(frame.frame_id for frame in sender.receive_all() + receiver.receive_all()))
     bus.advance_to(10**7)
-    assert seen == [0x001, 0x155]
+    assert [item.frame.frame_id for item in seen] == [0x001, 0x155]
+    assert bits(seen[0].begin_ns) == 41 + FLAGS + DELIMITER + INTERMISSION
 
 
 def test_a_node_alone_ends_up_error_passive_and_never_bus_off():
@@ -132,7 +133,7 @@ def test_what_a_node_alone_could_not_send_goes_out_when_another_one_comes():
 
 
 def test_an_error_passive_sender_waits_eight_bits_more_and_lets_others_go_first():
-    seen = []
+    seen: list[Transmission] = []
     bus = bus_with(seen, corrupts=Script(*[20] * 17))
     sender, other = bus.port("sender"), bus.port("other")
     sender.send(SENT)
@@ -307,7 +308,7 @@ def test_an_error_in_the_last_bit_of_the_end_of_frame_doubles_the_frame():
 @pytest.fixture
 def doubled():
     """Two nodes with the same identifier, and one that listens."""
-    seen = []
+    seen: list[Transmission] = []
     bus = bus_with(seen)
     return bus, bus.port("one"), bus.port("other"), bus.port("listener"), seen
 

@@ -1,5 +1,6 @@
 """`stillwake can load`: the table, the figures, and a status that says whether every message is in time."""
 
+import hashlib
 import json
 
 import pytest
@@ -52,7 +53,10 @@ def test_a_dbc_is_the_background(cli, dbc, tmp_path, as_setting):
     outcome = cli("can", "load", *given, "--json", tmp_path / "load.json")
     assert outcome.code == 0
     assert "left out: Silent (no cycle time)" in outcome.out
-    figures = json.loads((tmp_path / "load.json").read_text())["figures"]
+    written = json.loads((tmp_path / "load.json").read_text())
+    figures, facts = written["figures"], written["facts"]
+    assert facts["background_sha256"] == hashlib.sha256(dbc.read_bytes()).hexdigest()
+    assert set(facts["versions"]) == {"stillwake", "cantools"}
     assert [one["name"] for one in figures["messages"] if not one["ours"]] == ["Urgent", "Seldom"]
     assert figures["left_out"] == ["Silent (no cycle time)"]
 

@@ -1,0 +1,49 @@
+"""The table of the bus's load and of our messages' worst-case response times, without and with other traffic."""
+
+from pathlib import Path
+from typing import Any, Final
+
+from benchmarks.common.markdown import read, table
+
+SETS: Final = ("fd", "classic")
+HEADS: Final = (
+    *("message", "bytes", "frame, ms", "jitter, ms", "response, ms", "deadline, ms"),
+    *("jitter beside others", "response beside others", "in time"),
+)
+
+
+def tables(results: Path) -> dict[str, str]:
+    """By its marker."""
+    return {"can_load": can_load(results)}
+
+
+def can_load(results: Path) -> str:
+    """A row for each of our messages, and below it what the bus carries in all."""
+    rows, lines = [], []
+    for name in SETS:
+        alone, beside = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))
+        others = _ours(beside)
+        for message in _ours(alone).values():
+            crowded = others[message["name"]]
+            rows.append(
+                (
+                    *(message[key] for key in ("name", "bytes", "frame_worst_ms")),
+                    *(message[key] for key in ("jitter_ms", "response_ms", "deadline_ms")),
+                    *(crowded[key] for key in ("jitter_ms", "response_ms")),
+                    "yes" if crowded["in_time"] else "no",
+                )
+            )
+        lines.append(
+            f"{'CAN FD' if name == 'fd' else 'Classic CAN'}: our messages load the bus by {_load(alone)}, "
+            f"with {len(beside['figures']['messages']) - len(others)} others by {_load(beside)}."
+        )
+    return table(HEADS, rows) + "\n\n" + "\n".join(lines)
+
+
+def _ours(result: Any) -> dict[str, Any]:
+    return {message["name"]: message for message in result["figures"]["messages"] if message["ours"]}
+
+
+def _load(result: Any) -> str:
+    figures = result["figures"]
+    return f"{100 * figures['load_mean']:.1f} % ({100 * figures['load_worst']:.1f} % at worst)"
