@@ -177,7 +177,7 @@ def test_a_secured_log_is_checked_where_the_key_is_given(place: Place) -> None:
 
 
 def test_forces_come_from_a_second_log_with_its_own_dbc(place: Place) -> None:
-    balance = cantools.database.load_string(
+    balance: Any = cantools.database.load_string(
         'VERSION ""\nBU_: Balance\n'
         'BO_ 416 Drag: 4 Balance\n SG_ Coefficient : 0|32@1- (0.00001,0) [0|0] "" Vector__XXX\n'
         'BO_ 2147488665 Side: 4 Balance\n SG_ Coefficient : 0|32@1- (0.00001,0) [0|0] "" Vector__XXX\n'
