@@ -5,6 +5,7 @@ Commands that rest on an older frame, because the ECU held or shut the jets when
 in which they came.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -67,41 +68,68 @@ class Rows:
         Cp: (n, 4).
         action: (n,).
         before: the action of the row before the first; None if the log does not have it.
-        stale: rows whose pressures were older than a period when they were sent; they count as missing.
     """
 
     Cp: Array
     action: Array
     before: float | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """What the pressure frames of a stretch say.
+
+    Attributes:
+        pressure_pa: NaN where a sensor was not valid, or all were too old, (n, 4).
+        sampled_s: when they were sampled on the log's clock, (n,).
+        stale: frames whose pressures were a period old or older when they were sent: of no one row.
+    """
+
+    pressure_pa: Array
+    sampled_s: Array
     stale: int
 
 
-def clock_of(stretch: Stretch, ages_s: Array, period_s: float | None = None) -> Clock:
+def samples_of(stretch: Stretch, messages: MessageSet, period_s: float) -> Samples:
+    """The frames' contents; what cannot be parsed is NaN."""
+    parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
+    none = (np.nan,) * SENSORS
+    pressure = np.array([none if one is None else one.pressure_pa for one in parsed])
+    valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
+    age_s = np.array([0.0 if one is None else one.age_ns * 1e-9 for one in parsed])
+    fresh = age_s < period_s
+    return Samples(
+        pressure_pa=np.where(valid & fresh[:, None], pressure, np.nan),
+        sampled_s=stretch.time_s - np.where(fresh, age_s, 0.0),
+        stale=int((~fresh).sum()),
+    )
+
+
+def clock_of(stretch: Stretch, sampled_s: Array, period_s: float | None = None) -> Clock:
     """The line through the times of sampling, by medians, so that single late frames do not move it.
 
     Args:
-        ages_s: from sampling to sending, (n,).
+        sampled_s: times of sampling, (n,).
         period_s: of the sender, if it is known better than this stretch tells.
     """
-    sampled, index = stretch.time_s - ages_s, stretch.index.astype(np.float64)
+    index = stretch.index.astype(np.float64)
     if period_s is None:
         # Theil and Sen's slope over pairs half the stretch apart, which weigh most.
         half = len(stretch) // 2
-        period_s = float(np.median((sampled[half:] - sampled[:-half]) / (index[half:] - index[:-half])))
-    late = sampled - period_s * index
+        period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
+    late = sampled_s - period_s * index
     start = float(np.median(late))
     return Clock(start_s=start, period_s=period_s, jitter_s=float(np.abs(late - start).max()))
 
 
-def ages_of(stretch: Stretch, messages: MessageSet, period_s: float) -> Array:
-    """From sampling to sending in s, (n,); 0 where it is a period or more, which tells of no one row."""
-    parsed = (messages.pressure.parse(frame.data) for frame in stretch.frames)
-    ages = np.array([0.0 if one is None else one.age_ns * 1e-9 for one in parsed])
-    return np.where(ages < period_s, ages, 0.0)
-
-
 def rows_of(
-    stretch: Stretch, commands: Sequence[CountedFrame], messages: MessageSet, scales: Scales, clock: Clock, modulus: int
+    stretch: Stretch,
+    samples: Samples,
+    commands: Sequence[CountedFrame],
+    messages: MessageSet,
+    scales: Scales,
+    clock: Clock,
+    modulus: int,
 ) -> Rows:
     """One row a period from the stretch's first frame to its last.
 
@@ -111,21 +139,12 @@ def rows_of(
     """
     count = int(stretch.index[-1]) + 1
     cp = np.full((count, SENSORS), np.nan)
-    stale = 0
-    for k, frame in zip(stretch.index.tolist(), stretch.frames, strict=True):
-        message = messages.pressure.parse(frame.data)
-        if message is None:
-            continue
-        if message.age_ns * 1e-9 >= scales.period_s:
-            stale += 1
-            continue
-        cp[k] = np.where(message.valid, np.array(message.pressure_pa) / scales.dynamic_pressure, np.nan)
+    cp[stretch.index] = samples.pressure_pa / scales.dynamic_pressure
     actions = _actions(stretch.frames[0].counter, count, commands, messages, scales, clock, modulus)
     return Rows(
         Cp=cp,
         action=np.array([actions.get(k, np.nan) for k in range(count)]),
         before=actions.get(-1),
-        stale=stale,
     )
 
 
@@ -151,7 +170,7 @@ def _actions(
         if command.pressure_counter is None or command.mode in _HELD:
             others.append((at, action))
             continue
-        newest = int(np.floor(at + 0.5))
+        newest = math.floor(at + 0.5)
         k = newest - (first_counter + newest - command.pressure_counter) % modulus
         if k in actions or not -1 <= k < count:
             others.append((at, action))
@@ -170,7 +189,7 @@ def _action(flow: float, scales: Scales) -> float:
     action, limit = flow / scales.flow_rate, scales.action_limit
     # Half a step of the wire, and as little more as a sum's rounding makes.
     half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scales.flow_rate
-    return float(np.clip(action, -limit, limit)) if abs(action) <= limit + half else action
+    return max(-limit, min(limit, action)) if abs(action) <= limit + half else action
 
 
 def runs(missing: Mask) -> list[tuple[int, int]]:

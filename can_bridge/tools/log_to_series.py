@@ -15,7 +15,7 @@ import numpy as np
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.tools.counted_frames import CountedFrame, number, usual_interval
 from can_bridge.tools.log_frames import Verify, frames_of
-from can_bridge.tools.log_periods import Clock, Scales, ages_of, clock_of, rows_of
+from can_bridge.tools.log_periods import Clock, Scales, clock_of, rows_of, samples_of
 from can_bridge.tools.log_pieces import SHORTEST, Cutter, Piece
 from can_bridge.wire.message_sets import MessageSet
 from contract.errors import DatasetError
@@ -100,23 +100,25 @@ def series_of(
     modulus = profile_of(found.messages.pressure.spec).counter_period
     _check_period(path, usual_interval(found.pressures, modulus), scales)
     numbered = number(found.pressures, period_s=scales.period_s, modulus=modulus)
-    longest = max(numbered.stretches, key=len)
-    clock = clock_of(longest, ages_of(longest, found.messages, scales.period_s)) if len(longest) >= SHORTEST else None
+    samples = [samples_of(one, found.messages, scales.period_s) for one in numbered.stretches]
+    longest = max(range(len(samples)), key=lambda i: len(numbered.stretches[i]))
+    size = len(numbered.stretches[longest])
+    clock = clock_of(numbered.stretches[longest], samples[longest].sampled_s) if size >= SHORTEST else None
     if clock is not None:
-        _check_drift(path, clock, len(longest), scales)
+        _check_drift(path, clock, size, scales)
     period_s = scales.period_s if clock is None else clock.period_s
     commands, repeated = _without_repeats(
         found.commands, profile_of(found.messages.command.spec).counter_period * scales.period_s / 2
     )
     cutter = Cutter(path, fill, split, sensors, numbered.stretches[0].frames[0].time_s, period_s)
-    jitter_s, lost, stale, started = 0.0, [0, 0], 0, None
+    jitter_s, lost, started = 0.0, [0, 0], None
     for i, stretch in enumerate(numbered.stretches):
-        own = clock_of(stretch, ages_of(stretch, found.messages, scales.period_s), period_s)
+        own = clock_of(stretch, samples[i].sampled_s, period_s)
         started = own.start_s if started is None else started
         until = numbered.stretches[i + 1].frames[0].time_s if i + 1 < len(numbered.stretches) else np.inf
         here = [one for one in commands if stretch.frames[0].time_s - period_s <= one.time_s < until]
-        rows = rows_of(stretch, here, found.messages, scales, own, modulus)
-        jitter_s, stale = max(jitter_s, own.jitter_s), stale + rows.stale
+        rows = rows_of(stretch, samples[i], here, found.messages, scales, own, modulus)
+        jitter_s = max(jitter_s, own.jitter_s)
         lost[0] += len(rows.action) - len(stretch)
         lost[1] += int(np.isnan(rows.action).sum())
         if i > 0:
@@ -140,7 +142,7 @@ def series_of(
         foreign=found.foreign,
         lost=(lost[0], lost[1]),
         filled=(cutter.filled[0], cutter.filled[1]),
-        stale=stale,
+        stale=sum(one.stale for one in samples),
         drift=period_s / scales.period_s - 1.0,
         jitter_s=jitter_s,
         gaps=tuple(cutter.lines),

@@ -58,7 +58,7 @@ class TimeSeries:
         Args:
             times: of the rows wanted, rising, (m,), in the unit of `t`.
             longest_gap: between two rows, across which a line may go.
-            slack: by which the first and the last time may lie outside: clocks of two files do not fit to the last digit.
+            slack: by which the first and the last time may lie outside: two clocks do not fit to the last digit.
 
         Raises:
             DatasetError: times outside the rows, or in a gap; the message names both.

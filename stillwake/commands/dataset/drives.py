@@ -1,7 +1,7 @@
 """Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from beside it."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -14,6 +14,8 @@ from contract.recording.facts import PlantFacts
 from contract.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
+    import can
+
     from can_bridge.tools.log_frames import Verify
     from can_bridge.tools.log_periods import Scales
     from can_bridge.tools.log_to_series import LogReport, LogSeries
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 
 USES: Final = ("operating_point", "bus.frames", "bus.key")
 """Settings that say how a log is read."""
+_COUNTED: Final = 10_000
+"""Frames between two reports of progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,9 +130,12 @@ def read_drive(
     scales: "Scales",
     options: DriveOptions,
     loaded: Loaded,
-    progress: Callable[[Path], None],
+    progress: Callable[[str], None],
 ) -> Drive:
     """Read a log and its forces.
+
+    Args:
+        progress: called with what is being read, and how many frames of it so far.
 
     Raises:
         DatasetError, BusError, KeyFileError: what does not fit, by the file's name.
@@ -144,10 +151,9 @@ def read_drive(
             f"{path}: a Pressure message has {SENSORS} sensors, --sensors names {len(layout)}: name those of the "
             f"message, in its order"
         )
-    progress(path)
     series = series_of(
         path,
-        read_messages(path),
+        _counted(path, read_messages(path), progress),
         scales,
         fill=options.fill,
         split=options.split,
@@ -155,8 +161,7 @@ def read_drive(
         only=_asked_set(loaded),
         verify=_verifier(loaded),
     )
-    progress(forces)
-    found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time)
+    found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time, progress)
     # As a table of one's own with times has it; and a gap of `fill` rows, with as much room for jitter.
     slack_s = STEP_TOLERANCE * series.period_s
     longest_s = (options.fill + 1.5) * series.period_s
@@ -252,7 +257,12 @@ def _verifier(loaded: Loaded) -> "Verify | None":
 
 
 def _forces(
-    path: Path, series: "LogSeries", scales: "Scales", options: DriveOptions, convective_time: float
+    path: Path,
+    series: "LogSeries",
+    scales: "Scales",
+    options: DriveOptions,
+    convective_time: float,
+    progress: Callable[[str], None],
 ) -> "dict[str, TimeSeries]":
     """Cd and Cl with times on the log's clock."""
     from contract.recording.importing.forces import FORCES, TimeSeries, read_forces
@@ -281,7 +291,7 @@ def _forces(
         if name not in options.names:
             raise DatasetError(f"{path}: name the signal with --forces-map {name}=MESSAGE.SIGNAL")
     wanted = {name: options.names[name] for name in FORCES}
-    signals, first_s = signals_of(path, read_messages(path), options.dbc, wanted)
+    signals, first_s = signals_of(path, _counted(path, read_messages(path), progress), options.dbc, wanted)
     origin = options.shift_s + (series.start_s - first_s if options.clock == "start" else 0.0)
     found = {}
     for name, signal in signals.items():
@@ -290,6 +300,15 @@ def _forces(
         values = signal.values[place]
         found[name] = TimeSeries(path=path, name=wanted[name], t=time_s + origin, values=values)
     return found
+
+
+def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
+    """The same messages; an hour's log is half a million and takes some ten seconds."""
+    progress(f"{path}")
+    for number, message in enumerate(messages, 1):
+        yield message
+        if number % _COUNTED == 0:
+            progress(f"{path}: {number} frames")
 
 
 def _sha256(path: Path) -> str:

@@ -169,7 +169,7 @@ def import_(
                 scales_of(facts, loaded),
                 options,
                 loaded,
-                lambda path: status.update(f"reading {path}"),
+                lambda what: status.update(f"reading {what}"),
             )
             sources += drive.sources
             notes += told(drive)

@@ -329,3 +329,67 @@ def test_one_of_two_sets_can_be_asked_for() -> None:
     same(read(both, only=FD), one)
     same(read(both, only=CLASSIC), classic)
     assert drive_log.MODULUS["classic"] == 16
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
+    """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""
+    generator = np.random.default_rng(seed)
+    one = drive(kind, 120, seed % 1000)
+    messages = log_of(one, start_s=0.0)
+    faults = ("cut", "shift", "swap", "damage", "invalid", "copy", "restart")
+    for what in data.draw(st.lists(st.sampled_from(faults), max_size=6)):
+        if not messages:
+            break
+        a, b = sorted(generator.integers(0, len(messages), 2).tolist())
+        if what == "cut":
+            del messages[a:b]
+        elif what == "shift":
+            jump = generator.choice([0.01, 0.5, 30.0, 1e9])
+            messages[a:] = [_at(message, message.timestamp + jump) for message in messages[a:]]
+        elif what == "swap":
+            messages[a], messages[b] = messages[b], messages[a]
+        elif what == "damage":
+            messages[a:b] = [_noise(message, generator) for message in messages[a:b]]
+        elif what == "invalid":
+            messages[a] = pressure(one, 5, messages[a].timestamp, valid=(False, True, True, True))
+        elif what == "copy":
+            messages[b:b] = [_at(message, messages[b].timestamp) for message in messages[a : a + 3]]
+        else:
+            messages[a:] = [_at(message, message.timestamp - messages[a].timestamp) for message in messages[a:]]
+    try:
+        series = read(messages, split=bool(seed % 2), fill=seed % 5)
+    except DatasetError as error:
+        assert "\n" not in str(error)
+        return
+    assert series.pieces
+    for piece in series.pieces:
+        assert len(piece) >= 16
+        assert piece.Cp.shape == (len(piece), 4)
+        assert np.isfinite(piece.Cp).all()
+        assert np.isfinite(piece.action).all()
+        assert np.isfinite(piece.initial_action)
+        # Filled or not, a row lies between rows of the drive.
+        assert (one.Cp.min(axis=0) - EXACT <= piece.Cp).all()
+        assert (piece.Cp <= one.Cp.max(axis=0) + EXACT).all()
+        # Double precision has steps of 0.12 us behind 1e9 s.
+        assert np.diff(piece.time_s) == pytest.approx(series.period_s, abs=5e-7)
+
+
+def _at(message: can.Message, time_s: float) -> can.Message:
+    changed = can.Message(
+        timestamp=time_s,
+        arbitration_id=message.arbitration_id,
+        is_extended_id=False,
+        is_fd=message.is_fd,
+        bitrate_switch=message.bitrate_switch,
+        data=bytes(message.data),
+    )
+    return changed
+
+
+def _noise(message: can.Message, generator: np.random.Generator) -> can.Message:
+    changed = _at(message, message.timestamp)
+    changed.data = bytearray(generator.bytes(int(generator.integers(0, 65))))
+    return changed
