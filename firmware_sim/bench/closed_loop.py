@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from can_bridge.bus import frame_log
+from can_bridge.bus.background_node import BackgroundNode
 from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.traffic import background
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
 from contract.config.controller import CostWeights
@@ -23,6 +25,7 @@ from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rat
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.runs import run_log
+from firmware_sim.runs.bus_traffic import NodeErrors, WaitingTimes
 from firmware_sim.runs.metadata import RunMetadata, RunOrigin
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
@@ -73,6 +76,8 @@ def run_closed_loop(
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
     lead_in_periods, total = spans.periods(config.flow.control_period)
     _check_vehicle(config, total - lead_in_periods)
+    messages = message_set(config.bus)
+    others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs])
     controller = OnnxController.of(bundle) if controller is None else controller
     controller.warm_up(WARM_UP_PLANS)
     ecu = Ecu(bundle, controller, config, weights=weights)
@@ -84,12 +89,16 @@ def run_closed_loop(
             for path in (folder.series, folder.summary, folder.uncontrolled_picture, folder.controlled_picture)
         )
         capture = stack.enter_context(frame_log.recording(folder.frames))
-        bus = SimulatedBus(config.bus, capture)
-        check_bit_rates(bus, message_set(config.bus), config.period_ns)
+        waits = WaitingTimes(messages=messages)
+        bus = SimulatedBus(config.bus, capture, observe=waits)
+        ports = {name: bus.port(name) for name in ("vehicle", "ECU", "background")[: 3 if others else 2]}
+        if others:
+            BackgroundNode(bus, ports["background"], others, config.bus.background.seed)
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         check_sensors(bundle, wake.layout)
         node = VehicleNode(bundle.manifest.sensors, config, wake.layout)
-        loop = VirtualLoop(wake, node, ecu, bus, BusPorts(vehicle=bus.port(), ecu=bus.port()), config)
+        connected = BusPorts(vehicle=ports["vehicle"], ecu=ports["ECU"], ecu_health=ports["ECU"].health)
+        loop = VirtualLoop(wake, node, ecu, bus, connected, config)
         ready(total)
         for k in range(total):
             if k == lead_in_periods:
@@ -108,7 +117,9 @@ def run_closed_loop(
             origin=RunOrigin.on(date.today()) if origin is None else origin,
             weights=weights,
         )
-        log = RunLog.of(rows, lead_in_periods, loop.totals(), metadata, wake.layout)
+        nodes = {name: NodeErrors.of(port.health(), port.refused) for name, port in ports.items()}
+        traffic = waits.traffic(bus.activity(), nodes)
+        log = RunLog.of(rows, lead_in_periods, loop.totals(), metadata, wake.layout, traffic=traffic)
         run_log.save(series, log)
         figures.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
     return log
@@ -121,6 +132,7 @@ def _check_vehicle(config: Config, requested: int) -> None:
             f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "
             "'simulated' is possible"
         )
+    check_bit_rates(config)
     if config.vehicle.actuator_delay >= requested:
         raise StillwakeError(
             f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {requested} periods, "

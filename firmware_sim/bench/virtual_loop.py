@@ -2,26 +2,32 @@
 
 In the control period that starts at t_k
 
-    t_k                          the vehicle samples the pressures and sends them
-    + frame time                 the ECU has them and steps
-    + compute time               the command goes out (`ecu.compute_time_ms`: a stated budget, see below)
-    + frame time                 the jets' driver has it and starts its ramp, which ends at t_{k+1}
+    t_k                          the vehicle samples the pressures and hands them to its CAN controller
+    + wait + frame time          the ECU has them and steps
+    + compute time               the command is handed over (`ecu.compute_time_ms`: a stated budget, see below)
+    + wait + frame time          the jets' driver has it and starts its ramp, which ends at t_{k+1}
 
-The plant is held at the command's arrival, rounded up to a time step of the flow, with the jets as they were: late
-commands act late. An answer that arrives at t_{k+1} or later acts in the period it arrives in, and an ECU still
-computing when its next step is due skips that step. Virtual compute time is a setting, so that a run does not depend on
-the machine; the step's wall-clock time is measured beside it. Frame times are the bus's (`can_bridge.bus.simulated`).
+Waits and frame times are the bus's (`can_bridge.bus.simulated`): a frame waits for the one that is on the bus, and for
+all of higher priority. The plant is held at the command's arrival, rounded up to a time step of the flow, with the jets
+as they were: late commands act late. An answer that arrives at t_{k+1} or later acts in the period it arrives in, and
+an ECU still computing when its next step is due skips that step. Virtual compute time is a setting, so that a run does
+not depend on the machine; the step's wall-clock time is measured beside it.
+
+The ECU steps when a pressure frame arrives. It waits for one until half a period has passed (or one frame time, where
+that is longer), and then steps without: its fail-safe counts the miss, and its answer still acts in the period. What
+arrives later is in its queue for the next step. A command that the jets' driver does not get is a miss there.
 """
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from can_bridge.bus.interface import Bus
+from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import MessageSet, message_set
+from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
@@ -33,25 +39,31 @@ from wake.truck.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """Where the two nodes send and receive: ports of one `SimulatedBus`, or what wraps them."""
+    """Where the two nodes send and receive: ports of one `SimulatedBus`, or what wraps them.
+
+    Attributes:
+        ecu_health: of the ECU's CAN controller.
+    """
 
     vehicle: Bus
     ecu: Bus
+    ecu_health: Callable[[], BusHealth] = lambda: HEALTHY
 
 
-def check_bit_rates(bus: SimulatedBus, messages: MessageSet, period_ns: int) -> None:
-    """Raises BusError if a pressure frame takes a whole control period or longer: known before a plant is opened."""
-    spec = messages.pressure.spec
-    takes_ns = bus.frame_ns(Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd))
-    if takes_ns >= period_ns:
-        raise _too_slow(takes_ns, period_ns)
+def check_bit_rates(config: Config) -> None:
+    """Raises BusError if a pressure frame takes a whole control period or longer."""
+    if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
+        raise BusError(
+            f"a pressure frame takes {takes_ns / 1e6:g} ms, the control period is {config.period_ns / 1e6:g} ms: raise "
+            "bus.nominal_bitrate or bus.data_bitrate"
+        )
 
 
-def _too_slow(takes_ns: int, period_ns: int) -> BusError:
-    return BusError(
-        f"a pressure frame takes {takes_ns / 1e6:g} ms, the control period is {period_ns / 1e6:g} ms: raise "
-        "bus.nominal_bitrate or bus.data_bitrate"
-    )
+def _pressure_frame_ns(config: Config) -> int:
+    """At worst."""
+    spec, bus = message_set(config.bus).pressure.spec, config.bus
+    frame = Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd)
+    return worst_case_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
 
 
 class VirtualLoop:
@@ -65,6 +77,9 @@ class VirtualLoop:
         ports: the nodes' connections to it.
         config: clock and compute time.
         clock: wall clock in s for the step's measured time; nothing in the loop depends on it.
+
+    Raises:
+        BusError: if a pressure frame takes a whole control period or longer.
     """
 
     def __init__(
@@ -77,6 +92,7 @@ class VirtualLoop:
         config: Config,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
+        check_bit_rates(config)
         self._plant = plant
         self._node = node
         self._ecu = ecu
@@ -87,33 +103,28 @@ class VirtualLoop:
         self._pressure_id, self._command_id = messages.pressure.spec.frame_id, messages.command.spec.frame_id
         self._substeps = config.flow.substeps
         self._period_ns = config.period_ns
+        self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
         self._compute_ns = round(config.ecu.compute_time_ms * 1e6)
         self._start_ns = 0
         self._busy_until_ns = 0
         self._inbox: list[Frame] = []  # what the ECU has received since its last step
-        self._answers: list[Frame] = []  # what it sends when its computing is done
         self._commands_sent = 0
         self._commands_received = 0
         self._pressures_received = 0
 
     def period(self, *, enable_request: bool) -> Row:
-        """Advance one control period and return its row.
-
-        Raises:
-            BusError: if a pressure frame takes a whole control period or longer.
-        """
+        """Advance one control period and return its row."""
         end_ns = self._start_ns + self._period_ns
         sample = self._plant.sample()
         self._bus.advance_to(self._start_ns)
         frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self._start_ns)
-        self._ports.vehicle.send(frame)
-        heard_ns = self._arrival_ns(frame)
-        if heard_ns >= end_ns:
-            raise _too_slow(self._bus.frame_ns(frame), self._period_ns)
-        step_ms = self._step_ecu(heard_ns)
-        self._send_answers(end_ns - 1)
+        self._send(self._ports.vehicle, frame)
+        self._bus.advance_until(self._start_ns + self._wait_ns, self._pressures_came)
+        self._pressures_came()
+        step_ms = self._step_ecu(self._bus.now_ns)
         # What arrives at the period's end belongs to the next one.
         self._bus.advance_to(end_ns - 1)
+        self._pressures_came()
         commands = [item for item in self._ports.vehicle.receive_all() if item.frame_id == self._command_id]
         self._commands_received += len(commands)
         actuation = self._node.apply_commands(commands)
@@ -122,42 +133,52 @@ class VirtualLoop:
         return self._row(sample, actuation, step_ms)
 
     def totals(self) -> BusTotals:
-        """Frames so far; a command still under way is not lost."""
+        """Frames so far; one that is under way is not lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
-        lost = sent - arrived - self._bus.under_way(self._command_id)
-        return BusTotals(sent=sent, lost=lost, rejected=rejected)
+        under_way = self._bus.under_way(self._pressure_id) + self._bus.under_way(self._command_id)
+        # A frame that was destroyed in its very last bit arrives twice.
+        return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
+
+    def _pressures_came(self) -> bool:
+        """Put what has arrived into the ECU's inbox; whether pressures were among it."""
+        received = self._ports.ecu.receive_all()
+        pressures = sum(item.frame_id == self._pressure_id for item in received)
+        self._pressures_received += pressures
+        self._inbox += received
+        return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Let the ECU receive, and step unless it is still computing; wall-clock ms of the step, NaN if skipped."""
-        self._send_answers(now_ns)
-        self._bus.advance_to(now_ns)
-        received = self._ports.ecu.receive_all()
-        self._pressures_received += sum(item.frame_id == self._pressure_id for item in received)
-        self._inbox += received
+        """Let the ECU step unless it is still computing; wall-clock ms of the step, NaN if skipped."""
         if now_ns < self._busy_until_ns:
             return math.nan
         began = self._clock()
-        self._answers = self._ecu.step(now_ns, self._inbox)
+        answers = self._ecu.step(now_ns, self._inbox, self._ports.ecu_health())
         elapsed = self._clock() - began
         self._inbox = []
         self._busy_until_ns = now_ns + self._compute_ns
+        self._bus.call_at(self._busy_until_ns, lambda: self._answer(answers))
         return elapsed * 1e3
 
-    def _send_answers(self, until_ns: int) -> None:
-        """Send the ECU's answers if its computing is done by then."""
-        if self._answers and self._busy_until_ns <= until_ns:
-            self._bus.advance_to(self._busy_until_ns)
-            for frame in self._answers:
-                self._ports.ecu.send(frame)
-            self._commands_sent += sum(frame.frame_id == self._command_id for frame in self._answers)
-            self._answers = []
+    def _answer(self, frames: Sequence[Frame]) -> None:
+        """Hand over what the ECU has computed."""
+        for frame in frames:
+            self._commands_sent += frame.frame_id == self._command_id
+            self._send(self._ports.ecu, frame)
+
+    @staticmethod
+    def _send(port: Bus, frame: Frame) -> None:
+        """Hand over a frame. One that the bus does not take is lost: its receiver is there to notice."""
+        try:
+            port.send(frame)
+        except BusError:
+            return
 
     def _advance_plant(self, actuation: Actuation) -> None:
         """Advance to the period's end, with the jets as they were until the command arrives."""
         if actuation.command is not None:
-            after_ns = self._arrival_ns(actuation.command) - self._start_ns
+            after_ns = actuation.command.timestamp_ns - self._start_ns
             # One substep is left for the ramp.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:
@@ -169,7 +190,7 @@ class VirtualLoop:
         forecast = (math.nan, math.nan) if skipped or trace.forces is None else trace.forces[0]
         age_ms = math.nan
         if actuation.command is not None and actuation.sampled_ns is not None:
-            age_ms = (self._arrival_ns(actuation.command) - actuation.sampled_ns) / 1e6
+            age_ms = (actuation.command.timestamp_ns - actuation.sampled_ns) / 1e6
         return Row(
             sample=sample,
             command=math.nan if skipped else trace.action,
@@ -180,7 +201,3 @@ class VirtualLoop:
             step_ms=step_ms,
             age_ms=age_ms,
         )
-
-    def _arrival_ns(self, frame: Frame) -> int:
-        """When a frame arrives whose transmission began at its timestamp."""
-        return frame.timestamp_ns + self._bus.frame_ns(frame)

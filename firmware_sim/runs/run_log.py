@@ -16,10 +16,11 @@ from contract.atomic import replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from contract.sensor_layout import SensorLayout
+from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.metadata import RunMetadata
 from wake.truck.sample import Sample
 
-SCHEMA: Final = "stillwake-run/2"
+SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
 """The series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
@@ -83,12 +84,14 @@ class RunLog:
         enabled_at: index of the first row with control requested.
         bus: totals.
         metadata: what the run was made with.
+        traffic: everything on the bus.
     """
 
     series: Mapping[str, Array]
     enabled_at: int
     bus: BusTotals
     metadata: RunMetadata
+    traffic: BusTraffic
 
     @classmethod
     def of(
@@ -98,12 +101,14 @@ class RunLog:
         bus: BusTotals,
         metadata: RunMetadata,
         layout: SensorLayout = sensors.TRUCK,
+        *,
+        traffic: BusTraffic,
     ) -> "RunLog":
         columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
         mounted = layout.indices(metadata.sensors)
         series[WALL] = np.array([row.sample.Cp[mounted] for row in rows], dtype=float)
-        return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata)
+        return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata, traffic=traffic)
 
 
 def save(path: Path, log: RunLog) -> None:
@@ -113,6 +118,7 @@ def save(path: Path, log: RunLog) -> None:
             "schema": SCHEMA,
             "enabled_at": log.enabled_at,
             "bus": asdict(log.bus),
+            "traffic": log.traffic.to_tree(),
             "metadata": log.metadata.to_tree(),
         }
     )
@@ -142,6 +148,7 @@ def load(path: Path) -> RunLog:
                 enabled_at=header["enabled_at"],
                 bus=BusTotals(**header["bus"]),
                 metadata=RunMetadata.from_tree(header["metadata"]),
+                traffic=BusTraffic.from_tree(header["traffic"]),
             )
     except FileNotFoundError as error:
         raise StillwakeError(f"{path}: not the series of a run (there is no such file)") from error

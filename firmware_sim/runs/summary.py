@@ -27,6 +27,7 @@ def summary(log: RunLog) -> dict[str, Any]:
         **_averaged(log),
         **_timed(log),
         "counters": _counters(log),
+        "bus": _bus(log),
         "frames_sent": log.bus.sent,
         "frames_lost": log.bus.lost,
         "frames_rejected": log.bus.rejected,
@@ -98,6 +99,12 @@ def _counters(log: RunLog) -> dict[str, int]:
         "frames_lost": log.bus.lost,
         "frames_rejected": log.bus.rejected,
     }
+
+
+def _bus(log: RunLog) -> dict[str, Any]:
+    traffic = log.traffic.to_tree()
+    waits = {name: _rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
+    return {**traffic, "load": _rounded(log.traffic.load), "longest_wait_ms": waits}
 
 
 def _rounded(value: float | None) -> float | None:

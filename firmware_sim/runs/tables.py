@@ -60,11 +60,12 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("the same against the budget", _against_budget(timing, run.budget_ms)),
         ("sample to jets in virtual time, max", _sample_to_jets(log)),
         ("actuator's delay / compensated by the ECU", _delays(run)),
-        ("frames sent", str(log.bus.sent)),
-        ("frames lost on the bus", str(log.bus.lost)),
-        ("frames rejected end to end", str(log.bus.rejected)),
+        ("pressure frames and commands sent", str(log.bus.sent)),
+        ("of these lost on the bus", str(log.bus.lost)),
+        ("of these rejected end to end", str(log.bus.rejected)),
         ("steps without usable pressures (the first frame is always one)", str(run.status.missed)),
-        ("CRC errors / bus-off", f"{run.status.crc_errors} / {run.status.bus_off}"),
+        ("CRC errors", str(run.status.crc_errors)),
+        *_bus_rows(log),
     ]
 
 
@@ -103,6 +104,22 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
         ("ECU fault", fault),
         ("periods in control / requested", f"{found.in_control} / {found.requested}{filling}"),
         ("periods by mode while requested", ", ".join(f"{name} {count}" for name, count in found.modes.items())),
+    ]
+
+
+def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
+    traffic = log.traffic
+    waits = ", ".join(f"{name} {wait:.3f} ms" for name, wait in traffic.longest_wait_ms.items())
+    errors = [
+        f"{name} {node.state.lower().replace('_', '-')} {node.tx_errors} / {node.rx_errors} / {node.bus_off}"
+        for name, node in traffic.nodes.items()
+    ]
+    return [
+        ("bus load, all nodes", f"{100 * traffic.load:.1f} %"),
+        ("frames on the bus, all nodes / error frames", f"{traffic.frames} / {traffic.error_frames}"),
+        ("longest wait for the bus", waits or "nothing was sent"),
+        ("CAN controllers: state, TEC / REC / times bus-off", ", ".join(errors)),
+        ("frames that the bus did not take", str(sum(node.refused for node in traffic.nodes.values()))),
     ]
 
 

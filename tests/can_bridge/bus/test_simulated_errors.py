@@ -109,13 +109,13 @@ def test_a_node_alone_ends_up_error_passive_and_never_bus_off():
         bus.advance_to(((attempt - 1) * active + TO_ACKNOWLEDGE) * BIT)
         assert alone.health().tx_errors == 8 * attempt
     assert alone.health().state is BusState.ERROR_PASSIVE
-    bus.advance_to(10 * 10**9)
+    bus.advance_to(10**9)
     assert counts(alone) == [(128, 0)]
     assert alone.health().state is BusState.ERROR_PASSIVE
     assert alone.health().bus_off == 0
     assert bus.activity().frames == 0
     # From then on it waits eight more bits after each attempt.
-    passive = bits(10 * 10**9) // (active + SUSPEND)
+    passive = bits(10**9) // (active + SUSPEND)
     assert bus.activity().error_frames == pytest.approx(passive, abs=16)
 
 

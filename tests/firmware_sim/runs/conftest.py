@@ -8,12 +8,25 @@ import numpy.typing as npt
 import pytest
 
 from can_bridge.wire.messages import Mode
+from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors
 from firmware_sim.runs.run_log import COLUMNS, BusTotals, RunLog
 
 STEP, LEAD_IN, CONTROLLED = 0.2, 60, 100
 """t_c, and periods."""
 FREQUENCY = 0.2
 """Of the lift without control, 1/t_c: a cycle is 25 periods."""
+
+
+TRAFFIC = BusTraffic(
+    load=0.3125,
+    frames=4321,
+    error_frames=7,
+    longest_wait_ms={"Pressure": 0.5, "JetCommand": 1.25},
+    nodes={
+        "vehicle": NodeErrors(state="ERROR_ACTIVE", tx_errors=8, rx_errors=1, bus_off=0, refused=0),
+        "ECU": NodeErrors(state="ERROR_PASSIVE", tx_errors=130, rx_errors=0, bus_off=2, refused=3),
+    },
+)
 
 
 @pytest.fixture
@@ -25,7 +38,13 @@ def log_of(run_metadata) -> Callable[..., RunLog]:
         series["t"] = 100.0 + 0.2 * np.arange(6, dtype=np.float64)
         series |= {name: np.array(values, dtype=float) for name, values in columns.items()}
         bus = BusTotals(sent=12, lost=1, rejected=2)
-        return RunLog(series=series, enabled_at=enabled_at, bus=bus, metadata=replace(run_metadata, settle=settle))
+        return RunLog(
+            series=series,
+            enabled_at=enabled_at,
+            bus=bus,
+            traffic=TRAFFIC,
+            metadata=replace(run_metadata, settle=settle),
+        )
 
     return make
 
@@ -69,6 +88,6 @@ def shedding(run_metadata) -> Callable[..., RunLog]:
             series["step_ms"][LEAD_IN + offset] = np.nan
         metadata = replace(run_metadata, **{"settle": 4.0, **changes})
         bus = BusTotals(sent=320, lost=1, rejected=2)
-        return RunLog(series=series, enabled_at=LEAD_IN, bus=bus, metadata=metadata)
+        return RunLog(series=series, enabled_at=LEAD_IN, bus=bus, traffic=TRAFFIC, metadata=metadata)
 
     return make

@@ -9,10 +9,12 @@ from contract import sensors
 from contract.errors import StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log
+from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, Row, RunLog
 from wake.truck.sample import Sample
 
 NAN = float("nan")
+QUIET = BusTraffic(load=0.0, frames=0, error_frames=0, longest_wait_ms={}, nodes={})
 MOUNTED = (39.0, 79.0, 80.0, 89.0)
 """Where the sensors of the metadata stand among the 90: upper 0 to 39, lower 40 to 79, base 80 to 89."""
 
@@ -22,6 +24,7 @@ def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
     run_log.save(tmp_path / "a" / "series.npz", log)
     found = run_log.load(tmp_path / "a" / "series.npz")
     assert (found.bus, found.enabled_at, found.metadata) == (log.bus, log.enabled_at, log.metadata)
+    assert found.traffic == log.traffic
     for name, values in log.series.items():
         np.testing.assert_array_equal(found.series[name], values)
 
@@ -52,7 +55,7 @@ def test_a_run_of_another_schema_is_refused(log_of, tmp_path):
     path = tmp_path / "series.npz"
     run_log.save(path, log_of())
     altered(path, lambda header: (header.pop("schema"), header["metadata"]["versions"].update(stillwake="0.0.9")))
-    with pytest.raises(StillwakeError, match=r"schema None, made by stillwake 0\.0\.9; .*reads 'stillwake-run/2'"):
+    with pytest.raises(StillwakeError, match=r"schema None, made by stillwake 0\.0\.9; .*reads 'stillwake-run/3'"):
         run_log.load(path)
 
 
@@ -93,7 +96,7 @@ def test_a_row_becomes_one_value_in_every_column(run_metadata):
         )
         for t in (1.0, 2.0)
     ]
-    log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata)
+    log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata, traffic=QUIET)
     assert tuple(log.series) == (*COLUMNS, WALL)
     # In the order of the bundle: upper_39, lower_39, base_0, base_9.
     assert log.series[WALL].tolist() == [[value + t for value in MOUNTED] for t in (1.0, 2.0)]

@@ -29,11 +29,17 @@ def test_tables_show_the_figures(shedding):
     assert rows["whole shedding cycles averaged"] == ["2", "3"]
     service = dict(service_rows(log))
     assert (service["plant"], service["control step computed by"]) == ("two numbers", "a test")
-    assert (service["frames sent"], service["frames lost on the bus"]) == ("320", "1")
-    assert service["frames rejected end to end"] == "2"
+    assert (service["pressure frames and commands sent"], service["of these lost on the bus"]) == ("320", "1")
+    assert service["of these rejected end to end"] == "2"
     assert service["steps without usable pressures (the first frame is always one)"] == "2"
     assert service["periods left out by the ECU (overruns)"] == "1"
-    assert service["CRC errors / bus-off"] == "3 / 4"
+    assert service["CRC errors"] == "3"
+    assert service["bus load, all nodes"] == "31.2 %"
+    assert service["frames on the bus, all nodes / error frames"] == "4321 / 7"
+    assert service["longest wait for the bus"] == "Pressure 0.500 ms, JetCommand 1.250 ms"
+    controllers = service["CAN controllers: state, TEC / REC / times bus-off"]
+    assert controllers == "vehicle error-active 8 / 1 / 0, ECU error-passive 130 / 0 / 2"
+    assert service["frames that the bus did not take"] == "3"
     assert service["sample to jets in virtual time, max"] == "8.30 ms"
     assert service["ECU fault"] == "none"
     assert service["cost weights"] == "the bundle's"

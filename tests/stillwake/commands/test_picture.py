@@ -16,6 +16,7 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from firmware_sim.runs import run_log
+from firmware_sim.runs.bus_traffic import BusTraffic
 from stillwake.commands import picture as stillwake_pictures
 from tests.stillwake.verbs import verbs
 from wake.shipped import RECORDING
@@ -86,7 +87,9 @@ def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_met
     in_force = [0.0, 0.01, 0.03, -0.02]
     series = {name: np.zeros(4) for name in run_log.COLUMNS} | {"action": np.array(in_force)}
     bus = run_log.BusTotals(sent=0, lost=0, rejected=0)
-    run_log.save(tmp_path / "series.npz", run_log.RunLog(series=series, enabled_at=0, bus=bus, metadata=run_metadata))
+    quiet = BusTraffic(load=0.0, frames=0, error_frames=0, longest_wait_ms={}, nodes={})
+    log = run_log.RunLog(series=series, enabled_at=0, bus=bus, traffic=quiet, metadata=run_metadata)
+    run_log.save(tmp_path / "series.npz", log)
     assert actions(run=tmp_path).tolist() == in_force[1:]
     assert actions(run=tmp_path, duration=0.4).tolist() == in_force[1:3]
     with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording holds 0\.6 t_c"):
