@@ -117,10 +117,8 @@ def gate(
     if pressure_ns is None or not 0 <= now_ns - pressure_ns <= oldest_ns:
         return _shut(Intervention.STALE)
 
-    interventions = Intervention(0)
     in_range = _clamp(flow_m2_per_s, -limits.flow_m2_per_s, limits.flow_m2_per_s)
-    if in_range != flow_m2_per_s:
-        interventions |= Intervention.RANGE
+    interventions = Intervention(0) if in_range == flow_m2_per_s else Intervention.RANGE
     step = limits.step_m2_per_s
     if previous_ns is not None:
         step *= min(1.0, (now_ns - previous_ns) / limits.period_ns)

@@ -1,6 +1,7 @@
 """Every line and both sides of every branch of the gate; then what must hold for all inputs."""
 
 import math
+from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
 import pytest
@@ -28,8 +29,9 @@ def passing(flow: float, **changes: Any) -> GatedCommand:
         "previous_ns": None,
         "pressure_ns": 1000,
         "now_ns": 1050,
+        "limits": LIMITS,
     }
-    return gate(flow, limits=LIMITS, **{**arguments, **changes})
+    return gate(flow, **{**arguments, **changes})
 
 
 @pytest.mark.parametrize("flow", [0.0, 0.5, -0.5, 1.0, -1.0])
@@ -78,10 +80,11 @@ def test_age_bounds_are_inclusive(now):
 @pytest.mark.parametrize("previous", [2.0, -2.0])
 @pytest.mark.parametrize("now", [1101, 1300])
 def test_old_pressures_bear_a_command_that_leads_to_zero_and_no_other(previous, now):
+    limits = replace(LIMITS, step_m2_per_s=2.0)
     sign = math.copysign(1.0, previous)
-    for held in (previous, 0.5 * previous, 1.0 * sign):
+    for held in (previous, 0.5 * previous, 1.2 * sign, 0.001 * sign, 0.0):
         held_on = GatedCommand(flow_m2_per_s=held, enable=True, interventions=PASSED)
-        assert passing(held, previous_m2_per_s=previous, now_ns=now) == held_on
+        assert passing(held, previous_m2_per_s=previous, now_ns=now, limits=limits) == held_on
     for new in (previous + 0.001 * sign, -0.001 * sign, -previous, 2.0 * previous):
         stale = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=Intervention.STALE)
         assert passing(new, previous_m2_per_s=previous, now_ns=now) == stale
@@ -100,10 +103,12 @@ def test_old_pressures_bear_no_movement_away_from_zero(flow):
     ("elapsed", "reach"), [(1, 0.01), (25, 0.25), (50, 0.5), (99, 0.99), (100, 1.0), (101, 1.0), (10**15, 1.0)]
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_step_is_as_large_as_the_time_since_the_one_before(elapsed, reach, sign):
-    result = passing(3.9 * sign, previous_m2_per_s=2.0 * sign, previous_ns=1050 - elapsed)
+@pytest.mark.parametrize("largest", [1.0, 0.25])
+def test_the_step_is_as_large_as_the_time_since_the_one_before(elapsed, reach, sign, largest):
+    limits = replace(LIMITS, step_m2_per_s=largest)
+    result = passing(3.9 * sign, previous_m2_per_s=2.0 * sign, previous_ns=1050 - elapsed, limits=limits)
     # Floating-point rounding of the product and the sum.
-    assert result.flow_m2_per_s == pytest.approx((2.0 + reach) * sign, abs=1e-12)
+    assert result.flow_m2_per_s == pytest.approx((2.0 + reach * largest) * sign, abs=1e-12)
     assert result.interventions == Intervention.RATE
 
 
@@ -189,6 +194,17 @@ def test_sequence_never_moves_faster_than_the_step(commands):
         result = passing(command, previous_m2_per_s=previous)
         assert not result.enable or abs(result.flow_m2_per_s - previous) <= 1.0 + 1e-12
         previous = result.flow_m2_per_s
+
+
+@pytest.mark.parametrize("value", [LIMITS, passing(0.5)], ids=["limits", "command"])
+def test_limits_and_commands_are_values_with_names(value):
+    """A limit cannot be moved once it is set, nor given in the wrong place."""
+    facts = {item.name: getattr(value, item.name) for item in fields(value)}
+    with pytest.raises(FrozenInstanceError):
+        value.flow_m2_per_s = 9.0
+    with pytest.raises(TypeError):
+        type(value)(*facts.values())
+    assert type(value)(**facts) == value
 
 
 def test_limits_of_the_default_truck():

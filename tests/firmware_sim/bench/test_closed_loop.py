@@ -91,7 +91,7 @@ def test_the_summary_has_every_figure(run):
     assert found["fault"] is None
     assert found["modes"] == {"CONTROL": CONTROLLED}
     assert found["bundle"]["digest"] == log.metadata.digest
-    assert found["settings"]["vehicle"] == {"actuator_delay": 0}
+    assert found["settings"]["vehicle"] == {"actuator_delay": 0, "action_step": 0.075}
     # The developed wake's known ranges.
     assert 0.9 < found["Cd_uncontrolled"] < 1.3
     assert -1.0 < found["base_Cp_uncontrolled"] < -0.2

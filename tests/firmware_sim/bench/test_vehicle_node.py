@@ -8,11 +8,12 @@ import pytest
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract import sensors
 from contract.config.tree import Config
-from contract.config.vehicle import EcuConfig, VehicleConfig
+from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 from contract.errors import ConfigError
 from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.vehicle_node import VehicleNode
@@ -34,14 +35,20 @@ class Commands:
     def __init__(self) -> None:
         self.sender = E2eSender(JET_COMMAND)
 
-    def __call__(self, action: float, *, enable=True, echo=None):
-        command = JetCommand(flow_m2_per_s=action * SCALE, mode=Mode.CONTROL, enable=enable, pressure_counter=echo)
+    def __call__(self, action: float, *, enable=True, mode=Mode.CONTROL, echo: int | None = 0):
+        command = JetCommand(flow_m2_per_s=action * SCALE, mode=mode, enable=enable, pressure_counter=echo)
         return self.sender.frame(codec.emit_jet_command(command), now_ns=0)
+
+
+def request(node: VehicleNode, *, wanted=True, frames=1, now_ns=0) -> Frame:
+    """Sample, with the wish for control."""
+    return [node.sample(np.zeros(sensors.COUNT), enable_request=wanted, now_ns=now_ns) for _ in range(frames)][-1]
 
 
 @pytest.fixture
 def trusted(node) -> Commands:
-    """A stream of commands the node trusts."""
+    """A stream of commands the node trusts, while it wants control; Pressure 0 is the only one it has sent."""
+    request(node)
     commands = Commands()
     for _ in range(3):
         node.apply_commands([commands(0.0)])
@@ -90,6 +97,7 @@ def test_the_jets_follow_the_newest_command(node, trusted):
 
 
 def test_commands_are_not_followed_before_the_stream_is_trusted(node):
+    request(node)
     commands = Commands()
     assert [node.apply_commands([commands(0.05)]).action for _ in range(3)] == pytest.approx(
         [0.0, 0.05, 0.05], abs=2e-6
@@ -103,12 +111,14 @@ def test_a_shut_command_shuts_whatever_the_flow(node, trusted):
 
 def test_the_jets_own_limit_holds(node, trusted):
     assert node.apply_commands([trusted(0.1)]).action == CONFIG.flow.action_limit
+    node.apply_commands([trusted(0.0)])
     assert node.apply_commands([trusted(-0.1)]).action == -CONFIG.flow.action_limit
 
 
 @pytest.mark.parametrize("hold", [0, 1, 2])
 def test_missing_commands_hold_and_then_shut(hold):
     node, commands = VehicleNode(NAMES, Config(ecu=EcuConfig(hold_periods=hold))), Commands()
+    request(node)
     for _ in range(3):
         full = node.apply_commands([commands(0.05)]).action
     driven = [node.apply_commands([]) for _ in range(4)]
@@ -122,16 +132,93 @@ def test_a_corrupted_command_is_rejected_and_counted(node, trusted):
     driven = node.apply_commands([replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))])
     assert (driven.action, driven.command) == (full, None)
     assert node.frames_rejected == 1
-    assert node.apply_commands([trusted(-0.05)]).action == pytest.approx(-0.05, abs=2e-6)
+    assert node.apply_commands([trusted(-0.02)]).action == pytest.approx(-0.02, abs=2e-6)
 
 
 def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
-    cp = np.zeros(sensors.COUNT)
-    for k in range(300):  # the counter wraps at 256
-        node.sample(cp, enable_request=True, now_ns=1000 * k)
+    for k in range(1, 300):  # the counter wraps at 256
+        request(node, now_ns=1000 * k)
+        assert node.apply_commands([trusted(0.0, echo=max(0, k - 2) % 256)]).sampled_ns == 1000 * max(0, k - 2)
+    assert node.apply_commands([trusted(0.0, echo=None)]).sampled_ns is None
     assert node.apply_commands([trusted(0.0, echo=299 % 256)]).sampled_ns == 299_000
-    assert node.apply_commands([trusted(0.0, echo=298 % 256)]).sampled_ns == 298_000
-    assert node.apply_commands([trusted(0.0)]).sampled_ns is None
+
+
+@pytest.mark.parametrize("mode", Mode)
+def test_jets_run_in_the_modes_that_drive_them_alone(node, trusted, mode):
+    """Whatever Enable says."""
+    node.apply_commands([trusted(0.05)])
+    driving = mode in (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
+    assert (node.apply_commands([trusted(0.05, mode=mode)]).action != 0.0) == driving
+    assert node.apply_commands([trusted(0.05, mode=mode, enable=False)]).action == 0.0
+
+
+def test_a_command_that_rests_on_no_pressures_does_not_drive(node, trusted):
+    assert node.apply_commands([trusted(0.05)]).action != 0.0
+    assert node.apply_commands([trusted(0.05, echo=None)]).action == 0.0
+    assert node.apply_commands([trusted(0.05)]).action != 0.0
+
+
+def test_a_command_that_rests_on_a_frame_that_was_never_sent_does_not_drive(node, trusted):
+    assert node.apply_commands([trusted(0.05, echo=1)]).action == 0.0
+    request(node)
+    assert node.apply_commands([trusted(0.05, echo=1)]).action != 0.0
+
+
+def test_without_a_wish_of_its_own_the_vehicle_drives_nothing(node, trusted):
+    assert node.apply_commands([trusted(0.05)]).action != 0.0
+    request(node, wanted=False)
+    assert node.apply_commands([trusted(0.05)]).action == 0.0
+    assert node.apply_commands([]).action == 0.0  # nor does it hold
+    request(node)
+    assert node.apply_commands([trusted(0.05)]).action != 0.0
+    fresh, commands = VehicleNode(NAMES, CONFIG), Commands()
+    assert [fresh.apply_commands([commands(0.05)]).action for _ in range(3)] == [0.0] * 3
+
+
+@pytest.mark.parametrize("frames", ["fd", "classic"])
+def test_an_echo_that_stands_still_drives_for_as_long_as_pressures_may_be_old_and_never_again(frames):
+    """Past the end of the counter as well, which is sixteen frames away with classic CAN."""
+    config = Config(bus=BusConfig(frames=frames))
+    node, messages = VehicleNode(NAMES, config), message_set(config.bus)
+    sender, driven = E2eSender(messages.command.spec), []
+    command = JetCommand(flow_m2_per_s=2.0, mode=Mode.CONTROL, enable=True, pressure_counter=1)
+    for _ in range(600):
+        request(node)
+        frame = sender.frame(messages.command.emit(command), now_ns=0)
+        driven.append(node.apply_commands([frame]).action != 0.0)
+    # Period 0: the frame is not sent yet, nor the stream trusted. Then a hold, two decays, the frame's own period, and
+    # one for computing and the way.
+    assert driven == [False] + [True] * 6 + [False] * 593
+
+
+def test_a_reversal_takes_as_many_periods_as_the_jets_own_limit_says():
+    config = replace(CONFIG, vehicle=VehicleConfig(action_step=0.04))
+    node, commands = VehicleNode(NAMES, config), Commands()
+    request(node)
+    wanted = [0.0, 0.0, 0.07, 0.07, -0.07, -0.07, -0.07, -0.07]
+    driven = [node.apply_commands([commands(action)]).action for action in wanted]
+    # Flows have steps of 0.0002 m2/s on the wire.
+    assert driven == pytest.approx([0.0, 0.0, 0.04, 0.07, 0.03, -0.01, -0.05, -0.07], abs=2e-6)
+    # Shutting is never slowed down.
+    assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
+
+
+def test_a_pressure_that_is_no_number_is_sent_as_an_invalid_zero(node):
+    cp = np.full(sensors.COUNT, 0.3)
+    cp[sensors.NAMES.index("upper_00")] = np.nan
+    message = parsed(node.sample(cp, enable_request=True, now_ns=0))
+    assert message.valid == (True, False, True, True)
+    assert message.pressure_pa == pytest.approx([0.3 * Q, 0.0, 0.3 * Q, 0.3 * Q], abs=0.0501)  # half a step
+    assert node.frames_sent == 1
+
+
+def test_a_frame_that_could_not_be_made_is_not_counted(node):
+    with pytest.raises(ValueError, match="timestamp -1"):
+        request(node, now_ns=-1)
+    assert node.frames_sent == 0
+    assert node.apply_commands([]).action == 0.0
+    request(node)
+    assert node.frames_sent == 1
 
 
 def test_unknown_sensors_are_refused():
@@ -155,6 +242,7 @@ def test_columns_are_those_of_the_plant_s_own_sensors():
 def test_late_jets_follow_every_command_so_many_periods_later():
     late = replace(CONFIG, vehicle=VehicleConfig(actuator_delay=2))
     node, commands = VehicleNode(NAMES, late), Commands()
+    request(node)
     wanted = [0.0, 0.01, -0.02, 0.03, 0.0]
     followed = [node.apply_commands([commands(action)]).action for action in wanted]
     # The first frame only makes the stream known.

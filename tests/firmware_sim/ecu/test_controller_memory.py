@@ -1,12 +1,12 @@
 import copy
 import pickle
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from contract.controller.interface import ControllerError
+from contract.controller.interface import ControllerError, ControlStep
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
 
@@ -101,6 +101,68 @@ def test_an_answer_that_is_not_finite_is_an_error(recording_controller):
     controller.control_step = lambda *inputs: replace(control_step(*inputs), forces=np.full((4, 2), np.inf))
     with pytest.raises(ControllerError, match="forecast is not finite"):
         memory.planned(controller)
+
+
+class Answering:
+    """A controller that returns what it is told to, or raises it."""
+
+    def __init__(self, answer: object) -> None:
+        self.answer = answer
+
+    def control_step(self, window, plan, free, weights=None) -> ControlStep:
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        return cast(ControlStep, self.answer)
+
+
+def answer_of(**changes: Any) -> ControlStep:
+    sound: dict[str, Any] = {"plan": np.zeros(4), "forces": np.zeros((4, 2)), "terms": np.zeros(7), "cost": 0.0}
+    return ControlStep(**{**sound, **changes})
+
+
+NO_ANSWERS = [
+    ValueError("x"),
+    MemoryError(),
+    ZeroDivisionError(),
+    RecursionError(),
+    None,
+    "plan",
+    np.zeros(4),
+    *(
+        answer_of(plan=plan)
+        for plan in (None, 0.0, [0.0] * 4, np.zeros(()), np.zeros(3), np.zeros(5), np.zeros((4, 2)))
+    ),
+    *(answer_of(plan=np.zeros(4, dtype=kind)) for kind in (object, "U3", bool, complex, "datetime64[s]")),
+    answer_of(plan=np.array([0.0, None, 0.0, 0.0])),
+    *(answer_of(forces=forces) for forces in (None, np.zeros(4), np.zeros((2, 4)), np.zeros((5, 2)), np.zeros((4, 3)))),
+    answer_of(forces=np.full((4, 2), "x", dtype=object)),
+]
+"""What a controller does that keeps nothing of its interface."""
+
+
+@pytest.mark.parametrize("answer", NO_ANSWERS, ids=repr)
+def test_whatever_else_a_controller_does_is_an_error_of_the_controller(answer):
+    memory = after(memory_of(1), [1.0], 0.0)
+    with pytest.raises(ControllerError, match="the controller"):
+        memory.planned(Answering(answer))
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), SystemExit()])
+def test_who_stops_the_program_stops_it(stop):
+    with pytest.raises(type(stop)):
+        after(memory_of(1), [1.0], 0.0).planned(Answering(stop))
+
+
+def test_a_plan_that_its_controller_changes_later_stays_as_it_was():
+    plan = np.array([0.1, 0.2, 0.3, 0.4], dtype=np.float32)
+    view = plan[:]
+    view.flags.writeable = False
+    planned, answer = after(memory_of(1), [1.0], 0.0).planned(Answering(answer_of(plan=view)))
+    plan[:] = 9.0
+    for kept in (planned.plan, answer.plan):
+        assert kept.dtype == np.float64
+        # Of float32.
+        np.testing.assert_allclose(kept, [0.1, 0.2, 0.3, 0.4], rtol=1e-7)
 
 
 @pytest.mark.parametrize("copied", [lambda memory: memory, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])

@@ -1,5 +1,6 @@
 """Whatever arrives, the ECU answers, counts, and keeps its promises about the jets."""
 
+import random
 from dataclasses import replace
 
 import pytest
@@ -10,8 +11,10 @@ from can_bridge.e2e.profile5 import check, protect
 from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
-from can_bridge.wire.messages import Mode
+from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
+
+WINDOW = 4
 
 
 def corrupted(frame: Frame, bit: int) -> Frame:
@@ -67,6 +70,91 @@ def test_a_short_frame_is_rejected(bench):
     data = protect(bytes(8), data_id=PRESSURE.data_id, counter=bench.sender.state.counter)
     assert bench.step(Frame(frame_id=PRESSURE.frame_id, data=data)).mode is Mode.HOLD
     assert bench.status.crc_errors == 1
+
+
+def run_pattern(bench, pattern: str, times: int) -> str:
+    """The initials of the modes after each period: G a good frame, c a corrupted one, x none, + two in one period."""
+    found = ""
+    for period in (pattern.split() if " " in pattern else list(pattern)) * times:
+        frames = [
+            corrupted(bench.pressure(), 77) if kind == "c" else bench.pressure() for kind in period if kind != "x"
+        ]
+        found += bench.step(*frames).mode.name[0]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("pattern", "expected", "reason"),
+    [
+        ("xxxx", "HDDF", Reason.STREAM_LOST),
+        # The third wrong CRC among five ends the trust in the stream, whatever good frames came beside.
+        ("cccc", "HDFF", Reason.STREAM_INVALID),
+        ("cGcGc", "HCHCF", Reason.STREAM_INVALID),
+        ("cG cG cG", "CCF", Reason.STREAM_INVALID),
+        ("Gc Gc Gc", "CCF", Reason.STREAM_INVALID),
+        ("ccG Gcc cGc", "CCF", Reason.STREAM_INVALID),
+        ("cccG cccG cccG cccG", "CCFF", Reason.STREAM_INVALID),
+        ("xcxcx", "HDDFF", Reason.STREAM_LOST),
+        ("GccxGccx", "CHDDCFFF", Reason.STREAM_INVALID),
+    ],
+)
+def test_lost_frames_hold_and_decay_and_a_stream_not_to_be_trusted_shuts_at_once(bench, pattern, expected, reason):
+    bench.into_control()
+    bench.good(5)
+    assert run_pattern(bench, pattern, 1) == expected
+    assert bench.status.reason is reason
+
+
+@pytest.mark.parametrize(("one", "other"), [("cG", "Gc"), ("ccG", "Gcc"), ("cGG", "GGc"), ("cccG", "Gccc")])
+def test_the_order_of_frames_within_a_period_decides_nothing(bench_of, one, other):
+    found = []
+    for pattern in (one, other):
+        bench = bench_of()
+        bench.into_control()
+        found.append(run_pattern(bench, f"{pattern} G", 20))
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "latches"),
+    [("Gxxx", True), ("Gx", True), ("Gc", True), ("Gccx", True), ("GGx", False), ("GGGx", False), ("GGGc", False)],
+)
+def test_a_bus_that_loses_half_of_the_pressures_is_not_driven_on_for_ever(bench, pattern, latches):
+    bench.into_control()
+    assert (run_pattern(bench, pattern, 40)[-1] == "F") == latches
+
+
+def test_a_quarter_of_the_pressures_lost_at_random_is_borne(bench_of):
+    """A minute, in which no more than three are lost in a row."""
+    bench, rng, in_a_row = bench_of(), random.Random(1), 0
+    bench.into_control()
+    for _ in range(3000):
+        in_a_row = in_a_row + 1 if in_a_row < 3 and rng.random() < 0.25 else 0
+        mode = bench.step(*([] if in_a_row else [bench.pressure()])).mode
+        assert mode is not Mode.FAULT
+
+
+@pytest.mark.parametrize("reset_in", ["x" * 8, "G"])
+def test_an_ecu_reset_under_a_standing_wish_stays_off(bench_of, reset_in):
+    """In control, or with a fault latched, which power-on forgets: the wish is of the time before."""
+    bench = bench_of()
+    bench.into_control()
+    before = run_pattern(bench, reset_in, 1)[-1]
+    assert before == ("F" if "x" in reset_in else "C")
+    bench.ecu.restore(bench_of().ecu.state)
+    assert {command.mode for command in bench.good(100)} == {Mode.OFF}
+    assert bench.good(1, enable=False)[0].mode is Mode.OFF
+    assert bench.good(1)[0].mode is Mode.CONTROL
+
+
+def test_the_wish_may_rise_with_the_second_frame_of_all(bench):
+    """The first one, from a stream not yet trusted, is believed that there is no wish, and never that there is one."""
+    assert [command.mode for command in bench.good(WINDOW + 1)][1:] == [Mode.WARMUP] * 3 + [Mode.CONTROL]
+    bench.into_control()
+    jumped = SenderState(counter=(bench.sender.state.counter + 100) % 256)
+    bench.sender.state = jumped
+    assert bench.step(bench.pressure(enable=False)).mode is Mode.HOLD  # out of sequence: not believed at all
+    assert bench.good(1, enable=False)[0].mode is Mode.OFF
 
 
 GARBAGE = st.builds(

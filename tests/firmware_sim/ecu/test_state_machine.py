@@ -8,7 +8,9 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 
-ON = FailSafe(good=9, enable_request=True)
+ARMED = FailSafe(enable_request=False, armed=True)
+"""Since power-on control has been requested, and no longer is."""
+ON = FailSafe(good=9, enable_request=True, armed=True)
 
 
 def after(
@@ -20,7 +22,7 @@ def after(
 ) -> FailSafe:
     """G/g: good frame with and without enable request; x: none came; I/i: one with unusable sensors.
 
-    T: a good frame with enable request, but the deadline was missed too often.
+    T: a good frame with enable request, but the ECU must switch itself off.
     """
     config = EcuConfig() if config is None else config
     for event in events:
@@ -29,7 +31,7 @@ def after(
             enable_request=None if event == "x" else event.isupper(),
             unusable_because=reason,
             window_full=window_full,
-            deadline_missed=event == "T",
+            fault=Reason.DEADLINE if event == "T" else None,
         )
         state = state.next(inputs, config)
     return state
@@ -60,7 +62,7 @@ def modes(state: FailSafe, events: str, config: EcuConfig | None = None) -> str:
 )
 def test_misses_hold_decay_and_latch(hold, decay, events, expected):
     config = EcuConfig(hold_periods=hold, decay_periods=decay)
-    assert modes(FailSafe(), events, config) == expected
+    assert modes(ARMED, events, config) == expected
 
 
 @pytest.mark.parametrize(
@@ -88,13 +90,71 @@ def test_the_window_must_be_full():
     assert after(FailSafe(), "g", window_full=False).mode is OperatingMode.OFF
 
 
-def test_missed_deadlines_latch_before_the_frames_of_the_period_count():
+def test_a_fault_of_the_ecu_itself_latches_before_the_frames_of_the_period_count():
     state = after(ON, "T")
     assert (state.mode, state.reason, state.good) == (OperatingMode.FAULT, Reason.DEADLINE, 1)
-    # The period's own edge may re-arm, where one good frame is enough for it.
-    not_requested = after(ON, "g")
-    assert after(not_requested, "T", EcuConfig(rearm_frames=1)).mode is OperatingMode.CONTROL
-    assert after(not_requested, "T", EcuConfig(rearm_frames=2)).mode is OperatingMode.FAULT
+
+
+@pytest.mark.parametrize("rearm", [1, 2])
+def test_an_edge_in_a_period_with_a_fault_is_spent(rearm):
+    config = EcuConfig(rearm_frames=rearm)
+    assert modes(after(ON, "g"), "TGGgG", config) == "FFFFC"
+    # A fault that stands is none the less one: good frames count from the last period with it.
+    assert modes(after(ON, "xxxx"), "gTgTgG", config) == "FFFFFC"
+    assert after(ON, "xxxxggggT").good == 1
+
+
+@pytest.mark.parametrize(
+    ("events", "expected"),
+    [
+        ("GGGGGGGG", "OOOOOOOO"),  # a request that stands at power-on may be of the time before a fault
+        ("GGGGgGG", "OOOOOCC"),
+        ("gG", "OC"),
+        ("xxGGG", "OOOOO"),
+        ("xxgG", "OOOC"),
+        ("GxxxxxxG", "OOOOOOOO"),  # nothing is wanted yet: there is nothing to latch
+        ("IiI", "OOD"),
+    ],
+)
+def test_at_power_on_the_request_must_be_raised(events, expected):
+    assert modes(FailSafe(), events) == expected
+
+
+def test_a_stream_that_is_not_trusted_latches_at_once():
+    state = after(ON, "x", reason=Reason.STREAM_INVALID)
+    assert (state.mode, state.latched, state.reason) == (OperatingMode.FAULT, True, Reason.STREAM_INVALID)
+    assert after(ON, "gx", reason=Reason.STREAM_INVALID).mode is OperatingMode.OFF
+    assert after(FailSafe(), "x", reason=Reason.STREAM_INVALID).mode is OperatingMode.OFF
+    for reason in (Reason.STREAM_LOST, Reason.SENSOR_INVALID, Reason.STALE, Reason.NOT_AUTHENTIC):
+        state = after(ON, "x", reason=reason)
+        assert (state.mode, state.reason) == (OperatingMode.HOLD, reason)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "latches_at"),
+    [
+        # Lost so far is what the pattern says, the twenty-fifth of it latches.
+        ("Gxxx", 33),
+        ("Gx", 49),
+        ("GGx", None),  # a third is borne for ever
+        ("GGGx", None),
+        ("GxxxGGG", None),
+        ("GxxxGG", 49),
+    ],
+)
+def test_losses_that_are_not_in_a_row_latch_from_a_half_on(pattern, latches_at):
+    found = modes(ON, pattern * 60)
+    assert (found.find("F") if "F" in found else None) == latches_at
+
+
+def test_losses_count_from_when_control_is_wanted():
+    config = EcuConfig(loss_window=6, loss_limit=3)
+    assert modes(ON, "xGxGgxxxxGxGxG", config) == "HCHCOOOOOCHCHC"
+    assert modes(ON, "xGxGx", config) == "HCHCF"
+    # After the re-arming as well.
+    assert modes(after(ON, "xGxGx", config), "gggggGxGxGGGGxGx", config) == "FFFFFCHCHCCCCHCH"
+    assert after(ON, "x" * 40 + "g").lost == 0
+    assert after(ON, "xG").lost == 0b10
 
 
 def test_every_mode_has_its_own_name_on_the_wire():
@@ -107,11 +167,11 @@ def test_the_jets_run_in_three_modes():
 
 
 def test_the_first_cause_is_kept_while_latched():
-    state = after(ON, "xxxx", reason=Reason.STREAM_INVALID)
-    assert state.reason is Reason.STREAM_INVALID
+    state = after(ON, "xxxx", reason=Reason.STREAM_LOST)
+    assert state.reason is Reason.STREAM_LOST
     state = after(state, "xxgII", reason=Reason.SENSOR_INVALID)
-    assert state.reason is Reason.STREAM_INVALID
-    assert state.latch(Reason.INTERNAL).reason is Reason.STREAM_INVALID
+    assert state.reason is Reason.STREAM_LOST
+    assert state.latch(Reason.INTERNAL).reason is Reason.STREAM_LOST
     assert after(state, "ggggG").reason is Reason.NONE
     assert after(ON, "x", reason=Reason.STREAM_INVALID).reason is Reason.STREAM_INVALID
     assert after(ON, "xi").reason is Reason.NONE
@@ -129,10 +189,10 @@ EVENTS = st.lists(st.sampled_from("GGGggxxiIL"), max_size=60)  # L: latched by s
 @given(EVENTS, st.integers(0, 2), st.integers(0, 2), st.integers(1, 4))
 def test_every_history_keeps_the_rules(events, hold, decay, rearm):
     config = EcuConfig(hold_periods=hold, decay_periods=decay, rearm_frames=rearm)
-    state, request, in_a_row, missed = FailSafe(), False, 0, 0
+    state, request, in_a_row, missed = ARMED, False, 0, 0
     for event in events:
         if event == "L":
-            state, in_a_row = state.latch(Reason.INTERNAL), 0 if not state.latched else in_a_row
+            state, in_a_row = state.latch(Reason.INTERNAL), 0
             continue
         before, requested = state, request
         state = after(state, event, config)

@@ -1,0 +1,112 @@
+"""Mutants of the command gate: each is a gate with one small mistake, which the gate's tests must notice.
+
+mutmut makes them all at once and chooses one by a switch, so that a mutant costs a run of the tests in a process that
+has imported everything. The tests that depend on chance (hypothesis) are left out: what is killed is killed in every
+run. Copies of the packages and of the one test file lie in a folder of their own, and no setting of the project's test
+suite reaches them.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+from contract.errors import StillwakeError
+
+ROOT: Final = Path(__file__).parents[2]
+GATE: Final = "can_bridge/command_gate.py"
+TESTS: Final = "tests/can_bridge/test_command_gate.py"
+_SETTINGS: Final = f"""\
+[mutmut]
+source_paths={GATE}
+also_copy=
+    can_bridge
+    contract
+pytest_add_cli_args=
+    -m
+    not hypothesis
+    -p
+    no:cacheprovider
+pytest_add_cli_args_test_selection=tests
+"""
+_COUNT: Final = re.compile(r"(\d+)/(\d+)")
+_RESULT: Final = re.compile(r"^\s*(\S+): (.+)$", re.MULTILINE)
+KILLED: Final = ("killed", "caught by type check")
+
+
+def measure(
+    *,
+    gate: Path = ROOT / GATE,
+    tests: Path = ROOT / TESTS,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Any]:
+    """Make every mutant and run the tests on it; a minute.
+
+    Args:
+        gate: file to mutate, in place of the command gate.
+        tests: file of the tests that judge it.
+        progress: called with (mutants tested, mutants in all).
+
+    Returns:
+        `gate_mutants`, `gate_mutants_survived`, and `gate_survivors`: name, status and lines changed of each.
+
+    Raises:
+        StillwakeError: if mutmut is missing, or the tests fail on the gate as it is.
+    """
+    try:
+        tool = version("mutmut")
+    except PackageNotFoundError as error:
+        raise StillwakeError("mutation testing needs mutmut: pip install 'stillwake[dev]'") from error
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for package in ("can_bridge", "contract"):
+            shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copyfile(gate, folder / GATE)
+        (folder / "tests").mkdir()
+        shutil.copyfile(tests, folder / "tests" / tests.name)
+        (folder / "setup.cfg").write_text(_SETTINGS, encoding="utf-8")
+        _run(folder, progress)
+        results = dict(_RESULT.findall(_mutmut(folder, "results", "--all", "true")))
+        survivors = [
+            {"mutant": mutant, "status": status, "change": _change(_mutmut(folder, "show", mutant))}
+            for mutant, status in sorted(results.items())
+            if status not in KILLED
+        ]
+    if not results:
+        raise StillwakeError(f"mutmut {tool} made no mutants of {gate}")
+    return {
+        "gate_mutants": len(results),
+        "gate_mutants_survived": len(survivors),
+        "gate_survivors": survivors,
+        "gate_mutation_tool": f"mutmut {tool}",
+    }
+
+
+def _run(folder: Path, progress: Callable[[int, int], None]) -> None:
+    """Test all mutants; mutmut writes its counts over each other on one line."""
+    command = [sys.executable, "-m", "mutmut", "run", "--max-children", "2"]
+    said = ""
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        assert process.stdout is not None
+        while piece := process.stdout.read(200):
+            said = said[-4000:] + piece
+            if counts := _COUNT.findall(said):
+                done, total = map(int, counts[-1])
+                progress(min(done, total), total)
+    if process.returncode != 0:
+        raise StillwakeError(f"mutmut ended with status {process.returncode}: {' '.join(said.split())[-300:]}")
+
+
+def _mutmut(folder: Path, *arguments: str) -> str:
+    command = [sys.executable, "-m", "mutmut", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+def _change(diff: str) -> list[str]:
+    """The lines of a diff that were taken out and put in."""
+    return [line for line in diff.splitlines() if line[:1] in "+-" and line[:3] not in ("+++", "---")]

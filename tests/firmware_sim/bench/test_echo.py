@@ -1,0 +1,77 @@
+"""Echoes followed past the end of the counter, beside what was really sent."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_sim.bench.echo import EchoTracker
+
+
+def sent(frames: int, period: int, tracker: EchoTracker | None = None, *, first: int = 0) -> EchoTracker:
+    """After frames `first` to `first + frames - 1`, sent at 1000 times their number."""
+    tracker = EchoTracker(counter_period=period) if tracker is None else tracker
+    for number in range(first, first + frames):
+        tracker = tracker.sent(number % period, 1000 * number)
+    return tracker
+
+
+@pytest.mark.parametrize("period", [16, 256])
+@pytest.mark.parametrize("age", [0, 1, 7, 15])
+def test_the_first_echo_is_of_the_newest_frame_with_its_counter(period, age):
+    tracker = sent(700, period).received((699 - age) % period)
+    assert (tracker.age, tracker.sampled_ns) == (age, 1000 * (699 - age))
+
+
+@pytest.mark.parametrize("period", [16, 256])
+def test_an_echo_that_stands_still_grows_old_for_ever(period):
+    tracker, ages = sent(20, period).received(19 % period), []
+    for number in range(20, 20 + 3 * period):
+        tracker = sent(1, period, tracker, first=number).received(19 % period)
+        ages.append(tracker.age)
+        assert tracker.sampled_ns == (19_000 if number - 19 < period else None)
+    assert ages == list(range(1, 3 * period + 1))
+
+
+@pytest.mark.parametrize("period", [16, 256])
+def test_an_echo_that_falls_behind_slowly_is_not_taken_for_fresh(period):
+    """It advances by one in two frames: after two counter periods its counter is the newest one's again."""
+    tracker = sent(1, period).received(0)
+    for number in range(1, 4 * period):
+        tracker = sent(1, period, tracker, first=number).received(number // 2 % period)
+        assert tracker.age == number - number // 2
+
+
+@pytest.mark.parametrize("period", [16, 256])
+def test_an_echo_of_a_frame_that_was_not_sent_is_none(period):
+    assert EchoTracker(counter_period=period).received(0).age is None
+    tracker = sent(3, period)
+    for counter in range(3, period):
+        assert tracker.received(counter).age is None
+    tracker = tracker.received(2)
+    ahead = tracker.received(3)
+    assert (ahead.age, ahead.sampled_ns) == (None, None)
+    # From the next one on it is followed anew.
+    assert ahead.received(2).age == 0
+
+
+def test_after_an_interruption_the_newest_frame_is_meant():
+    tracker = sent(5, 16).received(4)
+    assert tracker.interrupted().age is None
+    tracker = sent(100, 16, tracker.interrupted(), first=5)
+    assert tracker.received(104 % 16).age == 0
+
+
+def test_memory_is_bounded_by_the_counter():
+    assert len(sent(1000, 16).kept) == 16
+
+
+@given(st.sampled_from([16, 256]), st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), max_size=400))
+def test_every_honest_echo_has_its_frames_age(period, events):
+    """As if numbered without end: an ECU that echoes the newest frames, some of them late, none twice out of order."""
+    tracker, number, echoed = EchoTracker(counter_period=period), -1, -1
+    for frames, late in events:
+        tracker = sent(frames, period, tracker, first=number + 1)
+        number += frames
+        echoed = max(echoed, number - late, 0)
+        tracker = tracker.received(echoed % period)
+        assert (tracker.age, tracker.sampled_ns) == (number - echoed, 1000 * echoed)
