@@ -52,6 +52,8 @@ class Period:
     """By the ECU, U_inf W."""
     driven: float
     """By the vehicle."""
+    sampled_ns: int | None
+    """When the vehicle sampled the pressures behind the command, by the counter that is echoed."""
 
 
 def during(fault: AnyFault, periods: int) -> AnyFault:
@@ -110,6 +112,7 @@ class Loop:
             status=status,
             commanded=self.ecu.trace.action,
             driven=actuation.action,
+            sampled_ns=actuation.sampled_ns,
         )
 
 
@@ -262,6 +265,8 @@ def test_a_delay_is_seen_where_the_stamp_tells_of_it(loop, restamp):
     if restamp:
         assert set(modes(rows[2:])) == {Mode.CONTROL}
         assert h.plans[-28:] == [(k + 2, k) for k in range(START, START + 28)]
+        # The vehicle sees it: the echoed counter is of the frame of two periods ago.
+        assert [row.sampled_ns for row in rows[2:]] == [k * h.config.period_ns for k in range(START, START + 28)]
     else:
         assert modes(rows[2:4]) == [Mode.DECAY, Mode.FAULT]
         assert rows[-1].reason is Reason.STALE
