@@ -29,8 +29,9 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
-from tests.firmware_sim.bench.test_virtual_loop import Harness
+from tests.firmware_sim.bench.test_virtual_loop import Oscillator
 
 AnyFault = TypeVar("AnyFault", bound=Fault)
 
@@ -378,14 +379,16 @@ def test_two_runs_with_faults_are_equal_to_the_bit(loop):
 
 def in_virtual_time(bundle, controller, periods: int, *, vehicle=(), ecu=()):
     """Rows and totals of the loop as a run has it, its ports wrapped."""
-    built: list[Harness] = []
-
-    def wrapped(faults):
-        return lambda port: wrap(port, faults, lambda: built[0].bus.now_ns)
-
     config = Config(ecu=EcuConfig(compute_time_ms=8.0))
-    built.append(Harness(bundle, config, controller, {"vehicle": wrapped(vehicle), "ecu": wrapped(ecu)}))
-    return built[0].run(periods), built[0].loop.totals()
+    bus = SimulatedBus(config.bus)
+    ports = BusPorts(
+        vehicle=wrap(bus.port("vehicle"), vehicle, lambda: bus.now_ns),
+        ecu=wrap(bus.port("ecu"), ecu, lambda: bus.now_ns),
+    )
+    plant = Oscillator(config.flow.substeps)
+    loop = VirtualLoop(plant, VehicleNode(NAMES, config), Ecu(bundle, controller, config), bus, ports, config)
+    # Raised once: a request that stands at power-on is none.
+    return [loop.period(enable_request=k > 0) for k in range(periods)], loop.totals()
 
 
 def test_the_loop_of_a_run_takes_wrapped_ports(bundle_of, recording_controller):
