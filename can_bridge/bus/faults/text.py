@@ -8,7 +8,7 @@
 A fault is called by its section, and its parameters by their fields.
 """
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from math import inf
 from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
@@ -65,11 +65,10 @@ def parse_fault(text: str) -> Fault:
             values[key] = _value(value, hints[key])
         except ValueError:
             raise ConfigError(f"fault {text!r}: {key} = {value!r} must be {_wording(hints[key])}") from None
-    try:
-        return kind(**values)
-    except TypeError:
-        needed = [field.name for field in fields(kind) if field.name in known and field.name not in values]
-        raise ConfigError(f"fault {text!r}: {name.strip()} also needs some of {', '.join(needed)}") from None
+    missing = [field.name for field in fields(kind) if field.default is MISSING and field.name not in values]
+    if missing:
+        raise ConfigError(f"fault {text!r}: {kind.section} needs {', '.join(missing)}")
+    return kind(**values)
 
 
 def _span(text: str, whole: str) -> tuple[float, float]:

@@ -60,6 +60,11 @@ def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link_of):
     assert faulty.receive_all() == []
     assert faulty.injectors[0].acted == full.taken == 16
     assert faulty.injectors[0].refused == 1
+    # What was not taken is not made up for once there is room again.
+    full.room = 1000
+    faulty.receive_all()
+    assert full.taken == 16
+    full.room = 16
     # Its own frame meets the full queue as any other would.
     with pytest.raises(BusError, match="full"):
         faulty.send(numbered(1))

@@ -59,7 +59,7 @@ def test_a_rate_out_of_bounds_is_named():
 def node_on_a_disturbed_bus(errors: WireErrors, *, frames: int, mishears: bool = False):
     """A node that sends every 5 ms and one that listens; what arrived and the sender's health at each sending."""
     hook = errors.hook(1)
-    bus = SimulatedBus(BusConfig(), **({"mishears": hook} if mishears else {"corrupts": hook}))
+    bus = SimulatedBus(BusConfig(), corrupts=None if mishears else hook, mishears=hook if mishears else None)
     sender, listener = bus.port("sender"), bus.port("listener")
     health, refused = [], []
     for number in range(frames):
@@ -75,8 +75,8 @@ def node_on_a_disturbed_bus(errors: WireErrors, *, frames: int, mishears: bool =
 
 
 def test_disturbed_frames_are_sent_again_and_none_is_lost():
-    """At one wrong bit in 500 every fifth attempt fails: it costs time and an error count, and no frame."""
-    arrived, refused, health, _ = node_on_a_disturbed_bus(WireErrors(bit_error_rate=0.002, end_s=1.5), frames=400)
+    """At one wrong bit in 1,000 every tenth attempt fails: it costs time and an error count, and no frame."""
+    arrived, refused, health, _ = node_on_a_disturbed_bus(WireErrors(bit_error_rate=0.001, end_s=1.5), frames=400)
     assert arrived == list(range(400))
     assert refused == []
     assert max(item.tx_errors for item in health) >= 8
@@ -102,9 +102,19 @@ def test_a_node_whose_bits_are_all_wrong_goes_bus_off_and_comes_back():
     assert other.bus_off == 0
 
 
+@pytest.mark.parametrize(("failing", "goes_off"), [(0.06, False), (0.25, True)])
+def test_a_node_bears_one_failed_attempt_in_nine(failing, goes_off):
+    """A failure counts 8, a success takes 1: the counter drifts down below one failure in nine attempts, up above."""
+    frame = Frame(frame_id=0x120, data=bytes(4))
+    rate = 1 - (1 - failing) ** (1 / (sum(frame_bits(frame)) - 3))
+    _, _, health, _ = node_on_a_disturbed_bus(WireErrors(bit_error_rate=rate), frames=1000)
+    assert (health[-1].bus_off > 0) == goes_off
+    assert (max(item.tx_errors for item in health) < 128) == (not goes_off)
+
+
 def test_errors_that_one_receiver_sees_alone_are_heard_by_all():
     """Its error flag destroys the frame for everyone, so that it is sent again, until the receiver is error-passive."""
-    errors = WireErrors(bit_error_rate=0.002, nodes=("listener",), end_s=1.5)
+    errors = WireErrors(bit_error_rate=0.001, nodes=("listener",), end_s=1.5)
     arrived, refused, health, other = node_on_a_disturbed_bus(errors, frames=400, mishears=True)
     assert arrived == list(range(400))
     assert refused == []
