@@ -212,9 +212,9 @@ def screen_of(
     """Run on a terminal; type each of the keys when what was written so far is as its function wants."""
     child, terminal = pty.fork()
     if child == 0:
-        os.environ.update(TERM="xterm-256color", PYTHONWARNINGS="default")
-        os.environ.pop("COLUMNS", None)
-        os.execv(command[0], command)
+        # pytest's readline sets lines and columns behind os.environ's back; execve passes on what is there.
+        environment = {name: value for name, value in os.environ.items() if name not in ("LINES", "COLUMNS")}
+        os.execve(command[0], command, {**environment, "TERM": "xterm-256color", "PYTHONWARNINGS": "default"})
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
     written, waiting = b"", list(typed)
     deadline = time.monotonic() + PATIENCE_S
@@ -248,23 +248,33 @@ def test_cantools_monitor_opens_our_dbc_and_shows_what_is_sent(bus: Bus) -> None
     assert "warning" not in out.lower()
 
 
+def drawn(written: str) -> str:
+    """The latest picture of the screen that is whole: each begins with a step to its corner."""
+    pictures = written.split("\x1b[H")
+    return pictures[-2] if len(pictures) > 1 else ""
+
+
+def has_rate(picture: str) -> bool:
+    """Fifty a second are sent; a crowded machine may make the mean of some intervals half as much or twice."""
+    found = re.search(r"130\S*\s+\d+\.\d\d\s+(\d+\.\d)", picture)
+    return found is not None and 25.0 < float(found[1]) < 100.0
+
+
 def test_monitor_on_a_terminal_filters_pauses_resets_and_quits(bus: Bus) -> None:
     command = [*bus.ours, "monitor", *BUS]
     keys: list[tuple[Callable[[str], bool], bytes]] = [
         (lambda text: "JetCommand" in text and "Enable" in text, b"/flow"),
         (lambda text: "filter: flow_" in text, b"\r"),
-        (lambda text: text.rpartition("\x1b[H")[0].rpartition("\x1b[H")[2].count("Enable") == 0, b" "),
+        (lambda text: "1.5" in drawn(text) and "Enable" not in drawn(text) and has_rate(drawn(text)), b" "),
         (lambda text: "paused" in text, b"r"),
-        (lambda text: "paused" not in text.rpartition("\x1b[H")[2], b"q"),
+        (lambda text: "paused" not in drawn(text) and "Flow" in drawn(text), b"q"),
     ]
     with running(*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "100000", *BUS):
         code, out = screen_of(list(command), keys)
     assert code == 0, out
     assert "\x1b[?1049h" in out
     # The terminal is as it was: the other screen left, the cursor back.
-    assert out.rstrip().endswith("\x1b[?1049l") or "\x1b[?25h" in out[-40:]
-    assert "1.5" in out
-    assert "50." in out or "49." in out or "51." in out
+    assert out.endswith("\x1b[?25h\x1b[?1049l")
 
 
 def test_monitor_on_a_terminal_ends_on_ctrl_c(tmp_path: Path) -> None:
