@@ -146,7 +146,7 @@ def test_a_bus_that_fails_leaves_what_was_recorded(
 ) -> None:
     from can.interfaces.virtual import VirtualBus
 
-    came = [can.Message(timestamp=1.0, arbitration_id=1, data=b"x"), OSError("unplugged")]
+    came: list[can.Message | OSError] = [can.Message(timestamp=1.0, arbitration_id=1, data=b"x"), OSError("unplugged")]
 
     def recv(self: object, timeout: float | None = None) -> can.Message:
         one = came.pop(0)
