@@ -14,7 +14,6 @@ from stillwake.settings import settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
-
 LEAD_IN_NS: Final = 100_000_000
 """From the opening of the bus to a replay's first frame."""
 
