@@ -20,7 +20,8 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         *("jinja2", "llvmlite"),
     ),
     "train": ("torch", "shap", "onnx", "safetensors"),
-    "bus": ("serial", "msgpack"),
+    "bus": ("serial", "msgpack", "cantools"),
+    "mf4": ("asammdf",),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""

@@ -18,7 +18,7 @@ from contract.errors import BusError
 SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4")
 
 MF4: Final = ".mf4"
-NEEDS_ASAMMDF: Final = "MF4 needs asammdf: pip install asammdf"
+NEEDS_ASAMMDF: Final = "MF4 needs asammdf: pip install 'stillwake[mf4]'"
 
 _BLF_SIZE: Final = struct.Struct("<4s 12x Q")
 """Signature, and the file's size at byte 16: what python-can and Vector's binlog write when they close it."""

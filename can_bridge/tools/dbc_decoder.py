@@ -54,7 +54,7 @@ def load_dbc(dbc: Path) -> "Database":
 
 def _signals(message: "Message", data: bytes) -> tuple[Signal, ...]:
     try:
-        values = message.decode(data, decode_choices=False, allow_truncated=True)
+        values = message.decode_simple(data, decode_choices=False, allow_truncated=True)
     except Exception:  # noqa: BLE001  (any bytes may come over a bus; cantools raises errors of many kinds on some)
         return ()
     found = []
@@ -62,6 +62,6 @@ def _signals(message: "Message", data: bytes) -> tuple[Signal, ...]:
         if not isinstance(value, int | float):
             continue
         signal = message.get_signal_by_name(name)
-        choice = (signal.choices or {}).get(int(value)) if float(value).is_integer() else None
+        choice = signal.choices.get(int(value)) if signal.choices and float(value).is_integer() else None
         found.append(Signal(name=name, value=value, unit=signal.unit or "", text="" if choice is None else str(choice)))
     return tuple(found)

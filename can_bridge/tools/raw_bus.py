@@ -3,16 +3,30 @@
 A node wants `can_bridge.bus.python_can`, which lets nothing through but sound data frames with 11-bit identifiers.
 """
 
+from contextlib import suppress
+from types import TracebackType
+from typing import Self
+
 import can
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.python_can import GARBAGE_LIMIT, PythonCanBus
 from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
 
 
-class RawBus(PythonCanBus):
-    """As `PythonCanBus`, for messages in place of frames."""
+class RawBus:
+    """One connection. Use as a context manager, or `close` it.
+
+    Attributes:
+        rejected: receptions that could not be read, or that no wire carries.
+    """
+
+    def __init__(self, bus: can.BusABC) -> None:
+        """Take over an open python-can bus, which is closed together with this object."""
+        self._bus = bus
+        self._stumbles_in_a_row = 0
+        self.rejected = 0
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
         """The next message of any kind, or None if none that could be read came within `timeout_s`.
@@ -22,10 +36,10 @@ class RawBus(PythonCanBus):
         """
         try:
             message = self._bus.recv(timeout=timeout_s)
-        except (can.CanError, OSError, ValueError, TypeError, LookupError, AttributeError) as error:
-            self._reject_or_fail(error)
+        except Exception as error:  # noqa: BLE001  (backends raise what they like on what they were sent)
+            self._stumble(error)
             return None
-        self._garbage_in_a_row = 0
+        self._stumbles_in_a_row = 0
         if message is not None and not is_sound(message):
             self.rejected += 1
             return None
@@ -40,7 +54,31 @@ class RawBus(PythonCanBus):
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f"frame {id_text(message)} was not sent: {error or type(error).__name__}") from error
+            raise BusError(f"frame {id_text(message)} was not sent: {_reason(error)}") from error
+
+    def close(self) -> None:
+        """Disconnect; closing twice, or what has vanished, does nothing."""
+        # An adapter that was unplugged cannot be told; its error would hide the one that ended the work.
+        with suppress(can.CanError, OSError):
+            self._bus.shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _stumble(self, error: Exception) -> None:
+        # Backends wrap what went wrong. A fault of the system or of python-can itself ends the bus; anything else is
+        # an error of their parser on what it was sent.
+        if isinstance(error.__cause__ or error, OSError | can.CanError):
+            raise BusError(f"CAN bus failed: {_reason(error)}") from error
+        self.rejected += 1
+        self._stumbles_in_a_row += 1
+        if self._stumbles_in_a_row > GARBAGE_LIMIT:
+            raise BusError(f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row, last: {error}") from error
 
 
 def open_bus(config: BusConfig) -> RawBus:
@@ -56,11 +94,11 @@ def open_bus(config: BusConfig) -> RawBus:
             "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
         )
     try:
-        return RawBus.open(config)
+        # The settings are turned into options of python-can in one place.
+        return RawBus(PythonCanBus.open(config)._bus)
     except (NotImplementedError, ImportError, TypeError, AttributeError, LookupError) as error:
         # Of an interface that python-can does not know, or whose driver is missing or wants other arguments.
-        reason = str(error) or type(error).__name__
-        raise BusError(f"CAN bus {config.interface} {config.channel!r}: {reason}") from error
+        raise BusError(f"CAN bus {config.interface} {config.channel!r}: {_reason(error)}") from error
 
 
 def is_sound(message: can.Message) -> bool:
@@ -94,3 +132,7 @@ def id_text(message: can.Message | Frame) -> str:
 def _id_fits(message: can.Message) -> bool:
     largest = MAX_EXTENDED_ID if message.is_extended_id else MAX_FRAME_ID
     return isinstance(message.arbitration_id, int) and 0 <= message.arbitration_id <= largest
+
+
+def _reason(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

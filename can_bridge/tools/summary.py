@@ -6,7 +6,6 @@ from typing import Any
 
 import can
 
-from can_bridge.e2e.receiver import Check
 from can_bridge.tools.raw_bus import frame_of, id_text
 from can_bridge.tools.signals import Decoder
 from can_bridge.tools.traffic import CHECK_TEXT, Traffic, observe
@@ -118,8 +117,3 @@ def summarise(
         found.messages[key] = observe(found.messages.get(key), frame, decoder=decoder, e2e=config.e2e)
         seen(found.messages[key])
     return found
-
-
-def is_bad(check: Check | None) -> bool:
-    """Whether a receiver would not have used the frame."""
-    return check not in (None, Check.OK, Check.OK_SOME_LOST)

@@ -24,12 +24,28 @@ WORDS: Final = (
 # No device and no absolute path but of /proc, where nothing can be made: what writes files may replace what is there.
 PATHS: Final = (
     *("missing", "missing/deeper/x", "folder", "empty-folder", "file", "file/x", "empty", "bundle", "release.key"),
-    *("release.pub", "settings.toml", "link-to-nowhere", "loop", "fifo-less", "[/x]", "[red]", ":smile:.npz"),
+    *(
+        "release.pub",
+        "settings.toml",
+        "frames.log",
+        "link-to-nowhere",
+        "loop",
+        "fifo-less",
+        "[/x]",
+        "[red]",
+        ":smile:.npz",
+    ),
     *("a\x1b[2Jb", "a\nb", "\udcff", "Zürich", "x" * 300, "x" * 5000, "x/" * 300 + "x", "", " ", ".", "./", "a\\b"),
     *("out.h5", "out.npz", "out.png", "out.gif", "out.mp4", "out.zip", "out.xyz", "/proc/nowhere/x", "-", "~", "file."),
 )
 SETTINGS: Final = tuple(one for section in sections(Config()) for one in section.settings)
-USUAL: Final = {("animate", "output"): "out.gif", ("picture", "output"): "out.png", ("develop", "duration"): "1"}
+USUAL: Final = {
+    ("animate", "output"): "out.gif",
+    ("picture", "output"): "out.png",
+    ("develop", "duration"): "1",
+    ("can", "output"): "out.log",
+    ("can", "file"): "frames.log",
+}
 """What a call needs to get past the first check, by verb and parameter."""
 
 

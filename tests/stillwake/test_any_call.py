@@ -39,6 +39,7 @@ BEGINNINGS = (
     "firmware_sim.mcu.measure.compile_for_cortex_m7",
     "wake.recording.parallel.run_parallel",
     "wake.pictures.drawing.save_figure",
+    "can_bridge.tools.raw_bus.open_bus",
 )
 """Where the work of a command begins."""
 
@@ -92,6 +93,7 @@ def prepare(folder: Path, release: Path) -> None:
     for name in ("file", "folder/inside"):
         (folder / name).write_text("text\n")
     (folder / "empty").touch()
+    (folder / "frames.log").write_text("(1.0) can0 123#00\n(1.1) can0 130##1000102\n")
     (folder / "settings.toml").write_text("[ecu]\ndelay_steps = 1\n")
     (folder / "link-to-nowhere").symlink_to("nowhere")
     (folder / "loop").symlink_to("loop")

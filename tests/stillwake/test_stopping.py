@@ -87,3 +87,24 @@ def test_advice_is_given_once():
         raise KeyboardInterrupt
     assert stopping.outcome() == (130, "stopped; go on")
     assert stopping.outcome() == (130, "stopped")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_work_that_a_stop_ends_well_is_told_once_and_stopped_by_the_second(number: signal.Signals) -> None:
+    before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        stopping.ends_like_ctrl_c()
+        theirs = {one: signal.getsignal(one) for one in before}
+        with stopping.until_stopped() as is_stopped:
+            assert not is_stopped()
+            signal.raise_signal(number)
+            assert is_stopped()
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(number)
+        assert {one: signal.getsignal(one) for one in before} == theirs
+        # What its command raises when the work was not done has the status of the signal.
+        assert stopping.outcome()[0] == (143 if number is signal.SIGTERM else 130)
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -13,6 +13,9 @@ from stillwake.outputs import Overwrite, check_output
 from stillwake.settings import settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
+
+LEAD_IN_NS: Final = 100_000_000
+"""From the opening of the bus to a replay's first frame."""
 
 
 def record(
@@ -107,7 +110,8 @@ def replay(
     done, rounds = Replayed(), 0
     with open_bus(config) as bus, until_stopped() as is_stopped, progress_bar("frames") as bar:
         task = bar.add_task(f"replaying {file.name}", total=None if loop else span.frames, note="")
-        begin_ns = time.monotonic_ns()
+        # The first frame is due when it has been read.
+        begin_ns = time.monotonic_ns() + LEAD_IN_NS
         while not is_stopped():
             done = send_all(
                 read_messages(file),

@@ -1,6 +1,5 @@
 """Options that several commands for the bus share, and how their numbers are looked at."""
 
-from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Final
@@ -42,8 +41,3 @@ def _identifier(option: str, text: str) -> int:
     if not 0 <= value <= 0x1FFFFFFF:
         raise ConfigError(f"{option} {text}: must be identifiers in hexadecimal, e.g. 120,130")
     return value
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words for a line of text."""
-    return ", ".join(words)

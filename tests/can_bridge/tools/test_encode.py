@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import cantools
 import pytest
@@ -13,7 +14,7 @@ from can_bridge.tools.encode import NAMES, encode
 from can_bridge.tools.signals import PROTECTION
 from contract.errors import BusError
 
-DATABASE = cantools.database.load_file(Path(contract.__file__).parent / "stillwake.dbc")
+DATABASE: Any = cantools.database.load_file(Path(contract.__file__).parent / "stillwake.dbc")
 
 
 def test_every_message_of_the_dbc_has_a_name_here():

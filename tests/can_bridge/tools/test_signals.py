@@ -1,6 +1,7 @@
 """Our own codec against cantools, for every message of the DBC."""
 
 from pathlib import Path
+from typing import Any
 
 import cantools
 import pytest
@@ -13,7 +14,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 
 DBC = Path(contract.__file__).parent / "stillwake.dbc"
-DATABASE = cantools.database.load_file(DBC)
+DATABASE: Any = cantools.database.load_file(DBC)
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)

@@ -1,0 +1,285 @@
+"""The bus commands beside independent clients: python-can's logger and player, cantools; on real sockets and terminals.
+
+Both ends are processes of their own on `udp_multicast`, at a port of the test's own: on Linux python-can hears every
+group that anyone on the machine has joined at its port, and one bad datagram of another test ends its logger.
+"""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import can
+import pytest
+
+import contract
+from can_bridge.bus.log_reader import read_messages
+from tests.stillwake.commands.bus_traffic import PER_PERIOD, write
+
+pytestmark = pytest.mark.processes
+
+DBC = Path(contract.__file__).parent / "stillwake.dbc"
+PERIODS = 50
+PATIENCE_S = 60.0
+STILLWAKE = (sys.executable, "-m", "stillwake", "can")
+GROUP = "239.74.163.2"
+BUS = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
+AT_PORT = """
+import sys
+from can.interfaces.udp_multicast import UdpMulticastBus
+init = UdpMulticastBus.__init__
+assert 43113 in init.__defaults__
+init.__defaults__ = tuple(PORT if one == 43113 else one for one in init.__defaults__)
+from stillwake.__main__ import main
+main()
+"""
+"""`stillwake`, where python-can's udp_multicast has another port by default: it is no setting of ours."""
+
+
+@dataclass(frozen=True)
+class Bus:
+    """A bus of this test alone.
+
+    Attributes:
+        ours: what a command of ours begins with; its settings are `BUS`.
+        theirs: options of python-can's tools and of `cantools monitor`.
+    """
+
+    ours: tuple[str, ...]
+    theirs: tuple[str, ...]
+
+
+@pytest.fixture
+def bus() -> Bus:
+    pytest.importorskip("msgpack")
+    from can.interfaces.udp_multicast import UdpMulticastBus
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
+        any_port.bind(("", 0))
+        port = any_port.getsockname()[1]
+    try:
+        one, other = (UdpMulticastBus(GROUP, port=port, hop_limit=0, fd=True) for _ in range(2))
+    except (can.CanError, OSError) as error:
+        pytest.skip(f"no multicast here: {error}")
+    with one, other:
+        one.send(can.Message())
+        if other.recv(1.0) is None:
+            pytest.skip("multicast does not loop back here")
+    return Bus(
+        ours=(sys.executable, "-c", AT_PORT.replace("PORT", str(port)), "can"),
+        theirs=("-i", "udp_multicast", "-c", GROUP, "--fd", "--bus-kwargs", f"port={port}", "hop_limit=0"),
+    )
+
+
+@contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        preexec_fn=_deaf_to_nothing,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def _deaf_to_nothing() -> None:
+    # Shells start background jobs deaf to Ctrl-C, and a test may run in one.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def first_line(process: subprocess.Popen[str]) -> str:
+    """What it prints first: both loggers have opened the bus by then."""
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], PATIENCE_S)
+    assert ready, "nothing was printed"
+    return process.stdout.readline()
+
+
+def ended(process: subprocess.Popen[str], number: int) -> tuple[int, str, str]:
+    process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, out, err
+
+
+def content(messages: list[can.Message]) -> list[tuple[int, bool, bool, bytes]]:
+    return [(one.arbitration_id, one.is_extended_id, one.is_fd, bytes(one.data)) for one in messages]
+
+
+@pytest.mark.parametrize(("suffix", "number"), [(".blf", signal.SIGINT), (".log", signal.SIGTERM)])
+def test_record_keeps_all_that_can_player_sends(tmp_path: Path, bus: Bus, suffix: str, number: int) -> None:
+    made = write(tmp_path / "sent.asc", PERIODS)
+    output = tmp_path / "got" / f"a{suffix}"
+    with running(*bus.ours, "record", str(output), *BUS) as recorder:
+        assert first_line(recorder).startswith("recording a")
+        player = [sys.executable, "-m", "can.player", *bus.theirs, "--", str(tmp_path / "sent.asc")]
+        subprocess.run(player, check=True, capture_output=True, timeout=PATIENCE_S)
+        # What was sent lies in the receiver's socket now, and a stop reads on for no longer than one poll.
+        time.sleep(1.0)
+        code, out, err = ended(recorder, number)
+    assert (code, err) == (0, "")
+    assert f"wrote {output}: {len(made)} frames" in out
+    assert content(list(read_messages(output))) == content(made)
+    assert [path.name for path in output.parent.iterdir()] == [output.name]
+
+
+def test_can_logger_keeps_all_that_replay_sends(tmp_path: Path, bus: Bus) -> None:
+    made = write(tmp_path / "sent.blf", PERIODS)
+    output = tmp_path / "got.log"
+    with running(sys.executable, "-m", "can.logger", *bus.theirs, "-f", str(output)) as logger:
+        assert "Connected to" in first_line(logger)
+        got = subprocess.run(
+            [*bus.ours, "replay", str(tmp_path / "sent.blf"), *BUS],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+        )
+        time.sleep(1.0)
+        ended(logger, signal.SIGINT)
+    assert (got.returncode, got.stderr) == (0, "")
+    assert f"sent {len(made)} frames" in got.stdout
+    received = list(read_messages(output))
+    assert content(received) == content(made)
+    # Kept in step: the whole lasts as long as recorded, give or take a scheduler's pause at either end.
+    span = received[-1].timestamp - received[0].timestamp
+    assert span == pytest.approx(made[-1].timestamp - made[0].timestamp, abs=0.2)
+
+
+def test_a_stopped_replay_and_a_stopped_send_say_so(tmp_path: Path, bus: Bus) -> None:
+    write(tmp_path / "sent.log", 5000)
+    calls = [
+        ("replay", str(tmp_path / "sent.log")),
+        ("send", "Pressure", "--count", "100000"),
+    ]
+    for call in calls:
+        output = tmp_path / f"{call[0]}.log"
+        with running(*bus.ours, "record", str(output), "--frames", "3", *BUS) as recorder:
+            assert first_line(recorder)
+            with running(*bus.ours, *call, *BUS) as sender:
+                recorder.communicate(timeout=PATIENCE_S)
+                code, out, err = ended(sender, signal.SIGTERM)
+        assert (code, err) == (143, "stopped\n"), out
+        assert re.search(r"sent \d+ frames", out), out
+
+
+def test_cantools_decodes_every_frame_of_ours(tmp_path: Path) -> None:
+    write(tmp_path / "a.log", PERIODS)
+    with (tmp_path / "a.log").open() as file:
+        got = subprocess.run(
+            [sys.executable, "-m", "cantools", "decode", "-s", str(DBC)],
+            stdin=file,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+        )
+    assert (got.returncode, got.stderr) == (0, "")
+    lines = got.stdout.splitlines()
+    assert len(lines) == PERIODS * PER_PERIOD
+    assert sum(" :: Pressure(" in line for line in lines) == PERIODS
+    ours = subprocess.run(
+        [*STILLWAKE, "decode", str(tmp_path / "a.log")], capture_output=True, text=True, timeout=PATIENCE_S
+    ).stdout
+    # The same signals with the same values, in the order of the DBC.
+    for line in lines:
+        if " 130##" in line:
+            flow = re.search(r"Flow: (\S+) m2/s", line)
+            counter = re.search(r"E2E_Counter: (\d+),", line)
+            assert flow is not None
+            assert counter is not None
+            assert f"E2E_Counter={counter[1]}, Mode=CONTROL" in ours
+            assert f"Flow={float(flow[1]):g} m2/s" in ours
+
+
+def screen_of(
+    command: list[str], typed: list[tuple[Callable[[str], bool], bytes]], rows: int = 40, columns: int = 100
+) -> tuple[int, str]:
+    """Run on a terminal; type each of the keys when what was written so far is as its function wants."""
+    child, terminal = pty.fork()
+    if child == 0:
+        # pytest's readline sets lines and columns behind os.environ's back; execve passes on what is there.
+        environment = {name: value for name, value in os.environ.items() if name not in ("LINES", "COLUMNS")}
+        os.execve(command[0], command, {**environment, "TERM": "xterm-256color", "PYTHONWARNINGS": "default"})
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+    written, waiting = b"", list(typed)
+    deadline = time.monotonic() + PATIENCE_S
+    try:
+        while time.monotonic() < deadline:
+            if select.select([terminal], [], [], 0.1)[0]:
+                try:
+                    part = os.read(terminal, 65536)
+                except OSError:
+                    break
+                if not part:
+                    break
+                written += part
+            if waiting and waiting[0][0](written.decode(errors="replace")):
+                os.write(terminal, waiting.pop(0)[1])
+        else:
+            os.kill(child, signal.SIGKILL)
+    finally:
+        _, status = os.waitpid(child, 0)
+        os.close(terminal)
+    return os.waitstatus_to_exitcode(status), written.decode(errors="replace")
+
+
+def test_cantools_monitor_opens_our_dbc_and_shows_what_is_sent(bus: Bus) -> None:
+    monitor = [sys.executable, "-m", "cantools", "monitor", *bus.theirs, "--", str(DBC)]
+    with running(*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "100000", *BUS):
+        code, out = screen_of(monitor, [(lambda text: "Flow: 1.5 m2/s" in text, b"q")])
+    assert code == 0, out
+    assert "JetCommand(" in out
+    assert "Discarded: 0, Errors: 0" in out
+    assert "warning" not in out.lower()
+
+
+def drawn(written: str) -> str:
+    """The latest picture of the screen that is whole: each begins with a step to its corner."""
+    pictures = written.split("\x1b[H")
+    return pictures[-2] if len(pictures) > 1 else ""
+
+
+def has_rate(picture: str) -> bool:
+    """Fifty a second are sent; a crowded machine may make the mean of some intervals half as much or twice."""
+    found = re.search(r"130\S*\s+\d+\.\d\d\s+(\d+\.\d)", picture)
+    return found is not None and 25.0 < float(found[1]) < 100.0
+
+
+def test_monitor_on_a_terminal_filters_pauses_resets_and_quits(bus: Bus) -> None:
+    command = [*bus.ours, "monitor", *BUS]
+    keys: list[tuple[Callable[[str], bool], bytes]] = [
+        (lambda text: "JetCommand" in text and "Enable" in text, b"/flow"),
+        (lambda text: "filter: flow_" in text, b"\r"),
+        (lambda text: "1.5" in drawn(text) and "Enable" not in drawn(text) and has_rate(drawn(text)), b" "),
+        (lambda text: "paused" in text, b"r"),
+        (lambda text: "paused" not in drawn(text) and "Flow" in drawn(text), b"q"),
+    ]
+    with running(*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "100000", *BUS):
+        code, out = screen_of(list(command), keys)
+    assert code == 0, out
+    assert "\x1b[?1049h" in out
+    # The terminal is as it was: the other screen left, the cursor back.
+    assert out.endswith("\x1b[?25h\x1b[?1049l")
+
+
+def test_monitor_on_a_terminal_ends_on_ctrl_c(tmp_path: Path) -> None:
+    write(tmp_path / "a.log", 25)
+    command = [*STILLWAKE, "monitor", "--log", str(tmp_path / "a.log")]
+    code, out = screen_of(command, [(lambda text: "a.log, ended" in text, b"\x03")])
+    assert code == 0, out
+    assert "EcuStatus" in out

@@ -1,0 +1,109 @@
+"""The picture of the live view: whole at 80 columns, paged to the screen, what fails in red."""
+
+from dataclasses import replace
+from io import StringIO
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from can_bridge.tools.monitor import MonitorState, Row, View, rows
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS
+from stillwake.commands.can.monitor_screen import STALE_S, line, page, screen
+from tests.can_bridge.tools.test_traffic import frame
+
+
+def everything() -> MonitorState:
+    """All nine messages, one of them out of sequence, and one that is not known."""
+    state = MonitorState()
+    for spec in SPECS:
+        for counter in (0, 1, 8):
+            state = state.seen(frame(spec, counter, t_ns=counter * 20_000_000))
+    return state.seen(Frame(frame_id=0x18FEF100, data=bytes(64), is_extended=True)).seen_other()
+
+
+def picture(state: MonitorState, view: View, width: int, height: int | None = None, now_ns: int = 0) -> str:
+    console = Console(file=StringIO(), width=width, force_terminal=True, color_system="standard", record=True)
+    drawing = screen(state, view, now_ns, source="virtual x", width=width, height=height, keys=height is not None)
+    console.print(drawing)
+    return console.export_text(styles=True)
+
+
+def plain(text: str) -> list[str]:
+    console = Console(file=StringIO(), width=500, record=True)
+    from rich.text import Text
+
+    console.print(Text.from_ansi(text))
+    return [one.rstrip() for one in console.export_text().rstrip().splitlines()]
+
+
+def test_it_is_whole_at_80_columns():
+    lines = plain(picture(everything(), View(), 80))
+    assert max(map(len, lines)) <= 80
+    head = lines[2]
+    for name in ("message, signal", "id, value", "unit", "age, s", "1/s", "lost", "refused", "E2E"):
+        assert name in head
+    text = "\n".join(lines)
+    for spec in SPECS:
+        assert f" {spec.name} " in text
+    assert "PressureCounterValid" in text
+    # Three frames, the last six ahead: one wrong sequence, six lost.
+    (command,) = (one for one in lines if one.startswith(" JetCommand "))
+    assert command.split()[:2] == ["JetCommand", "130"]
+    assert command.split()[-4:] == ["6", "1", "wrong", "sequence"]
+    # 64 bytes do not fit: the cell says that something is left out.
+    assert any(one.startswith("  data") and "…" in one for one in lines)
+    assert "remote or error" in lines[0]
+
+
+def test_what_a_receiver_refuses_is_red_and_what_is_old_is_dim():
+    state = MonitorState().seen(frame(SPECS[0], 0)).seen(frame(SPECS[0], 0))
+    assert "\x1b[31mrepeated" in picture(state, View(), 100)
+    fresh = MonitorState().seen(frame(SPECS[0], 0))
+    assert "\x1b[31m" not in picture(fresh, View(), 100)
+    assert "\x1b[2m" not in picture(fresh, View(), 100)
+    assert "\x1b[2m" in picture(fresh, View(), 100, now_ns=round((STALE_S + 0.1) * 1e9))
+
+
+@pytest.mark.parametrize("height", [12, 24, 40])
+def test_it_fits_the_screen_and_names_the_keys(height):
+    lines = plain(picture(everything(), View(), 100, height))
+    assert len(lines) <= height
+    assert lines[-1].startswith("q quit   space pause   r reset   / filter   up, down scroll")
+    assert lines[-1].endswith("more rows")
+    typing = plain(picture(everything(), View(is_typing=True, matching="flo"), 100, height))
+    assert "filter: flo_" in typing[0]
+    assert "Esc drops it" in typing[-1]
+    assert "paused" in plain(picture(everything(), View(is_paused=True), 100, height))[0]
+
+
+def heights(shown: list[Row]) -> int:
+    return sum(2 if one.is_first else 1 for one in shown)
+
+
+@given(top=st.integers(0, 200), lines=st.integers(3, 200))
+def test_pages_show_all_rows_in_order_and_never_more_than_fit(top, lines):
+    found = rows(everything(), 0)
+    shown = page(found, top, lines)
+    assert heights(shown) <= lines
+    assert shown[0].is_first
+    names = [(one.message, one.signal) for one in found]
+    begin = names.index((shown[0].message, shown[0].signal))
+    assert [(one.message, one.signal) for one in shown] == names[begin : begin + len(shown)]
+    # From `top` on, unless that would leave the end of the screen empty.
+    assert begin == top or begin + len(shown) == len(found)
+
+
+def test_no_rows_are_no_page():
+    assert page([], 5, 10) == []
+    assert plain(picture(MonitorState(), View(), 80))[0] == "virtual x   0 frames, 0 lost, 0 refused"
+
+
+def test_a_line_says_the_same():
+    state = replace(everything(), others=3)
+    # Nine messages that each lost six and had one out of sequence, and an unknown one.
+    assert line(state, 2.0) == (
+        "2 s: 28 data frames of 10 messages, 54 lost, 9 refused by E2E, 3 remote or error frames"
+    )
