@@ -93,10 +93,11 @@ tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables
 	$(BIN)/python -m benchmarks pictures
 
-# All that the documents take from files: tables, pictures, the rooms from the imports, the settings from their tree.
+# All that the documents take from files: tables, pictures, rooms, settings, CAN messages.
 docs: tables
 	$(BIN)/python docs/rooms.py
 	$(BIN)/python docs/settings.py
+	$(BIN)/python docs/can_messages.py
 
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.
 pictures: $(VENV)/dev.stamp

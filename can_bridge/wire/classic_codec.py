@@ -9,6 +9,7 @@ Like `can_bridge.wire.codec`, with what eight bytes cost:
   authentic (this set has no authentication) and no error counters.
 """
 
+import struct
 from typing import Final
 
 from can_bridge.wire.message_specs import (
@@ -18,8 +19,17 @@ from can_bridge.wire.message_specs import (
     INT12_MAX,
     INT16_MAX,
 )
-from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
-from can_bridge.wire.packing import signed, unsigned
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.wire.packing import (
+    MODES,
+    REASONS,
+    UNPACKABLE,
+    check_pressure_counts,
+    mode_of,
+    reason_of,
+    signed,
+    unsigned,
+)
 
 LENGTH: Final = 8
 
@@ -31,77 +41,103 @@ CLASSIC_BUS_OFF_LIMIT: Final = 15
 
 _AGE_LIMIT: Final = 7
 _INVALID: Final = -INT12_MAX - 1
+_INVALID_FIELD: Final = _INVALID & 0xFFF
+_ALL_VALID: Final = (True, True, True, True)
 
-_MODES: Final = frozenset(Mode)
-_REASONS: Final = frozenset(Reason)
+# "x" is the CRC; the byte behind it holds the counter and what shares it. Fields that cross bytes are put together from
+# pieces: numbers that fit one machine word are faster than one of 64 bits.
+_PRESSURE: Final = struct.Struct("<x B 3H")  # wish and age, pressures
+_JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echoed counter
+_ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state, reason and bus-off, counts, hash
+
+# By the field's bits and back: a lookup is faster than sign, scale and comparison.
+_FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
+_PASCALS: Final = tuple(
+    (raw - 0x1000 if raw & 0x800 else raw) * CLASSIC_PRESSURE_RESOLUTION_PA if raw != _INVALID_FIELD else 0.0
+    for raw in range(0x1000)
+)
+_AGES_NS: Final = (*(step * CLASSIC_AGE_RESOLUTION_NS for step in range(_AGE_LIMIT)), STALE_NS)
 
 
 def emit_pressure(message: Pressure) -> bytes:
     """8 bytes. Raises ValueError for a wrong count, a value that is not finite or out of the wire's range."""
-    for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
-        if len(values) != SENSORS:
-            raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
-    if message.age_ns < 0:
-        raise ValueError(f"Pressure.age_ns = {message.age_ns}: must not be negative")
-    age = min(_AGE_LIMIT, -(-message.age_ns // CLASSIC_AGE_RESOLUTION_NS))
-    word = bool(message.enable_request) << 12 | age << 13
-    for i, (value, valid) in enumerate(zip(message.pressure_pa, message.valid, strict=True)):
-        raw = signed("Pressure.pressure_pa", value, CLASSIC_PRESSURE_RESOLUTION_PA, -INT12_MAX, INT12_MAX)
-        word |= ((raw if valid else _INVALID) & 0xFFF) << (16 + 12 * i)
-    return word.to_bytes(LENGTH, "little")
+    pressure_pa, valid, enable_request, age_ns = message
+    try:
+        p0, p1, p2, p3 = pressure_pa
+        v0, v1, v2, v3 = valid
+        # The resolution is 1 Pa: nothing to divide by.
+        f0, f1, f2, f3 = _FIELDS[round(p0)], _FIELDS[round(p1)], _FIELDS[round(p2)], _FIELDS[round(p3)]
+        if age_ns < 0:
+            raise ValueError
+    except (*UNPACKABLE, KeyError):
+        check_pressure_counts(message)
+        for value in pressure_pa:
+            signed("Pressure.pressure_pa", value, CLASSIC_PRESSURE_RESOLUTION_PA, -INT12_MAX, INT12_MAX)
+        raise ValueError(f"Pressure.age_ns = {age_ns}: must not be negative") from None
+    if not (v0 and v1 and v2 and v3):
+        f0, f1, f2, f3 = (f if v else _INVALID_FIELD for f, v in zip((f0, f1, f2, f3), valid, strict=True))
+    age = -(-age_ns // CLASSIC_AGE_RESOLUTION_NS)
+    return _PRESSURE.pack(
+        (0x10 if enable_request else 0) | (age if age < _AGE_LIMIT else _AGE_LIMIT) << 5,
+        f0 | (f1 & 0xF) << 12,
+        f1 >> 4 | (f2 & 0xFF) << 8,
+        f2 >> 8 | f3 << 4,
+    )
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
     """The message in 8 bytes, or None if there are not 8. A pressure that is not valid is 0."""
     if len(data) != LENGTH:
         return None
-    word = int.from_bytes(data, "little")
-    raw = [_signed_field(word, 16 + 12 * i, 12) for i in range(SENSORS)]
-    age = word >> 13 & 0b111
+    head, a, b, c = _PRESSURE.unpack(data)
+    f0, f1, f2, f3 = fields = (a & 0xFFF, a >> 12 | (b & 0xFF) << 4, b >> 8 | (c & 0xF) << 8, c >> 4)
     return Pressure(
-        pressure_pa=tuple(0.0 if value == _INVALID else value * CLASSIC_PRESSURE_RESOLUTION_PA for value in raw),
-        valid=tuple(value != _INVALID for value in raw),
-        enable_request=bool(word >> 12 & 1),
-        age_ns=STALE_NS if age == _AGE_LIMIT else age * CLASSIC_AGE_RESOLUTION_NS,
+        (_PASCALS[f0], _PASCALS[f1], _PASCALS[f2], _PASCALS[f3]),
+        tuple(field != _INVALID_FIELD for field in fields) if _INVALID_FIELD in fields else _ALL_VALID,
+        head & 0x10 != 0,
+        _AGES_NS[head >> 5],
     )
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
     """8 bytes. Raises ValueError for a flow that is not finite or out of the wire's range, or a bad counter."""
-    flow = signed(
-        "JetCommand.flow_m2_per_s", message.flow_m2_per_s, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX
-    )
-    word = Mode(message.mode) << 12 | bool(message.enable) << 15 | (flow & 0xFFFF) << 16
-    if message.pressure_counter is not None:
-        word |= 1 << 32 | unsigned("JetCommand.pressure_counter", message.pressure_counter, 0xF) << 36
-    return word.to_bytes(LENGTH, "little")
+    flow, mode, enable, counter = message
+    try:
+        head = mode_of(mode) << 4 | (0x80 if enable else 0)
+        echo = 0 if counter is None else 1 | unsigned("JetCommand.pressure_counter", counter, 0xF) << 4
+        return _JET_COMMAND.pack(head, round(flow / FLOW_RESOLUTION_M2_PER_S), echo)
+    except UNPACKABLE:
+        signed("JetCommand.flow_m2_per_s", flow, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
+        raise
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
     """The message in 8 bytes, or None if there are not 8 or the mode is not in its table."""
     if len(data) != LENGTH:
         return None
-    word = int.from_bytes(data, "little")
-    mode = word >> 12 & 0b111
-    if mode not in _MODES:
+    head, flow, echo = _JET_COMMAND.unpack(data)
+    mode = MODES[head >> 4 & 0b111]
+    if mode is None:
         return None
-    return JetCommand(
-        flow_m2_per_s=_signed_field(word, 16, 16) * FLOW_RESOLUTION_M2_PER_S,
-        mode=Mode(mode),
-        enable=bool(word >> 15 & 1),
-        pressure_counter=word >> 36 & 0xF if word >> 32 & 1 else None,
-    )
+    return JetCommand(flow * FLOW_RESOLUTION_M2_PER_S, mode, head & 0x80 != 0, echo >> 4 if echo & 1 else None)
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """8 bytes; counts stay at their largest values. Raises ValueError for a negative count or a hash too large."""
-    word = Mode(message.state) << 12 | Reason(message.reason) << 16
-    word |= _count("EcuStatus.bus_off", message.bus_off, CLASSIC_BUS_OFF_LIMIT) << 20
-    counts = ("overruns", "missed", "crc_errors", "refused")
-    for i, name in enumerate(counts):
-        word |= _count(f"EcuStatus.{name}", getattr(message, name), CLASSIC_COUNT_LIMIT) << (24 + 6 * i)
-    word |= unsigned("EcuStatus.bundle_hash", message.bundle_hash, 0xFFFFFFFF) >> 16 << 48
-    return word.to_bytes(LENGTH, "little")
+    state, reason, overruns, missed, crc_errors, bus_off, bundle_hash, refused, *_ = message
+    if min(overruns, missed, crc_errors, refused, bus_off) < 0:
+        for name in ("overruns", "missed", "crc_errors", "bus_off", "refused"):
+            if getattr(message, name) < 0:
+                raise ValueError(f"EcuStatus.{name} = {getattr(message, name)}: must not be negative")
+    most = CLASSIC_COUNT_LIMIT
+    crc_errors = crc_errors if crc_errors < most else most
+    return _ECU_STATUS.pack(
+        mode_of(state) << 4,
+        reason_of(reason) | (bus_off if bus_off < CLASSIC_BUS_OFF_LIMIT else CLASSIC_BUS_OFF_LIMIT) << 4,
+        (overruns if overruns < most else most) | (missed if missed < most else most) << 6 | (crc_errors & 0xF) << 12,
+        crc_errors >> 4 | (refused if refused < most else most) << 2,
+        unsigned("EcuStatus.bundle_hash", bundle_hash, 0xFFFFFFFF) >> 16,
+    )
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
@@ -111,29 +147,17 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     """
     if len(data) != LENGTH:
         return None
-    word = int.from_bytes(data, "little")
-    state, reason = word >> 12 & 0xF, word >> 16 & 0xF
-    if state not in _MODES or reason not in _REASONS:
+    head, why, low, high, bundle_hash = _ECU_STATUS.unpack(data)
+    state, reason = MODES[head >> 4], REASONS[why & 0xF]
+    if state is None or reason is None:
         return None
-    overruns, missed, crc_errors, refused = (word >> (24 + 6 * i) & 0x3F for i in range(4))
     return EcuStatus(
-        state=Mode(state),
-        reason=Reason(reason),
-        overruns=overruns,
-        missed=missed,
-        crc_errors=crc_errors,
-        refused=refused,
-        bus_off=word >> 20 & 0xF,
-        bundle_hash=(word >> 48) << 16,
+        state,
+        reason,
+        low & 0x3F,
+        low >> 6 & 0x3F,
+        low >> 12 | (high & 0b11) << 4,
+        why >> 4,
+        bundle_hash << 16,
+        high >> 2,
     )
-
-
-def _signed_field(word: int, start: int, bits: int) -> int:
-    value = word >> start & (1 << bits) - 1
-    return value - (1 << bits) if value >> (bits - 1) else value
-
-
-def _count(name: str, value: int, largest: int) -> int:
-    if value < 0:
-        raise ValueError(f"{name} = {value}: must not be negative")
-    return min(value, largest)

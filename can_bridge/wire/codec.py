@@ -4,6 +4,8 @@
 ValueError for what the wire cannot carry. `parse_*` looks at the meaning only, not at the header, and returns None
 for data of another length or with a value outside a table; no bytes make it raise. Values are rounded to the
 nearest step of the wire; bits without a signal are sent as zero and ignored when received.
+
+Each runs for every frame, so emitting packs first and looks for the culprit only where packing fails.
 """
 
 import struct
@@ -15,18 +17,18 @@ from can_bridge.wire.message_specs import (
     INT16_MAX,
     PRESSURE_RESOLUTION_PA,
 )
-from can_bridge.wire.messages import (
-    BUS_OFF_LIMIT,
-    COUNT_LIMIT,
-    ERROR_LIMIT,
-    SENSORS,
-    EcuStatus,
-    JetCommand,
-    Mode,
-    Pressure,
-    Reason,
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, JetCommand, Mode, Pressure
+from can_bridge.wire.packing import (
+    MODES,
+    REASONS,
+    UNPACKABLE,
+    VALIDITIES,
+    check_pressure_counts,
+    mode_of,
+    reason_of,
+    signed,
+    unsigned,
 )
-from can_bridge.wire.packing import signed, unsigned
 
 # "3x" is the E2E header: CRC-16 and counter.
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
@@ -34,7 +36,8 @@ _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counte
 # State, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit and receive errors.
 _ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B 2x")
 
-_ENABLE_REQUEST: Final = 1 << SENSORS  # above the validity bits
+_VALID: Final = 0b1111
+_ENABLE_REQUEST: Final = 1 << 4
 
 _MODE_MASK: Final = 0b111
 _ENABLE: Final = 1 << 3
@@ -42,104 +45,119 @@ _COUNTER_VALID: Final = 1 << 4
 
 _STATE_MASK: Final = 0b1111
 
-_MODES: Final = frozenset(Mode)
-_REASONS: Final = frozenset(Reason)
-
 
 def emit_pressure(message: Pressure) -> bytes:
     """16 bytes. Raises ValueError for a wrong count, a value that is not finite or out of the wire's range."""
-    for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
-        if len(values) != SENSORS:
-            raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
-    flags = sum(1 << i for i, valid in enumerate(message.valid) if valid)
-    if message.enable_request:
-        flags |= _ENABLE_REQUEST
-    raw = [_int16("Pressure.pressure_pa", value, PRESSURE_RESOLUTION_PA) for value in message.pressure_pa]
-    # Half a step up, in whole numbers: ages are exact.
-    age = (message.age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
-    return _PRESSURE.pack(flags, *raw, unsigned("Pressure.age_ns / 10 us", age, 0xFFFF))
+    pressure_pa, valid, enable_request, age_ns = message
+    try:
+        p0, p1, p2, p3 = pressure_pa
+        v0, v1, v2, v3 = valid
+        flags = bool(v0) | bool(v1) << 1 | bool(v2) << 2 | bool(v3) << 3
+        return _PRESSURE.pack(
+            flags | _ENABLE_REQUEST if enable_request else flags,
+            round(p0 / PRESSURE_RESOLUTION_PA),
+            round(p1 / PRESSURE_RESOLUTION_PA),
+            round(p2 / PRESSURE_RESOLUTION_PA),
+            round(p3 / PRESSURE_RESOLUTION_PA),
+            _age_steps(age_ns),
+        )
+    except UNPACKABLE:
+        check_pressure_counts(message)
+        for value in pressure_pa:
+            signed("Pressure.pressure_pa", value, PRESSURE_RESOLUTION_PA, -INT16_MAX - 1, INT16_MAX)
+        unsigned("Pressure.age_ns / 10 us", _age_steps(age_ns), 0xFFFF)
+        raise
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
     """The message in 16 bytes, or None if there are not 16."""
-    if len(data) != _PRESSURE.size:
+    if len(data) != 16:
         return None
-    flags, *raw, age = _PRESSURE.unpack(data)
+    flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
     return Pressure(
-        pressure_pa=tuple(value * PRESSURE_RESOLUTION_PA for value in raw),
-        valid=tuple(bool(flags >> i & 1) for i in range(SENSORS)),
-        enable_request=bool(flags & _ENABLE_REQUEST),
-        age_ns=age * AGE_RESOLUTION_NS,
+        (
+            p0 * PRESSURE_RESOLUTION_PA,
+            p1 * PRESSURE_RESOLUTION_PA,
+            p2 * PRESSURE_RESOLUTION_PA,
+            p3 * PRESSURE_RESOLUTION_PA,
+        ),
+        VALIDITIES[flags & _VALID],
+        flags & _ENABLE_REQUEST != 0,
+        age * AGE_RESOLUTION_NS,
     )
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
     """8 bytes. Raises ValueError for a flow that is not finite or out of the wire's range, or a bad counter."""
-    flags = Mode(message.mode) | (_ENABLE if message.enable else 0)
-    counter = 0
-    if message.pressure_counter is not None:
-        flags |= _COUNTER_VALID
-        counter = unsigned("JetCommand.pressure_counter", message.pressure_counter, 0xFF)
-    flow = _int16("JetCommand.flow_m2_per_s", message.flow_m2_per_s, FLOW_RESOLUTION_M2_PER_S)
-    return _JET_COMMAND.pack(flags, flow, counter)
+    flow, mode, enable, counter = message
+    try:
+        flags = mode_of(mode) | (_ENABLE if enable else 0)
+        if counter is None:
+            return _JET_COMMAND.pack(flags, round(flow / FLOW_RESOLUTION_M2_PER_S), 0)
+        return _JET_COMMAND.pack(flags | _COUNTER_VALID, round(flow / FLOW_RESOLUTION_M2_PER_S), counter)
+    except UNPACKABLE:
+        Mode(mode)
+        signed("JetCommand.flow_m2_per_s", flow, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
+        unsigned("JetCommand.pressure_counter", 0 if counter is None else counter, 0xFF)
+        raise
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
     """The message in 8 bytes, or None if there are not 8 or the mode is not in its table."""
-    if len(data) != _JET_COMMAND.size:
+    if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
-    mode = flags & _MODE_MASK
-    if mode not in _MODES:
+    mode = MODES[flags & _MODE_MASK]
+    if mode is None:
         return None
     return JetCommand(
-        flow_m2_per_s=flow * FLOW_RESOLUTION_M2_PER_S,
-        mode=Mode(mode),
-        enable=bool(flags & _ENABLE),
-        pressure_counter=counter if flags & _COUNTER_VALID else None,
+        flow * FLOW_RESOLUTION_M2_PER_S,
+        mode,
+        flags & _ENABLE != 0,
+        counter if flags & _COUNTER_VALID else None,
     )
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """24 bytes. Raises ValueError for a count or hash that does not fit."""
-    return _ECU_STATUS.pack(
-        Mode(message.state),
-        Reason(message.reason),
-        unsigned("EcuStatus.bus_off", message.bus_off, BUS_OFF_LIMIT),
-        unsigned("EcuStatus.overruns", message.overruns, COUNT_LIMIT),
-        unsigned("EcuStatus.missed", message.missed, COUNT_LIMIT),
-        unsigned("EcuStatus.crc_errors", message.crc_errors, COUNT_LIMIT),
-        unsigned("EcuStatus.bundle_hash", message.bundle_hash, 0xFFFFFFFF),
-        unsigned("EcuStatus.refused", message.refused, COUNT_LIMIT),
-        unsigned("EcuStatus.not_authentic", message.not_authentic, COUNT_LIMIT),
-        unsigned("EcuStatus.tx_errors", message.tx_errors, ERROR_LIMIT),
-        unsigned("EcuStatus.rx_errors", message.rx_errors, ERROR_LIMIT),
-    )
+    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors = message
+    try:
+        return _ECU_STATUS.pack(
+            mode_of(state),
+            reason_of(reason),
+            bus_off,
+            overruns,
+            missed,
+            crc,
+            bundle_hash,
+            refused,
+            not_authentic,
+            tx_errors,
+            rx_errors,
+        )
+    except UNPACKABLE:
+        limits = {
+            "bus_off": BUS_OFF_LIMIT,
+            "bundle_hash": 0xFFFFFFFF,
+            "tx_errors": ERROR_LIMIT,
+            "rx_errors": ERROR_LIMIT,
+        }
+        for name in message._fields[2:]:
+            unsigned(f"EcuStatus.{name}", getattr(message, name), limits.get(name, COUNT_LIMIT))
+        raise
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
     """The message in 24 bytes, or None if there are not 24 or state or reason is not in its table."""
-    if len(data) != _ECU_STATUS.size:
+    if len(data) != 24:
         return None
-    state, reason, bus_off, overruns, missed, crc_errors, bundle_hash, *rest = _ECU_STATUS.unpack(data)
-    refused, not_authentic, tx_errors, rx_errors = rest
-    state &= _STATE_MASK
-    if state not in _MODES or reason not in _REASONS:
+    state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx = _ECU_STATUS.unpack(data)
+    known_state, known_reason = MODES[state & _STATE_MASK], REASONS[reason]
+    if known_state is None or known_reason is None:
         return None
-    return EcuStatus(
-        state=Mode(state),
-        reason=Reason(reason),
-        overruns=overruns,
-        missed=missed,
-        crc_errors=crc_errors,
-        refused=refused,
-        not_authentic=not_authentic,
-        bus_off=bus_off,
-        tx_errors=tx_errors,
-        rx_errors=rx_errors,
-        bundle_hash=bundle_hash,
-    )
+    return EcuStatus(known_state, known_reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx)
 
 
-def _int16(name: str, value: float, resolution: float) -> int:
-    return signed(name, value, resolution, -INT16_MAX - 1, INT16_MAX)
+def _age_steps(age_ns: int) -> int:
+    # Half a step up, in whole numbers: ages are exact.
+    return (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS

@@ -1,6 +1,39 @@
-"""Numbers to the integers of the wire, and what is refused on the way."""
+"""What the codecs share: numbers to the integers of the wire, the tables, and what is refused on the way."""
 
 import math
+import struct
+from itertools import product
+from typing import Final
+
+from can_bridge.wire.messages import SENSORS, Mode, Pressure, Reason
+
+UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
+"""What packing or rounding raises for a value that the wire cannot carry."""
+
+_BYTE: Final = range(256)
+MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
+REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
+"""By the value on the wire; None for one that is not in the DBC's table. Looking up is faster than building an enum."""
+
+VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
+"""Of the sensors, by their bits on the wire."""
+
+
+def mode_of(mode: Mode) -> Mode:
+    """The mode itself; raises ValueError for a number that is none."""
+    return mode if mode.__class__ is Mode else Mode(mode)
+
+
+def reason_of(reason: Reason) -> Reason:
+    """The reason itself; raises ValueError for a number that is none."""
+    return reason if reason.__class__ is Reason else Reason(reason)
+
+
+def check_pressure_counts(message: Pressure) -> None:
+    """Raises ValueError unless there is a pressure and a validity for each sensor of the wire."""
+    for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
+        if len(values) != SENSORS:
+            raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:

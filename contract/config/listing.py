@@ -83,7 +83,7 @@ def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
 
 def shown(value: object) -> str:
     """A value for people, in as few characters as read back the same."""
-    if value is None:
+    if value is None or value == "":
         return "none"
     if isinstance(value, list | tuple):
         return ", ".join(map(shown, value))

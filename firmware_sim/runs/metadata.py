@@ -128,7 +128,7 @@ class RunMetadata:
             "sensors": list(self.sensors),
             "mpc": asdict(self.mpc),
             "weights": asdict(self.weights),
-            "status": {name: int(value) for name, value in asdict(self.status).items()},
+            "status": {name: int(value) for name, value in self.status._asdict().items()},
             "config": loading.to_tree(self.config),
             "origin": {**asdict(self.origin), "command": list(self.origin.command)},
             "versions": dict(self.versions),

@@ -88,7 +88,8 @@ def test_emitted_status_means_the_same_to_cantools(message):
     assert signals == {
         "E2E_CRC": 0, "E2E_Counter": 0, "State": message.state, "Reason": message.reason, "BusOff": message.bus_off,
         "Overruns": message.overruns, "Missed": message.missed, "CrcErrors": message.crc_errors,
-        "BundleHash": message.bundle_hash,
+        "BundleHash": message.bundle_hash, "Refused": message.refused, "NotAuthentic": message.not_authentic,
+        "TxErrors": message.tx_errors, "RxErrors": message.rx_errors,
     }  # fmt: skip
 
 
@@ -124,7 +125,8 @@ def test_status_encoded_by_cantools_is_parsed(message):
     signals = {
         "E2E_CRC": 0xFFFF, "E2E_Counter": 0xFF, "State": message.state.value, "Reason": message.reason.value,
         "BusOff": message.bus_off, "Overruns": message.overruns, "Missed": message.missed,
-        "CrcErrors": message.crc_errors, "BundleHash": message.bundle_hash,
+        "CrcErrors": message.crc_errors, "BundleHash": message.bundle_hash, "Refused": message.refused,
+        "NotAuthentic": message.not_authentic, "TxErrors": message.tx_errors, "RxErrors": message.rx_errors,
     }  # fmt: skip
     assert codec.parse_ecu_status(DBC.encode_message("EcuStatus", signals)) == message
 
@@ -137,7 +139,12 @@ ROUND_TRIPS = [
 
 
 @pytest.mark.parametrize(("parse", "emit"), ROUND_TRIPS)
-@given(data=st.binary(max_size=70) | st.binary(min_size=8, max_size=8) | st.binary(min_size=16, max_size=16))
+@given(
+    data=st.binary(max_size=70)
+    | st.binary(min_size=8, max_size=8)
+    | st.binary(min_size=16, max_size=16)
+    | st.binary(min_size=24, max_size=24)
+)
 def test_any_bytes_parse_to_none_or_to_a_message_that_survives(parse, emit, data):
     """Never raises on wire data, and what it returns can be sent again and means the same."""
     message = parse(data)
@@ -154,8 +161,8 @@ def test_only_the_messages_own_length_parses(parse, spec):
     ("parse", "size", "byte", "bad"),
     [
         (codec.parse_jet_command, 8, 3, [6, 7]),
-        (codec.parse_ecu_status, 16, 3, range(6, 16)),
-        (codec.parse_ecu_status, 16, 4, range(7, 256)),
+        (codec.parse_ecu_status, 24, 3, range(6, 16)),
+        (codec.parse_ecu_status, 24, 4, range(10, 256)),
     ],
 )
 def test_values_outside_a_table_are_malformed(parse, size, byte, bad):
@@ -166,11 +173,11 @@ def test_values_outside_a_table_are_malformed(parse, size, byte, bad):
 
 
 def test_bits_without_a_signal_are_ignored():
-    pressure, jet, status = bytearray(16), bytearray(8), bytearray(16)
+    pressure, jet, status = bytearray(16), bytearray(8), bytearray(24)
     expected = [parse(bytes(data)) for (parse, _), data in zip(ROUND_TRIPS, (pressure, jet, status), strict=True)]
     pressure[3], pressure[14], pressure[15] = 0b1110_0000, 0xFF, 0xFF
     jet[3], jet[6], jet[7] = 0b1110_0000, 0xFF, 0xFF  # byte 6 echoes a counter that is flagged as not valid
-    status[3] = 0b1111_0000
+    status[3], status[22], status[23] = 0b1111_0000, 0xFF, 0xFF
     got = [parse(bytes(data)) for (parse, _), data in zip(ROUND_TRIPS, (pressure, jet, status), strict=True)]
     assert got == expected
 
@@ -210,6 +217,7 @@ def status(**changes: Any) -> EcuStatus:
         (codec.emit_pressure, pressure(age_ns=655_355_000), "age_ns"),
         (codec.emit_jet_command, jet(flow_m2_per_s=math.nan), "flow_m2_per_s = nan"),
         (codec.emit_jet_command, jet(flow_m2_per_s=-math.inf), "flow_m2_per_s = -inf"),
+        (codec.emit_jet_command, jet(flow_m2_per_s=1e308), r"1e\+308: must be in"),
         (codec.emit_jet_command, jet(flow_m2_per_s=6.5536), r"flow_m2_per_s = 6\.5536"),
         (codec.emit_jet_command, jet(pressure_counter=256), "pressure_counter = 256"),
         (codec.emit_jet_command, jet(pressure_counter=-1), "pressure_counter = -1"),
@@ -220,7 +228,11 @@ def status(**changes: Any) -> EcuStatus:
         (codec.emit_ecu_status, status(bus_off=256), "bus_off = 256"),
         (codec.emit_ecu_status, status(bundle_hash=2**32), "bundle_hash"),
         (codec.emit_ecu_status, status(state=9), "9 is not a valid Mode"),
-        (codec.emit_ecu_status, status(reason=7), "7 is not a valid Reason"),
+        (codec.emit_ecu_status, status(reason=10), "10 is not a valid Reason"),
+        (codec.emit_ecu_status, status(refused=65536), "refused = 65536"),
+        (codec.emit_ecu_status, status(not_authentic=-1), "not_authentic = -1"),
+        (codec.emit_ecu_status, status(tx_errors=256), "tx_errors = 256"),
+        (codec.emit_ecu_status, status(rx_errors=256), "rx_errors = 256"),
     ],
 )
 def test_what_the_wire_cannot_carry_is_refused_by_name(emit, message, culprit):

@@ -76,9 +76,23 @@ def leaves(tree: dict[str, Any], above: str = "") -> list[str]:
 
 def test_the_shipped_manifest_reads_and_has_no_positions():
     manifest = read((BUNDLE / MANIFEST).read_bytes())
-    assert SHIPPED["schema"] == "stillwake-bundle/2"
+    assert SHIPPED["schema"] == "stillwake-bundle/3"
     assert manifest.sensor_positions is None
     assert read(sealed(SHIPPED)) == manifest
+
+
+OLD = {name: value for name, value in SHIPPED.items() if name != "sensor_positions"} | {"schema": "stillwake-bundle/2"}
+"""As the version before wrote it."""
+
+
+def test_a_manifest_of_the_old_schema_means_the_same():
+    assert read(sealed(OLD)) == read(sealed(SHIPPED))
+
+
+def test_the_old_schema_knows_no_positions():
+    assert "sensor_positions: unknown in schema 'stillwake-bundle/2'" in refusal(
+        sealed({**OLD, "sensor_positions": None})
+    )
 
 
 @pytest.mark.parametrize("name", [name for name in leaves(SHIPPED) if name != "manifest_sha256"])
@@ -143,7 +157,6 @@ def test_a_scaling_is_a_list_of_finite_numbers(name, value):
         ("files", {CONTROLLER: None}, "files.controller.onnx = None: must be a SHA-256"),
         ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
         ("surprise\x1b[2J", 1, r"\x1b[2J"),
-        ("sensor_positions", None, "sensor_positions: unknown in schema 'stillwake-bundle/2'"),
         ("schema", "\x1b[2J" * 1000, "this version reads"),
         ("schema", 2, "schema 2, this version reads"),
     ],

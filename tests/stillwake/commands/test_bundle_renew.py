@@ -1,0 +1,74 @@
+"""`bundle renew`: a bundle for another version's DBC becomes one for this version's; nothing else about it changes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from contract.release import bundle, signing
+from contract.release.bundle import CONTROLLER
+from contract.release.manifest import MANIFEST
+from stillwake.shipped import BUNDLE
+from tests.stillwake.commands.resealing import resealed
+
+OLD_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
+NEW_KEY = Ed25519PrivateKey.from_private_bytes(bytes([7]) * 32)
+
+
+@pytest.fixture
+def old(tmp_path) -> Path:
+    """The shipped controller in a bundle for a DBC of another time."""
+    shutil.copytree(BUNDLE, tmp_path / "old")
+    return resealed(tmp_path / "old", OLD_KEY, dbc_sha256="0" * 64)
+
+
+@pytest.fixture
+def keys(tmp_path) -> Path:
+    signing.write_key_pair(tmp_path / "keys", NEW_KEY)
+    signing.write_key_pair(tmp_path / "old-keys", OLD_KEY)
+    return tmp_path / "keys" / "release.key"
+
+
+def renew(cli, old, keys, tmp_path, *more, target="new"):
+    return cli("bundle", "renew", old, tmp_path / target, "--name", "renewed", "--key", keys, *more)
+
+
+def test_the_old_one_is_refused_with_the_way_out(old):
+    with pytest.raises(bundle.BundleFileError, match=r"another stillwake\.dbc; `stillwake bundle renew`"):
+        bundle.load(old)
+
+
+@pytest.mark.parametrize("target", ["new", "new.zip"])
+def test_the_new_one_has_the_same_controller_and_says_where_it_comes_from(cli, old, keys, tmp_path, target):
+    done = renew(cli, old, keys, tmp_path, target=target)
+    assert done.code == 0, done.err
+    found = bundle.load(tmp_path / target, signing.public_key(NEW_KEY))
+    assert found.files[CONTROLLER] == (old / CONTROLLER).read_bytes()
+    before = json.loads((old / MANIFEST).read_bytes())
+    assert found.manifest.name == "renewed"
+    assert found.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
+    for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):
+        assert getattr(found.manifest, name) == before[name]
+
+
+def test_a_signature_can_be_demanded_of_the_old_one(cli, old, keys, tmp_path):
+    assert renew(cli, old, keys, tmp_path, "--trust", tmp_path / "old-keys" / "release.pub").code == 0
+    refused = renew(cli, old, keys, tmp_path, "--trust", tmp_path / "keys" / "release.pub", "--overwrite")
+    assert refused.code == 1
+    assert "must be signed by key" in refused.err
+
+
+def test_anything_else_that_is_wrong_with_the_old_one_is_refused(cli, old, keys, tmp_path):
+    (old / CONTROLLER).write_bytes(b"mine")
+    refused = renew(cli, old, keys, tmp_path)
+    assert refused.code == 1
+    assert "controller.onnx was altered" in refused.err
+    assert not (tmp_path / "new").exists()
+
+
+def test_what_is_there_is_replaced_only_on_demand(cli, old, keys, tmp_path):
+    assert renew(cli, old, keys, tmp_path).code == 0
+    assert "--overwrite" in renew(cli, old, keys, tmp_path).err
+    assert renew(cli, old, keys, tmp_path, "--overwrite").code == 0
