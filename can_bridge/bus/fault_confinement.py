@@ -104,13 +104,13 @@ class FaultConfinement:
 
     def transmitted(self) -> "FaultConfinement":
         """Rule 7."""
-        return replace(self, tx_errors=max(0, self.tx_errors - 1))
+        return replace(self, tx_errors=self.tx_errors - 1) if self.tx_errors else self
 
     def received(self) -> "FaultConfinement":
         """Rule 8."""
         if self.rx_errors >= PASSIVE_FROM:
             return replace(self, rx_errors=_AFTER_PASSIVE)
-        return replace(self, rx_errors=max(0, self.rx_errors - 1))
+        return replace(self, rx_errors=self.rx_errors - 1) if self.rx_errors else self
 
     def recovered(self) -> "FaultConfinement":
         """Rule 12."""

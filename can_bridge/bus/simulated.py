@@ -36,7 +36,8 @@ Corrupts = Callable[[Frame, str, int], int | None]
 """(frame, name of the sender or receiver, begin of the frame in ns) to the bit that is inverted, from 0, or None."""
 
 SUSPEND: Final = 8
-"""Bits that an error-passive node waits after a frame of its own before the next one."""
+"""Bits that an error-passive node waits after a frame of its own before the next one. If another node begins one
+meanwhile, it waits for that one and no longer, which every frame and error frame exceeds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,8 +285,6 @@ class SimulatedBus:
         wins = min(port.queue.head.priority for port in ready)
         items = {port: port.queue.head for port in ready if port.queue.head.priority == wins}
         for port in self._ports:
-            # Who hears a frame begin has to wait for its end, and no longer.
-            port.ready_ns = min(port.ready_ns, at_ns)
             if port.recovery is not None:
                 idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
                 port.recovery = Recovery(port.recovery.left - idle_ns // self._ns(RECESSIVE_BITS), at_ns)

@@ -181,4 +181,4 @@ def _to_bits(value: int, width: int) -> str:
 
 def _bits_of(data: bytes) -> str:
     # The most significant bit of each byte goes first.
-    return "".join(format(byte, "08b") for byte in data)
+    return _to_bits(int.from_bytes(data), 8 * len(data)) if data else ""

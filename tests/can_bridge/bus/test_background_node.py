@@ -1,5 +1,8 @@
 """Other nodes' traffic on the simulated bus: at its times, random by seed, and without end."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 from can_bridge.bus.background_node import BackgroundNode
 from can_bridge.bus.simulated import SimulatedBus, Transmission
 from can_bridge.bus.traffic import PeriodicMessage
@@ -12,15 +15,17 @@ SLOW = PeriodicMessage(
 )
 
 
-def sent(*messages: PeriodicMessage, seed: int = 1, capacity: int = 64, receivers: int = 1) -> list[Transmission]:
+def sent(
+    *messages: PeriodicMessage, seed: int = 1, capacity: int = 64, receivers: int = 1, drift_ppm: float = 0.0
+) -> list[Transmission]:
     seen: list[Transmission] = []
     bus = SimulatedBus(BusConfig(), observe=seen.append)
     port = bus.port("background", transmit_capacity=capacity)
     for _ in range(receivers):
         bus.port()
-    BackgroundNode(bus, port, messages, seed)
+    BackgroundNode(bus, port, messages, seed, drift_ppm=drift_ppm)
     bus.advance_to(1000 * MS)
-    assert port.refused == (0 if receivers else port.refused)
+    assert (port.refused > 0) == (receivers == 0)
     return seen
 
 
@@ -34,6 +39,18 @@ def test_jitter_delays_each_release_and_not_the_next():
     assert len(late) == 20
     assert all(0 <= ns <= 4 * MS for ns in late)
     assert len(set(late)) > 15
+
+
+def test_clocks_drift_apart_slowly_and_never_run_fast():
+    both = sent(FAST, replace(FAST, frame_id=0x101, offset_ns=8 * MS), drift_ppm=1000.0)
+    late = []
+    for frame_id, offset_ns in ((0x100, 3 * MS), (0x101, 8 * MS)):
+        queued = [item.queued_ns - offset_ns for item in both if item.frame.frame_id == frame_id]
+        steps = {after - before for before, after in pairwise(queued)}
+        assert len(steps) == 1
+        assert 0 < steps.pop() - FAST.period_ns < 0.001 * FAST.period_ns
+        late.append(queued[-1] - 99 * FAST.period_ns)
+    assert late[0] != late[1]
 
 
 def test_a_frame_is_of_its_message_with_random_contents():

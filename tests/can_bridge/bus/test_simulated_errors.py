@@ -2,14 +2,18 @@
 takes, worked out in bits by hand.
 """
 
+from contextlib import suppress
 from dataclasses import replace
+from random import Random
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.bus.interface import HEALTHY, BusState
 from can_bridge.bus.simulated import SimulatedBus, Transmission
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import frame_bits
+from can_bridge.wire.frame_bits import frame_bits, sent_bits
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
@@ -120,6 +124,14 @@ def test_a_node_alone_ends_up_error_passive_and_never_bus_off():
     assert bus.activity().error_frames == pytest.approx(passive, abs=16)
 
 
+def test_a_node_alone_does_not_get_as_far_as_an_error_behind_the_acknowledge_slot():
+    bus = SimulatedBus(RATES, corrupts=Script(TO_ACKNOWLEDGE, repeat=True))
+    alone = bus.port()
+    alone.send(SENT)
+    bus.advance_to(10**8)
+    assert counts(alone) == [(128, 0)]
+
+
 def test_what_a_node_alone_could_not_send_goes_out_when_another_one_comes():
     bus = SimulatedBus(RATES)
     alone = bus.port()
@@ -153,6 +165,37 @@ def test_an_error_passive_sender_waits_eight_bits_more_and_lets_others_go_first(
     assert bits(seen[1].begin_ns - seen[0].begin_ns) == LENGTH
     # It has waited for another frame: no more suspension behind that one.
     assert seen[2].begin_ns == seen[1].end_ns + INTERMISSION * BIT
+
+
+def test_the_suspension_counts_for_a_frame_that_is_handed_over_during_it():
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(*[20] * 17))
+    sender, _ = bus.port("sender"), bus.port("other")
+    sender.send(SENT)
+    while not seen:
+        bus.advance_to(bus.now_ns + BIT)
+    assert sender.health().state is BusState.ERROR_PASSIVE
+    bus.advance_to(seen[0].end_ns + 5 * BIT)
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    assert bits(seen[1].begin_ns - seen[0].end_ns) == INTERMISSION + SUSPEND
+
+
+def test_a_can_fd_frame_of_an_error_passive_sender_has_its_own_length():
+    """ESI recessive: from BRS to the end of length code 15 there are six equal bits, and all later runs shift."""
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(*[20] * 17))
+    sender, _ = bus.port("sender"), bus.port("other")
+    sent = Frame(frame_id=0x555, data=b"\xf0" * 64)
+    active, passive = (sum(sent_bits(sent, error_passive=esi).total) for esi in (False, True))
+    assert active != passive
+    sender.send(sent)
+    for _ in range(30):
+        sender.send(sent)
+    bus.advance_to(10**9)
+    lengths = [bits(item.end_ns - item.begin_ns) + INTERMISSION for item in seen]
+    # From 17 x 8 = 136 down by one with every frame: passive as long as 128 is left.
+    assert lengths == [passive] * 9 + [active] * 22
 
 
 def test_a_sender_that_is_always_disturbed_goes_bus_off_and_recovers():
@@ -198,6 +241,22 @@ def test_recovery_waits_for_recessive_bits_and_so_takes_longer_on_a_busy_bus():
     expected = FLAGS + DELIMITER + INTERMISSION + 64 * busy + (128 - 1 - 64) * 11
     assert bits(bus.now_ns - off_ns) == expected
     assert len(two.receive_all()) == 64
+
+
+def test_recovery_counts_whole_sequences_between_frames():
+    """Every frame comes 27 bits after the end of the one before: two sequences of eleven, and five bits for nothing."""
+    bus = SimulatedBus(RATES, corrupts=Script(*[20] * 32, only="sender"))
+    sender, one, _ = bus.port("sender"), bus.port("one"), bus.port("two")
+    sender.send(SENT)
+    while sender.health().state is not BusState.BUS_OFF:
+        bus.advance_to(bus.now_ns + BIT)
+    free = bits(bus.now_ns) + FLAGS + DELIMITER + INTERMISSION
+    for k in range(10):
+        bus.call_at((free + (k + 1) * 27 + k * LENGTH) * BIT, lambda: one.send(SENT))
+    while sender.health().state is BusState.BUS_OFF:
+        bus.advance_to(bus.now_ns + BIT)
+    # One behind the error frame, then two and one for each of the ten frames; the rest in the idle bus.
+    assert bits(bus.now_ns) == free + 10 * (27 + LENGTH) + (128 - 1 - 10 * 3) * 11
 
 
 def test_a_node_that_is_bus_off_neither_hears_nor_acknowledges():
@@ -383,6 +442,57 @@ def test_a_bus_held_dominant_drives_the_sender_off_and_receivers_passive():
         assert len(receiver.receive_all()) == (1 if state is BusState.ERROR_PASSIVE else 0)
 
 
+@pytest.mark.parametrize(("held", "counted"), [(6, 0), (7, 1), (19, 1), (20, 9), (28, 17)])
+def test_on_an_idle_bus_a_dominant_level_is_an_error_from_the_sixth_bit_on(held, counted):
+    """Six bits until the rule of stuff bits is broken; then rules 1 and 6."""
+    bus, one, other = two()
+    bus.hold_dominant(held * BIT)
+    bus.advance_to(10**6)
+    assert counts(one, other) == [(0, counted)] * 2
+
+
 def test_a_bus_held_dominant_for_no_time_is_refused():
     with pytest.raises(ValueError, match="dominant for 0 ns: must be positive"):
         SimulatedBus(RATES).hold_dominant(0)
+
+
+@given(seed=st.integers(0, 2**32), share=st.floats(0.0, 0.3), rates=st.sampled_from([RATES, BusConfig()]))
+def test_whatever_is_disturbed_every_frame_arrives_once_in_order_or_is_counted(seed, share, rates):
+    """Random disturbances of the bus and of single receivers, in any bit but the very last."""
+    random = Random(seed)
+
+    def wrong(frame: Frame, name: str, begin_ns: int) -> int | None:
+        return random.randrange(sum(frame_bits(frame)) - INTERMISSION - 1) if random.random() < share else None
+
+    seen: list[Transmission] = []
+    bus = SimulatedBus(rates, observe=seen.append, corrupts=wrong, mishears=wrong)
+    ports = [bus.port(f"node {k}") for k in range(3)]
+    handed_over, heard = [list[bytes]() for _ in ports], [list[Frame]() for _ in ports]
+    for k in range(60):
+        sender = random.randrange(3)
+        data = bytes([k])
+        with suppress(BusError):
+            ports[sender].send(Frame(frame_id=0x100 + sender, data=data, is_fd=random.random() < 0.5))
+            handed_over[sender].append(data)
+        bus.advance_to(bus.now_ns + random.randrange(600_000))
+        for port, frames in zip(ports, heard, strict=True):
+            frames.extend(port.receive_all())
+    bus.advance_to(bus.now_ns + 10**10)
+    for port, frames in zip(ports, heard, strict=True):
+        frames.extend(port.receive_all())
+    for k, port in enumerate(ports):
+        sent = [item.frame.data for item in seen if item.sender == port.name]
+        assert len(sent) + port.discarded == len(handed_over[k])
+        assert [data for data in handed_over[k] if data in sent] == sent
+        # Some receivers miss some: they were bus-off, or heard it wrong and were too passive to say so.
+        for other, frames in zip(ports, heard, strict=True):
+            if other is not port:
+                got = [frame.data for frame in frames if frame.frame_id == 0x100 + k]
+                assert [data for data in sent if data in got] == got
+                assert share > 0.0 or got == sent
+    ends = [item.end_ns for item in seen]
+    assert ends == sorted(set(ends))
+    activity = bus.activity()
+    assert activity.frames == len(seen)
+    assert activity.busy_ns <= activity.now_ns
+    assert share > 0.0 or activity.error_frames == 0

@@ -11,7 +11,7 @@ import pytest
 
 from can_bridge.bus.background_node import BackgroundNode
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated import Corrupts, SimulatedBus
 from can_bridge.bus.traffic import background
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
@@ -76,12 +76,14 @@ class Oscillator:
 class Harness:
     """Everything around one loop."""
 
-    def __init__(self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]]) -> None:
+    def __init__(
+        self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]], corrupts: Corrupts | None
+    ) -> None:
         self.config = config
         self.plant = Oscillator(config.flow.substeps)
         self.ecu = Ecu(bundle, controller, config)
         self.captured: list[Frame] = []
-        self.bus = bus = SimulatedBus(config.bus, self.captured.append)
+        self.bus = bus = SimulatedBus(config.bus, self.captured.append, corrupts=corrupts)
         self.ports = {name: bus.port(name) for name in wrapped}
         ports = BusPorts(
             **{name: wrap(self.ports[name]) for name, wrap in wrapped.items()}, ecu_health=self.ports["ecu"].health
@@ -129,12 +131,13 @@ def harness(bundle_of, recording_controller):
         ecu=lambda port: port,
         controller=None,
         bus=None,
+        corrupts=None,
         **ecu_settings,
     ):
         config = Config(bus=bus or BusConfig(), ecu=EcuConfig(compute_time_ms=compute_ms, **ecu_settings))
         step = iter(range(10**6))
         default = recording_controller(lambda i: 0.03 * cos(next(step)))
-        return Harness(bundle_of(), config, controller or default, {"vehicle": vehicle, "ecu": ecu})
+        return Harness(bundle_of(), config, controller or default, {"vehicle": vehicle, "ecu": ecu}, corrupts)
 
     return make
 
@@ -440,13 +443,13 @@ def test_frames_of_lower_priority_delay_by_one_of_them_at_most(harness):
 
 
 def test_an_ecu_that_is_bus_off_is_missed_by_the_vehicle_and_comes_back(harness):
-    disturb = iter([20] * 32)
-    h = harness(8.0)
-    bus = h.bus
-    # 32 errors in a row on its command of one period: 33 us each, all within that period.
-    bus._corrupts = lambda frame, name, begin_ns: (
-        next(disturb, None) if frame.frame_id == JET_COMMAND.frame_id and begin_ns > 200_000_000 else None
-    )
+    positions = iter([20] * 32)
+
+    def corrupts(frame: Frame, name: str, begin_ns: int) -> int | None:
+        """32 errors in a row on its command of one period, all within that period."""
+        return next(positions, None) if name == "ecu" and begin_ns > 200_000_000 else None
+
+    h = harness(8.0, corrupts=corrupts)
     rows = h.run(24)
     health = h.ports["ecu"].health()
     assert health.bus_off == 1
@@ -458,9 +461,8 @@ def test_an_ecu_that_is_bus_off_is_missed_by_the_vehicle_and_comes_back(harness)
 
 
 def test_the_ecu_reports_what_its_can_controller_counts(harness):
-    h = harness(8.0)
-    attempts = iter([30] * 5)
-    h.bus._corrupts = lambda frame, name, begin_ns: next(attempts, None)
+    positions = iter([30] * 5)
+    h = harness(8.0, corrupts=lambda frame, name, begin_ns: next(positions, None))
     h.run(1)
     # Five times one on the pressures, less one for what came through.
     assert h.ports["ecu"].health().rx_errors == 4
