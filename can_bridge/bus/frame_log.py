@@ -12,7 +12,7 @@ from typing import Final
 
 import can
 
-from can_bridge.bus.conversion import to_message
+from can_bridge.bus.python_can import to_message
 from can_bridge.wire.frame import Frame
 from contract.atomic import replacing
 from contract.errors import StillwakeError

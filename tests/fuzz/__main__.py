@@ -9,7 +9,7 @@ the one input again. Other options are libFuzzer's.
 
 import sys
 
-import atheris  # type: ignore[import-not-found]
+import atheris  # type: ignore[import-untyped]
 
 with atheris.instrument_imports(include=["tests.fuzz", "can_bridge", "msgpack", "can.message"]):
     from tests.fuzz.receive_path import follow

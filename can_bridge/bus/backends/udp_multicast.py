@@ -87,7 +87,7 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
 class UdpMulticastBus(PythonCanUdpMulticastBus):
     """One node on this machine's group. What cannot be used is raised as `UnusableReceptionError`."""
 
-    def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv4, **options: Any) -> None:
+    def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
         """Join the group at the multicast address `channel`.
 
         Args:
