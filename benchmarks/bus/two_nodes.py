@@ -1,6 +1,6 @@
 """Two processes on a real bus: pressures go out in step with the period, and each is answered by a jet command.
 
-    python -m benchmarks two-nodes udp_multicast 239.74.163.2 --garbage 1
+    python -m benchmarks two-nodes --garbage 1 --json results/two_nodes.json
     python -m benchmarks two-nodes slcan pty --frames classic
 
 Every frame is end-to-end protected and counted at both ends. Nothing here plans: the answer is a fixed command with the
@@ -88,6 +88,7 @@ def measure(
                 driver.listen_until(start + (period + 1) * period_s)
                 progress(period + 1, periods)
             driver.listen_until(time.monotonic() + LAST_ANSWERS_S, expected=periods)
+            bus.receive_all()
             commands = _counts(bus, driver.commands)
         ecu.send("stop")
         pressures = _received(ecu)
@@ -206,6 +207,8 @@ def _answer(config: BusConfig, settle_s: float, parent: Connection) -> None:
                 if command is not None:
                     bus.send(command)
                     answers += 1
+            for frame in bus.receive_all():
+                receiver.tick([frame])
             parent.send({**_counts(bus, receiver), "answers": answers})
     except BusError as error:
         parent.send(error)
@@ -263,8 +266,10 @@ def _percentiles(values: list[float]) -> Counts:
 
 
 def main(
-    interface: Annotated[str, typer.Argument(help="As in bus.interface.")],
-    channel: Annotated[str, typer.Argument(help="As in bus.channel; `pty` for slcan over two pseudo-terminals.")],
+    interface: Annotated[str, typer.Argument(help="As in bus.interface.")] = "udp_multicast",
+    channel: Annotated[
+        str, typer.Argument(help="As in bus.channel; `pty` for slcan over two pseudo-terminals.")
+    ] = "239.74.163.2",
     json_file: JsonFile = None,
     frames: Annotated[str, typer.Option(help="fd or classic.")] = "fd",
     periods: Annotated[int, typer.Option(help="Pressures to send.", min=1)] = 3000,

@@ -1,3 +1,5 @@
+import os
+import time
 from collections.abc import Iterator
 from itertools import count
 from threading import Event, Thread
@@ -6,11 +8,13 @@ import can
 import pytest
 
 from can_bridge.bus.mailbox import Mailbox
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.python_can import GARBAGE_LIMIT, PythonCanBus
 from can_bridge.bus.receive_thread import ReceiveThread
+from can_bridge.bus.rejection import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+from tests.can_bridge.bus.backends.ptys import adapter
 
 CHANNELS = count()
 PATIENCE_S = 10.0
@@ -124,6 +128,57 @@ def test_garbage_does_not_end_it():
     with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
         assert failing.polled_again.wait(PATIENCE_S)
         thread.check()
+
+
+def test_serial_line_with_garbage_and_then_pulled_out():
+    """Nothing before the end is lost; the end is a fault; both are told while the thread's frames are used."""
+    mailbox: Mailbox[Frame] = Mailbox()
+    collector = Collector(200)
+
+    def deliver(frame: Frame) -> None:
+        mailbox.put(frame)
+        collector(frame)
+
+    with adapter() as line:
+        config = BusConfig(interface="slcan", channel=line.port)
+        with PythonCanBus.open(config, settle_s=0.0) as bus, ReceiveThread(bus, deliver) as thread:
+            for i in range(200):
+                line.write(b"tzzz1AA\rr1208\r" + b"b1201" + f"{i:02X}".encode() + b"\r")
+            assert collector.enough.wait(PATIENCE_S)
+            thread.check()
+            assert [frame.data[0] for frame in collector.frames] == list(range(200))
+            latest = mailbox.take()
+            assert latest is not None
+            assert (latest.data[0], mailbox.overwritten) == (199, 199)
+            refused = {reason: count for reason, count in bus.rejected.items() if count}
+            assert refused == {Rejection.GARBAGE: 200, Rejection.REMOTE: 200}
+            os.close(line.fd)
+            thread._thread.join(PATIENCE_S)
+            with pytest.raises(BusError, match=r"CAN reception ended: CAN bus failed: ."):
+                thread.check()
+
+
+def test_flood_of_refused_receptions_ends_neither_the_thread_nor_its_stopping():
+    class Flooded(can.BusABC):
+        def __init__(self) -> None:
+            self.channel_info = "flooded"
+            super().__init__(channel="flooded")
+            self.shutdown()  # nothing to close: python-can would remind us of it
+
+        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+            raise UnusableReceptionError(Rejection.GARBAGE)
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            raise NotImplementedError
+
+    bus = PythonCanBus(Flooded())
+    with ReceiveThread(bus, lambda frame: None) as thread:
+        deadline = time.monotonic() + PATIENCE_S
+        while bus.received < 2 * GARBAGE_LIMIT and time.monotonic() < deadline:
+            time.sleep(0.001)
+        thread.check()
+    assert not thread._thread.is_alive()
+    assert bus.rejected[Rejection.GARBAGE] == bus.received >= 2 * GARBAGE_LIMIT
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -1,0 +1,52 @@
+"""SocketCAN, on a virtual CAN network where there is one:
+
+sudo ip link add dev vcan0 type vcan
+sudo ip link set up mtu 72 vcan0
+python -m pytest tests/can_bridge/bus/test_socketcan.py
+"""
+
+from pathlib import Path
+
+import can
+import pytest
+
+from benchmarks.bus.two_nodes import lost, run
+from can_bridge.bus.interface import HEALTHY
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+
+CHANNEL = "vcan0"
+
+pytestmark = pytest.mark.skipif(
+    not Path("/sys/class/net", CHANNEL).exists(),
+    reason=f"there is no {CHANNEL}: sudo ip link add dev {CHANNEL} type vcan; sudo ip link set up mtu 72 {CHANNEL}",
+)
+
+
+def test_frames_of_both_formats_pass_and_others_are_refused_by_reason():
+    config = BusConfig(interface="socketcan", channel=CHANNEL)
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
+        frames = [Frame(frame_id=0x5A5, data=bytes(12)), Frame(frame_id=0x5A6, data=bytes(8), is_fd=False)]
+        for frame in frames:
+            one.send(frame)
+        one._bus.send(can.Message(arbitration_id=0x5A7, is_extended_id=True))
+        one._bus.send(can.Message(arbitration_id=0x5A7, is_extended_id=False, is_remote_frame=True))
+        one._bus.send(can.Message(arbitration_id=0x130, is_extended_id=False, data=bytes(8)))
+        got = [other.receive(10.0), other.receive(10.0)]
+        assert [(frame.frame_id, frame.data, frame.is_fd) for frame in got if frame is not None] == [
+            (frame.frame_id, frame.data, frame.is_fd) for frame in frames
+        ]
+        assert other.receive(0.2) is None
+        refused = {reason: count for reason, count in other.rejected.items() if count}
+        assert refused == {Rejection.EXTENDED: 1, Rejection.REMOTE: 1, Rejection.WRONG_FORMAT: 1}
+        assert one.receive_all() == []
+        assert (other.health(), other.overflows) == (HEALTHY, 0)
+
+
+@pytest.mark.processes  # starts one, and runs for three seconds
+@pytest.mark.parametrize("frames", ["fd", "classic"])
+def test_two_processes_lose_no_frame(frames):
+    counts = run(BusConfig(interface="socketcan", channel=CHANNEL, frames=frames), periods=600, period_s=0.005)
+    assert lost(counts) == 0
