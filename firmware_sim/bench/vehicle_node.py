@@ -138,10 +138,8 @@ class VehicleNode:
         age = self._echo.age
         if not command.enable or command.mode not in _DRIVING or age is None or age > self._oldest_echo:
             return 0.0
-        wanted, limit = (
-            command.flow_m2_per_s / self._config.operating_point.flow_rate_scale,
-            self._config.flow.action_limit,
-        )
+        wanted = command.flow_m2_per_s / self._config.operating_point.flow_rate_scale
+        limit = self._config.flow.action_limit
         step = self._config.vehicle.action_step
         in_reach = np.clip(wanted, self._action - step, self._action + step)
         return float(np.clip(in_reach, -limit, limit))

@@ -207,6 +207,13 @@ def test_limits_and_commands_are_values_with_names(value):
     assert type(value)(**facts) == value
 
 
+def test_the_gate_takes_its_arguments_by_name():
+    """Two times and two flows are easily mixed up."""
+    by_place: Any = gate
+    with pytest.raises(TypeError, match="positional argument"):
+        by_place(0.5, True, 0.0, None, 1000, 1050, LIMITS)
+
+
 def test_limits_of_the_default_truck():
     """0.075 x 62.5 m2/s is 4.6875, which the wire would round up; the limit is the step below."""
     limits = GateLimits.from_config(Config())

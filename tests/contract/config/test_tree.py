@@ -49,6 +49,8 @@ def test_no_number_may_be_negative(owner, name, value):
         (lambda: MpcConfig(horizon=1), "horizon = 1"),
         (lambda: FlowConfig(action_limit=0.0), "action_limit"),
         (lambda: EcuConfig(rearm_frames=0), "rearm_frames"),
+        (lambda: EcuConfig(loss_limit=0), "loss_limit"),
+        (lambda: EcuConfig(loss_limit=51), "loss_limit"),
         (lambda: BusConfig(channel=""), "channel"),
         (lambda: E2eConfig(min_ok=6), "min_ok = 6"),
         (lambda: E2eConfig(max_errors=5), "max_errors = 5"),

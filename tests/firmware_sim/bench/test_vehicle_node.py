@@ -15,6 +15,7 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 from contract.errors import ConfigError
+from contract.operating_point import OperatingPoint
 from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.vehicle_node import VehicleNode
 
@@ -86,6 +87,17 @@ def test_a_pressure_at_the_end_of_the_range_is_valid(node):
     cp = np.zeros(sensors.COUNT)
     cp[sensors.NAMES.index("base_3")] = -3276.7 / Q
     assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (True,) * 4
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_very_end_of_the_range_is_valid_and_what_is_next_to_it_is_not(sign):
+    """At a dynamic pressure of 512 Pa, a power of two, products and quotients are exact."""
+    config = replace(CONFIG, operating_point=OperatingPoint(speed=32.0, density=1.0))
+    assert config.operating_point.dynamic_pressure == 512.0
+    node, limit = VehicleNode(NAMES, config), sign * message_set(config.bus).pressure_limit_pa
+    for pressure_pa, valid in ((limit, True), (np.nextafter(limit, sign * np.inf), False)):
+        cp = np.full(sensors.COUNT, pressure_pa / 512.0)
+        assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (valid,) * 4
 
 
 def test_the_jets_follow_the_newest_command(node, trusted):

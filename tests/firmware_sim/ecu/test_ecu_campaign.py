@@ -7,6 +7,7 @@ sends. Without chance there would be no such sequence; with one seed it is the s
 import random
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +46,13 @@ class Hostile:
         if kind < 0.004:
             raise self.rng.choice([ControllerError("x"), ValueError("x"), MemoryError(), ZeroDivisionError()])
         if kind < 0.008:
-            wrong = [None, values[:2], values.astype(object), np.zeros((horizon, 2)), np.full(horizon, 1e307)]
+            wrong: list[Any] = [
+                None,
+                values[:2],
+                values.astype(object),
+                np.zeros((horizon, 2)),
+                np.full(horizon, 1e307),
+            ]
             values = self.rng.choice(wrong)
         elif kind < 0.012:
             values[self.rng.randrange(horizon)] = self.rng.choice([np.nan, np.inf, -np.inf])
@@ -69,7 +76,7 @@ class Made:
 class Campaign:
     """One ECU through `periods` random periods; `seen` counts what it did."""
 
-    bench: object
+    bench: Any
     rng: random.Random
     calm: float
     burst: str = ""

@@ -136,7 +136,8 @@ def commands(
         BusPorts(vehicle=bus.port(), ecu=bus.port()),
         CONFIG,
     )
-    rows = [loop.period(enable_request=True) for _ in range(PROGRAM.window + periods)]
+    # The request rises once: one that stands at power-on is none.
+    rows = [loop.period(enable_request=k > 0) for k in range(PROGRAM.window + periods)]
     controlled = [row.command for row in rows if row.mode == Mode.CONTROL]
     assert len(controlled) >= periods - 2
     return np.array(controlled)

@@ -1,0 +1,71 @@
+"""The measurement itself: it finds the mistake that tests leave room for, and does not count what they notice."""
+
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import pytest
+
+from benchmarks.bus import gate_mutation
+from contract.errors import StillwakeError
+
+GATE = '''\
+"""A gate of one bound."""
+
+
+def clamp(value: float) -> float:
+    """At most 4."""
+    return 4.0 if value > 4.0 else value
+'''
+FULL = """\
+from can_bridge.command_gate import clamp
+
+
+def test_clamp():
+    assert [clamp(value) for value in (3.0, 4.5, 9.0)] == [3.0, 4.0, 4.0]
+"""
+LOOSE = FULL.replace("(3.0, 4.5, 9.0)", "(3.0, 9.0)").replace("[3.0, 4.0, 4.0]", "[3.0, 4.0]")
+WRONG = FULL.replace("[3.0, 4.0, 4.0]", "[3.0, 4.0, 5.0]")
+
+
+def measured(folder: Path, tests: str) -> dict:
+    pytest.importorskip("mutmut", reason="comes with stillwake[dev]")
+    (folder / "gate.py").write_text(GATE)
+    (folder / "test_gate.py").write_text(tests)
+    seen: list[tuple[int, int]] = []
+    found = gate_mutation.measure(
+        gate=folder / "gate.py",
+        tests=folder / "test_gate.py",
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert seen[-1][1] == found["gate_mutants"]
+    assert all(0 <= done <= total for done, total in seen)
+    return found
+
+
+@pytest.mark.slow  # mutmut starts some processes
+def test_a_bound_that_no_test_looks_at_survives(tmp_path):
+    """`>` and `>=` are the same here: at 4 the bound is the value. No test can tell them apart."""
+    full, loose = measured(tmp_path, FULL), measured(tmp_path, LOOSE)
+    # The comparison and both bounds at least.
+    assert full["gate_mutants"] == loose["gate_mutants"] >= 3
+    equivalent = ["-    return 4.0 if value > 4.0 else value", "+    return 4.0 if value >= 4.0 else value"]
+    assert [item["change"] for item in full["gate_survivors"]] == [equivalent]
+    assert full["gate_mutants_survived"] == 1
+    moved = ["-    return 4.0 if value > 4.0 else value", "+    return 4.0 if value > 5.0 else value"]
+    assert moved in [item["change"] for item in loose["gate_survivors"]]
+    assert loose["gate_mutants_survived"] == 2
+
+
+@pytest.mark.slow  # likewise
+def test_tests_that_fail_on_the_gate_itself_are_no_measurement(tmp_path):
+    with pytest.raises(StillwakeError, match="mutmut ended with status"):
+        measured(tmp_path, WRONG)
+
+
+def test_without_mutmut_it_says_what_to_install(monkeypatch):
+    def missing(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(gate_mutation, "version", missing)
+    with pytest.raises(StillwakeError, match=r"needs mutmut: pip install 'stillwake\[dev\]'"):
+        gate_mutation.measure()
