@@ -1,1 +1,1 @@
-"""What an engineer does at a bus: watch, record, replay, send, decode; turn logs into data. Some needs the extra `bus`."""
+"""What an engineer does at a bus: watch, record, replay, send, decode, make data of logs. Some needs extra `bus`."""

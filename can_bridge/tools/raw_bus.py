@@ -9,7 +9,9 @@ from typing import Self
 
 import can
 
-from can_bridge.bus.python_can import GARBAGE_LIMIT, PythonCanBus
+from can_bridge.bus.backends.opening import open_backend
+from can_bridge.bus.python_can import GARBAGE_LIMIT
+from can_bridge.bus.rejection import UnusableReceptionError
 from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
@@ -36,6 +38,9 @@ class RawBus:
         """
         try:
             message = self._bus.recv(timeout=timeout_s)
+        except UnusableReceptionError:
+            self.rejected += 1
+            return None
         except Exception as error:  # noqa: BLE001  (backends raise what they like on what they were sent)
             self._stumble(error)
             return None
@@ -93,12 +98,7 @@ def open_bus(config: BusConfig) -> RawBus:
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
             "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
         )
-    try:
-        # The settings are turned into options of python-can in one place.
-        return RawBus(PythonCanBus.open(config)._bus)
-    except (NotImplementedError, ImportError, TypeError, AttributeError, LookupError) as error:
-        # Of an interface that python-can does not know, or whose driver is missing or wants other arguments.
-        raise BusError(f"CAN bus {config.interface} {config.channel!r}: {_reason(error)}") from error
+    return RawBus(open_backend(config).bus)
 
 
 def is_sound(message: can.Message) -> bool:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from contract.errors import BundleFileError
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST
@@ -36,7 +37,7 @@ def renew(cli, old, keys, tmp_path, *more, target="new"):
 
 
 def test_the_old_one_is_refused_with_the_way_out(old):
-    with pytest.raises(bundle.BundleFileError, match=r"another stillwake\.dbc; `stillwake bundle renew`"):
+    with pytest.raises(BundleFileError, match=r"another stillwake\.dbc; `stillwake bundle renew`"):
         bundle.load(old)
 
 
