@@ -94,7 +94,12 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
             channel: an IPv4 or IPv6 multicast address.
             options: of python-can's backend; it takes part in CAN FD always, the caller tells the formats apart.
         """
-        super().__init__(channel, **(options | {"fd": True}))
+        try:
+            super().__init__(channel, **(options | {"fd": True}))
+        except BaseException:
+            # There is nothing to close, and python-can would complain of that later.
+            can.BusABC.shutdown(self)
+            raise
         kernel_queue.enlarge(self._multicast._socket, RECEIVE_QUEUE)
         self._hear_own_group_alone()
         self._remember_nothing()

@@ -8,6 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
+PATIENCE_S = 10.0
+"""Never reached when all is well."""
+
 
 @dataclass(frozen=True)
 class Adapter:
@@ -25,10 +28,13 @@ class Adapter:
         while content:
             content = content[os.write(self.fd, content) :]
 
-    def read(self) -> bytes:
-        """All that was said to it."""
+    def read(self, until: bytes, count: int = 1) -> bytes:
+        """What was said to it, up to the so-manieth of what it waits for; less after PATIENCE_S.
+
+        The kernel hands a terminal's bytes over by a thread of its own: they need not be there at once.
+        """
         heard = b""
-        while select.select([self.fd], [], [], 0.0)[0]:
+        while heard.count(until) < count and select.select([self.fd], [], [], PATIENCE_S)[0]:
             heard += os.read(self.fd, 4096)
         return heard
 

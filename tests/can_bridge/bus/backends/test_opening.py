@@ -69,7 +69,7 @@ def test_any_interface_of_python_can_is_opened_by_name_and_channel(line):
     config = BusConfig(interface="serial", channel=line.port, frames="classic")
     with PythonCanBus.open(config) as bus:
         bus.send(Frame(frame_id=0x121, data=b"\x01\x02", is_fd=False))
-        assert line.read()[-7:] == b"\x21\x01\x00\x00\x01\x02\xbb"
+        assert line.read(b"\xbb")[-7:] == b"\x21\x01\x00\x00\x01\x02\xbb"
         # 0xAA, time in ms, length, identifier, data, 0xBB.
         line.write(b"\xaa" + b"\x05\0\0\0" + b"\x02" + b"\x31\x01\0\0" + b"\x03\x04" + b"\xbb")
         got = bus.receive(10.0)
@@ -134,7 +134,7 @@ def test_our_backends_are_taken_also_where_can_conf_names_them(can_conf, line):
     )
     with PythonCanBus.open(BusConfig(interface="python-can")) as bus:
         assert isinstance(bus._bus, SlcanBus)
-        assert b"S5\r" in line.read()
+        assert b"S5\r" in line.read(b"O\r", 2)
 
 
 def test_classic_stays_classic_whatever_can_conf_opens(can_conf):
