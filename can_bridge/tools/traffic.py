@@ -122,14 +122,13 @@ def observe(before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eC
 
 def _checked(state: ReceiverState, frame: Frame, spec: MessageSpec, e2e: E2eConfig) -> tuple[ReceiverState, Check, int]:
     """The receiver's state after this frame, its check, and how many were lost before it."""
-    # What follows the protected part, a freshness value and a code, has its own key to check it with.
-    whole = len(frame.data) == spec.length and frame.is_fd == spec.is_fd
-    protected = replace(frame, data=frame.data[: spec.protected] if whole else b"")
-    after, reception = receive(state, (protected,), spec=spec, config=e2e)
+    # A frame of the other kind has nothing that could be checked.
+    whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
+    after, reception = receive(state, (whole,), spec=spec, config=e2e)
     (check,) = reception.checks
     last = state.last_counter
     if last is None or check not in (*GOOD, Check.WRONG_SEQUENCE):
         return after, check, 0
     profile = profile_of(spec)
-    step = (profile.counter_of(protected.data) - last) % profile.counter_period
+    step = (profile.counter_of(frame.data) - last) % profile.counter_period
     return after, check, step - 1

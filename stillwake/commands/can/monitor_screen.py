@@ -107,14 +107,16 @@ def page(found: list[Row], top: int, lines: int) -> list[Row]:
 
 
 def _heading(state: MonitorState, view: View, source: str) -> Text:
-    text = Text(source, style="bold", no_wrap=True, overflow="ellipsis")
-    text.append(f"   {state.frames} frames, {state.lost} lost, {state.refused} refused", style="not bold")
+    text = Text(no_wrap=True, overflow="ellipsis")
+    text.append(f"{state.frames} frames, {state.lost} lost, {state.refused} refused", style="bold")
     if state.others:
-        text.append(f", {state.others} remote or error", style="not bold")
+        text.append(f", {state.others} remote or error", style="bold")
     if view.is_paused:
         text.append("   paused", style="yellow")
     if view.matching or view.is_typing:
         text.append(f"   filter: {view.matching}{'_' if view.is_typing else ''}", style="cyan")
+    # Last, because a path may be longer than the line.
+    text.append(f"   {source}")
     return text
 
 

@@ -39,6 +39,8 @@ class Bench:
 
     def pressure(self, *, number: int | None = None, enable=True, cp=TRUE, key: Key = KEY) -> Frame:
         number = self.sent if number is None else number
+        # The wish has to rise after power-on, so the first frame is without it.
+        enable = enable and number > 0
         message = message_set(self.config.bus).pressure
         scale = self.config.operating_point.dynamic_pressure
         value = Pressure(pressure_pa=(cp * scale,) * 4, valid=(True,) * 4, enable_request=enable, age_ns=0)

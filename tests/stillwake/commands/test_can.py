@@ -371,7 +371,7 @@ def test_monitor_of_a_bus_prints_lines_and_a_table(cli: Callable[..., Any], peer
     thread.join()
     assert got.code == 0, got.err
     assert "1 s: 20 data frames of 4 messages, 0 lost, 0 refused by E2E, 0 remote or error frames" in got.out
-    assert "virtual test-can   20 frames, 0 lost, 0 refused" in got.out
+    assert "20 frames, 0 lost, 0 refused   virtual test-can" in got.out
 
 
 @pytest.mark.parametrize(

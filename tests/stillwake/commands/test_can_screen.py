@@ -98,7 +98,7 @@ def test_pages_show_all_rows_in_order_and_never_more_than_fit(top, lines):
 
 def test_no_rows_are_no_page():
     assert page([], 5, 10) == []
-    assert plain(picture(MonitorState(), View(), 80))[0] == "virtual x   0 frames, 0 lost, 0 refused"
+    assert plain(picture(MonitorState(), View(), 80))[0] == "0 frames, 0 lost, 0 refused   virtual x"
 
 
 def test_a_line_says_the_same():
