@@ -23,9 +23,11 @@ test: lint coverage
 # Every branch of what stands between the controller and the jets, by tests that do not depend on chance.
 coverage: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m "not hypothesis" tests/can_bridge/test_command_gate.py tests/can_bridge/e2e \
-		tests/can_bridge/wire/test_codec.py tests/firmware_sim/ecu/test_state_machine.py \
+		tests/can_bridge/wire/test_codec.py tests/can_bridge/wire/test_classic_codec.py \
+		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_timing.py \
 		--cov=can_bridge.command_gate --cov=can_bridge.e2e --cov=can_bridge.wire.codec \
-		--cov=firmware_sim.ecu.state_machine --cov-branch --cov-report=term-missing:skip-covered \
+		--cov=can_bridge.wire.classic_codec --cov=firmware_sim.ecu.state_machine --cov=firmware_sim.ecu.timing \
+		--cov-branch --cov-report=term-missing:skip-covered \
 		--cov-fail-under=100
 
 # What a vehicle installs, alone: every module of its rooms, and an ECU in control with the shipped release.
@@ -70,6 +72,10 @@ full: test
 	$(BIN)/python -m benchmarks truncation --model runs/model --json results/truncation.json
 	$(BIN)/python -m benchmarks mcu --json results/mcu.json
 	$(BIN)/python -m benchmarks square --json results/square.json
+	$(BIN)/python -m benchmarks bus --json results/bus.json
+	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json
+	$(BIN)/stillwake can load --json results/can_load_fd.json
+	$(BIN)/stillwake can load --set bus.frames=classic --json results/can_load_classic.json
 	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
 	$(BIN)/python -m benchmarks model --json results/model.json
 	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \

@@ -14,11 +14,11 @@ from random import Random
 from statistics import median
 from typing import Any, Final, NamedTuple
 
-from can_bridge.bus.attempt import INTERMISSION
-from can_bridge.bus.response_time import Response, nominal_bit_ns, response_times, timing, utilisation
-from can_bridge.bus.simulated import SimulatedBus, Transmission
-from can_bridge.bus.traffic import PeriodicMessage
-from can_bridge.bus.transmit_queue import Priority
+from can_bridge.bus.simulated.attempt import INTERMISSION
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.bus.simulated.transmit_queue import Priority
+from can_bridge.timing.response_time import Response, nominal_bit_ns, response_times, timing, utilisation
+from can_bridge.timing.traffic import PeriodicMessage
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
 

@@ -7,11 +7,11 @@ from datetime import date
 from pathlib import Path
 from typing import Final
 
-from can_bridge.bus import frame_log
-from can_bridge.bus.background_node import BackgroundNode
-from can_bridge.bus.simulated import SimulatedBus
-from can_bridge.bus.traffic import background
+from can_bridge.bus.simulated.background_node import BackgroundNode
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.logs import frame_log
 from can_bridge.secoc.node import authentication_in_virtual_time
+from can_bridge.timing.traffic import background
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
 from contract.config.controller import CostWeights

@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set

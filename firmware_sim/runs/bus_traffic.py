@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from can_bridge.bus.interface import BusHealth
-from can_bridge.bus.simulated import BusActivity, Transmission
+from can_bridge.bus.simulated.medium import BusActivity, Transmission
 from can_bridge.wire.message_sets import MessageSet
 
 

@@ -7,7 +7,7 @@ from typing import Final
 from can_bridge.bus.faults.fault import NS, Clock, Fault
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_FRAME_ID, Frame
 from contract.config.rules import NonNegative, Positive, require
 from contract.errors import BusError

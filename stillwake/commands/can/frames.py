@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.box import SIMPLE
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from contract.atomic import replacing
@@ -135,7 +135,7 @@ def decode(
     compared with the frame before it. stillwake's own messages are known;
     --dbc brings others, with cantools.
     """
-    from can_bridge.bus.log_reader import check_suffix, read_messages
+    from can_bridge.logs.log_reader import check_suffix, read_messages
     from can_bridge.tools.dbc_decoder import decoder_of
     from can_bridge.tools.summary import summarise
 
@@ -221,9 +221,11 @@ def _print_summary(found: "Summary") -> None:
     from can_bridge.tools.raw_bus import id_text
     from can_bridge.tools.summary import checks_of
 
-    table = Table(box=SIMPLE)
+    # Times count from the first frame, so that all columns fit into 80.
+    begin_ns = min((one.first_ns for one in found.messages.values()), default=0)
+    table = Table(box=SIMPLE_HEAD, padding=0)
     for name in ("id", "message"):
-        table.add_column(name)
+        table.add_column(name, overflow="fold")
     for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"):
         table.add_column(name, justify="right")
     table.add_column("E2E")
@@ -234,8 +236,8 @@ def _print_summary(found: "Summary") -> None:
             one.name or "unknown",
             str(one.count),
             f"{one.mean_rate_hz:.2f}",
-            f"{one.first_ns / 1e9:.6f}",
-            f"{one.last_ns / 1e9:.6f}",
+            f"{(one.first_ns - begin_ns) / 1e9:.6f}",
+            f"{(one.last_ns - begin_ns) / 1e9:.6f}",
             str(one.lost) if is_checked else "-",
             ", ".join(f"{text} {count}" for text, count in checks_of(one).items()) or "-",
         )
@@ -244,7 +246,7 @@ def _print_summary(found: "Summary") -> None:
     console.print(
         f"{found.frames} data frames, {found.remote} remote, {found.errors} error frames"
         + (f", {found.unsound} such as no wire carries" if found.unsound else "")
-        + f" in {found.span_s:.6f} s; load of the bus by data frames {load}",
+        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; load of the bus by data frames {load}",
         soft_wrap=True,
         highlight=False,
     )

@@ -18,7 +18,7 @@ from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
 
 if TYPE_CHECKING:
-    from can_bridge.bus.bus_load import BusLoad, MessageLoad
+    from can_bridge.timing.bus_load import BusLoad, MessageLoad
 
 CAN_BE_LATE: Final = 3
 """Exit status of a set of messages in which one can miss its deadline."""
@@ -56,7 +56,7 @@ def load(
     the ECU's compute time, which the deadline of the command leaves out. Exit status 3: a message can miss its
     deadline.
     """
-    from can_bridge.bus.bus_load import bus_load
+    from can_bridge.timing.bus_load import bus_load
 
     check_json(json_file)
     config = settings("can load", config_file, overrides, uses=USES).config

@@ -32,8 +32,8 @@ def record(
     classic. The file appears when the recording ends, and is whole. If the bus
     fails, what came until then is kept. .mf4 needs asammdf.
     """
-    from can_bridge.bus.frame_log import loss_of, recording_messages
-    from can_bridge.bus.log_reader import check_suffix
+    from can_bridge.logs.frame_log import loss_of, recording_messages
+    from can_bridge.logs.log_reader import check_suffix
     from can_bridge.tools.raw_bus import open_bus
     from can_bridge.tools.recorder import Recorder
 
@@ -95,7 +95,7 @@ def replay(
     adds up. Ends with how late the frames were sent. Error frames are left
     out. A log whose times go back is refused before anything is sent.
     """
-    from can_bridge.bus.log_reader import check_suffix, read_messages
+    from can_bridge.logs.log_reader import check_suffix, read_messages
     from can_bridge.tools.raw_bus import open_bus
     from can_bridge.tools.replay import Replayed, span_of
     from can_bridge.tools.replay import replay as send_all

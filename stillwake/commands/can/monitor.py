@@ -125,7 +125,7 @@ class _LogSource:
     """Frames of a log, in its time."""
 
     def __init__(self, path: Path, speed: float | None) -> None:
-        from can_bridge.bus.log_reader import check_suffix, read_messages
+        from can_bridge.logs.log_reader import check_suffix, read_messages
 
         check_suffix(path)
         self._messages: Iterator[can.Message] = read_messages(path)

@@ -16,9 +16,9 @@ from contract.sensor_layout import SensorLayout
 if TYPE_CHECKING:
     import can
 
-    from can_bridge.tools.log_frames import Verify
-    from can_bridge.tools.log_periods import Scales
-    from can_bridge.tools.log_to_series import LogReport, LogSeries
+    from can_bridge.drives.log_frames import Verify
+    from can_bridge.drives.log_periods import Scales
+    from can_bridge.drives.log_to_series import LogReport, LogSeries
     from can_bridge.wire.message_sets import MessageSet
     from contract.recording.episode import Role
     from contract.recording.importing.assemble import Source
@@ -36,7 +36,7 @@ class DriveOptions:
     """What the command line says about logs.
 
     Attributes:
-        fill, split: see `can_bridge.tools.log_to_series.series_of`.
+        fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
         dbc: of forces that are a log.
         names: of t, Cd and Cl in the forces' files.
@@ -60,7 +60,7 @@ class DriveOptions:
 
 def is_log(path: Path) -> bool:
     """Whether this is a log of the bus, by its name."""
-    from can_bridge.bus.log_reader import SUFFIXES
+    from can_bridge.logs.log_reader import SUFFIXES
 
     return path.suffix.lower() in SUFFIXES
 
@@ -140,8 +140,8 @@ def read_drive(
     Raises:
         DatasetError, BusError, KeyFileError: what does not fit, by the file's name.
     """
-    from can_bridge.bus.log_reader import read_messages
-    from can_bridge.tools.log_to_series import series_of
+    from can_bridge.drives.log_to_series import series_of
+    from can_bridge.logs.log_reader import read_messages
     from can_bridge.wire.messages import SENSORS
     from contract.recording.findings import STEP_TOLERANCE
     from contract.recording.importing.assemble import Made, Source
@@ -195,7 +195,7 @@ def read_drive(
 
 def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
     """Units of the wire by the operating point."""
-    from can_bridge.tools.log_periods import Scales
+    from can_bridge.drives.log_periods import Scales
 
     point = loaded.config.operating_point
     assert facts.control_period is not None
@@ -280,8 +280,8 @@ def _forces(
         scale = {"log": 1.0, "start": 1.0, "t_c": convective_time * pace}[clock]
         origin = (0.0 if clock == "log" else series.start_s) + options.shift_s
         return {name: one.shifted(scale=scale, origin=origin) for name, one in table.forces.items()}
-    from can_bridge.bus.log_reader import read_messages
-    from can_bridge.tools.log_signals import signals_of
+    from can_bridge.drives.log_signals import signals_of
+    from can_bridge.logs.log_reader import read_messages
 
     if options.dbc is None:
         raise DatasetError(f"{path}: forces in a log need --forces-dbc FILE, which describes their messages")

@@ -21,7 +21,7 @@ from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.bus.faults.timing import Delay, Reorder
 from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract import sensors

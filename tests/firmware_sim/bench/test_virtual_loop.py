@@ -9,10 +9,10 @@ from math import ceil, cos, isnan
 import numpy as np
 import pytest
 
-from can_bridge.bus.background_node import BackgroundNode
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated import Corrupts, SimulatedBus
-from can_bridge.bus.traffic import background
+from can_bridge.bus.simulated.background_node import BackgroundNode
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.timing.traffic import background
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import stillwake.__main__
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract import sensors

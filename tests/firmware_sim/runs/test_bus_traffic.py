@@ -3,7 +3,7 @@
 import json
 
 from can_bridge.bus.interface import BusHealth, BusState
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from contract.config.vehicle import BusConfig

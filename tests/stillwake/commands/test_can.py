@@ -12,8 +12,8 @@ import can
 import pytest
 
 import contract
-from can_bridge.bus.log_reader import read_messages
 from can_bridge.e2e import profile5
+from can_bridge.logs.log_reader import read_messages
 from stillwake.stopping import until_stopped
 from tests.stillwake.commands.bus_traffic import PER_PERIOD, write
 
@@ -266,7 +266,7 @@ def test_decode_prints_a_line_a_frame_and_a_summary(cli: Callable[..., Any], tmp
     assert lines[1].startswith("(1700000000.008000) 130 JetCommand: E2E_CRC=")
     assert lines[1].endswith("Flow=0 m2/s, PressureCounter=0  [E2E OK]")
     assert lines[3] == "(1700000000.012000) 18FEF100 unknown: 00 00 00 00 00 00 00 00"
-    assert "130 JetCommand 3 50.00 1700000000.008000 1700000000.048000 0 OK 3" in flat(got.out)
+    assert "130 JetCommand 3 50.00 0.008000 0.048000 0 OK 3" in flat(got.out)
     assert "12 data frames, 0 remote, 0 error frames in 0.052000 s; load of the bus by data frames " in got.out
     assert cli("can", "decode", tmp_path / "a.log", "--summary").out.splitlines()[0].strip() == ""
 

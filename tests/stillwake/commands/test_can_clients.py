@@ -25,7 +25,7 @@ import can
 import pytest
 
 import contract
-from can_bridge.bus.log_reader import read_messages
+from can_bridge.logs.log_reader import read_messages
 from tests.stillwake.commands.bus_traffic import PER_PERIOD, write
 
 pytestmark = pytest.mark.processes

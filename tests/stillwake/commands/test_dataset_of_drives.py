@@ -20,7 +20,7 @@ from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.series_csv import write_csv
-from tests.can_bridge.tools.drive_log import FLOW, KEY, PERIOD, PRESSURE, STEP, command, drive, log_of, pressure, write
+from tests.can_bridge.drives.drive_log import FLOW, KEY, PERIOD, PRESSURE, STEP, command, drive, log_of, pressure, write
 from tests.conftest import Outcome
 
 Cli = Callable[..., Outcome]

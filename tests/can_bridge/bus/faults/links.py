@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.e2e.receiver import E2eReceiver, Reception
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec

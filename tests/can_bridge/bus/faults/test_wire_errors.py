@@ -4,7 +4,7 @@ import pytest
 
 from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated import SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_bits
 from contract.config.vehicle import BusConfig

@@ -1,0 +1,211 @@
+"""What becomes of one attempt to send a frame: through, unacknowledged, collided or destroyed, and what it counts for.
+
+Pure: who sends what, and what is seen wrong, goes in; one verdict for each node and the bits it takes come out. The
+rules are those of `can_bridge.bus.simulated.fault_confinement`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final, Generic, Literal, NamedTuple, TypeVar
+
+from can_bridge.bus.simulated.fault_confinement import FaultConfinement
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import SentBits, is_arbitration_bit, is_arbitration_stuff_bit
+
+INTERMISSION: Final = 3
+AFTER_ACKNOWLEDGE: Final = 8
+"""Acknowledge delimiter and end of frame."""
+FLAG: Final = 6
+"""Bits of an error flag."""
+FLAGS: Final = 12
+"""Of a flag and those that answer it: they begin when it has broken the rule of stuff bits, at worst after its sixth
+bit. Every error but a missing acknowledgement is charged this much."""
+DELIMITER: Final = 8
+
+T = TypeVar("T")
+
+
+class Verdict(Enum):
+    """What an attempt is to one node."""
+
+    SENT = auto()
+    HEARD = auto()
+    TRANSMIT_ERROR = auto()
+    UNACKNOWLEDGED = auto()
+    ARBITRATION_STUFF = auto()
+    """Its own stuff bit was overruled: an error, but nobody's."""
+    RECEIVE_ERROR = auto()
+    SIGNALLED_FIRST = auto()
+    """A receive error that the others did not see before its flag told them."""
+
+    def applied(self, faults: FaultConfinement) -> FaultConfinement:
+        """The counters after it."""
+        if self is Verdict.SENT:
+            return faults.transmitted()
+        if self is Verdict.HEARD:
+            return faults.received()
+        if self is Verdict.RECEIVE_ERROR:
+            return faults.receive_error()
+        if self is Verdict.SIGNALLED_FIRST:
+            return faults.receive_error().dominant_after_flag()
+        return faults.transmit_error(
+            only_unacknowledged=self is Verdict.UNACKNOWLEDGED,
+            only_arbitration_stuff=self is Verdict.ARBITRATION_STUFF,
+        )
+
+    @property
+    def is_senders(self) -> bool:
+        """Whether the node was transmitter: an error-passive one waits longer before its next frame."""
+        return self not in (Verdict.HEARD, Verdict.RECEIVE_ERROR, Verdict.SIGNALLED_FIRST)
+
+
+class Sender(NamedTuple, Generic[T]):
+    """A node that won arbitration, its frame, and the frame's bits."""
+
+    node: T
+    frame: Frame
+    bits: SentBits
+    passive: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome(Generic[T]):
+    """The end of an attempt.
+
+    Attributes:
+        frame: for those with the verdict HEARD; None if it did not get to its end.
+        verdicts: of every node that takes part.
+        used: bits at the nominal and the data bit rate until it is decided: the end of frame, or the error.
+        rest: nominal bits from there until the bus is free.
+    """
+
+    frame: Frame | None
+    verdicts: Mapping[T, Verdict]
+    used: tuple[int, int]
+    rest: int
+
+
+def resolve(
+    senders: Sequence[Sender[T]],
+    receivers: Mapping[T, bool],
+    *,
+    misheard: Mapping[T, int],
+    disturbed: int | None,
+) -> Outcome[T]:
+    """Of nodes that send frames of equal priority at once, one as a rule.
+
+    Args:
+        receivers: the other nodes that work, and whether they are error-passive.
+        misheard: receivers that alone see a bit wrong, and its position.
+        disturbed: the bit that all nodes see inverted. Positions count from the start of frame; one beyond the end of
+            frame is its last bit.
+    """
+    verdicts: dict[T, Verdict] = {}
+    senders, position = _collide(list(senders), verdicts)
+    bits = senders[0].bits
+    if position is not None:
+        return _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(position))
+    last = sum(bits.total) - INTERMISSION - 1
+    slot = last - AFTER_ACKNOWLEDGE
+    acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
+    # The flag of an error-passive receiver is recessive: nobody else notices.
+    loud = {node: min(at, last) for node, at in misheard.items() if not receivers[node]}
+    earliest = min(loud.values(), default=last + 1)
+    everywhere = last + 1 if disturbed is None else min(disturbed, last)
+    if min(everywhere, earliest) > (last if acknowledged else slot):
+        return _undisturbed(senders, receivers, verdicts, deaf=misheard, acknowledged=acknowledged)
+    if everywhere <= earliest:
+        return _disturbed(senders, receivers, verdicts, everywhere, last=last, deaf=misheard)
+    outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(earliest))
+    first = {node for node, at in loud.items() if at == earliest}
+    answered = any(not sender.passive for sender in senders) or any(
+        not passive for node, passive in receivers.items() if node not in first
+    )
+    return _with(outcome, dict.fromkeys(first, Verdict.SIGNALLED_FIRST)) if answered else outcome
+
+
+def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list[Sender[T]], int | None]:
+    """Those left when contents differ, and the bit at which they end in an error flag; None where they agree.
+
+    At the first difference a recessive bit meets a dominant one, and its sender has a bit error. If that node is
+    error-passive, its flag is recessive and the others go on.
+    """
+    while len({sender.bits.stuffed for sender in senders}) > 1:
+        position = next(
+            k for k, values in enumerate(zip(*(s.bits.stuffed for s in senders), strict=False)) if len(set(values)) > 1
+        )
+        recessive = [sender for sender in senders if sender.bits.stuffed[position] == "1"]
+        if any(not sender.passive for sender in recessive):
+            return senders, position
+        for sender in recessive:
+            verdicts[sender.node] = Verdict.TRANSMIT_ERROR
+        senders = [sender for sender in senders if sender not in recessive]
+    return senders, None
+
+
+def _undisturbed(
+    senders: list[Sender[T]],
+    receivers: Mapping[T, bool],
+    verdicts: dict[T, Verdict],
+    *,
+    deaf: Mapping[T, int],
+    acknowledged: bool,
+) -> Outcome[T]:
+    """No error flag on the way. Nodes that send do not acknowledge."""
+    nominal, fast = senders[0].bits.total
+    for node in receivers:
+        verdicts[node] = Verdict.RECEIVE_ERROR if node in deaf else Verdict.HEARD
+    verdicts.update({sender.node: Verdict.SENT if acknowledged else Verdict.UNACKNOWLEDGED for sender in senders})
+    if acknowledged:
+        return Outcome(
+            frame=senders[0].frame, verdicts=verdicts, used=(nominal - INTERMISSION, fast), rest=INTERMISSION
+        )
+    used = nominal - INTERMISSION - AFTER_ACKNOWLEDGE, fast
+    return Outcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
+
+
+def _disturbed(
+    senders: list[Sender[T]],
+    receivers: Mapping[T, bool],
+    verdicts: dict[T, Verdict],
+    position: int,
+    *,
+    last: int,
+    deaf: Mapping[T, int],
+) -> Outcome[T]:
+    """All nodes see the bit at the position inverted."""
+    frame, bits = senders[0].frame, senders[0].bits
+    used = bits.through(position)
+    if position == last:
+        # Receivers take the frame at the bit before. The sender sends it again, and they get it twice.
+        outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, used)
+        heard = _with(outcome, {node: Verdict.HEARD for node in receivers if node not in deaf})
+        return Outcome(frame=frame, verdicts=heard.verdicts, used=used, rest=heard.rest)
+    if position < len(bits.stuffed) and bits.stuffed[position] == "1":
+        if is_arbitration_stuff_bit(frame, position):
+            return _destroyed(senders, receivers, verdicts, Verdict.ARBITRATION_STUFF, used)
+        if is_arbitration_bit(frame, position):
+            # The sender takes it for lost arbitration, and is a receiver when the error shows.
+            return _destroyed(senders, receivers, verdicts, Verdict.RECEIVE_ERROR, used)
+    return _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, used)
+
+
+def _destroyed(
+    senders: list[Sender[T]],
+    receivers: Mapping[T, bool],
+    verdicts: dict[T, Verdict],
+    verdict: Literal[Verdict.TRANSMIT_ERROR, Verdict.ARBITRATION_STUFF, Verdict.RECEIVE_ERROR],
+    used: tuple[int, int],
+) -> Outcome[T]:
+    """An error that every node knows of in the end."""
+    found = {
+        **dict.fromkeys(receivers, Verdict.RECEIVE_ERROR),
+        **{sender.node: verdict for sender in senders},
+        **verdicts,
+    }
+    return Outcome(frame=None, verdicts=found, used=used, rest=FLAGS + DELIMITER + INTERMISSION)
+
+
+def _with(outcome: Outcome[T], changed: Mapping[T, Verdict]) -> Outcome[T]:
+    return Outcome(frame=outcome.frame, verdicts={**outcome.verdicts, **changed}, used=outcome.used, rest=outcome.rest)

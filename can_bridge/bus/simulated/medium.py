@@ -1,0 +1,367 @@
+"""A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement; no clock, no thread.
+
+Every node holds a port with a queue (`can_bridge.bus.simulated.transmit_queue`) and a controller's error counters
+(`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the heads of all queues that have one compete,
+and the smallest identifier wins. Its frame takes as long as its bits (`can_bridge.wire.frame_bits`), the intermission
+of three bits included. At the end of frame, before the intermission, the other nodes have it, stamped with that time,
+and the sender knows that it is out. A frame that is destroyed is sent again.
+
+Two nodes that send the same identifier with the same content do not notice each other. With different content the one
+that sends a recessive bit first against a dominant one has a bit error.
+
+Time passes in `advance_to` and `advance_until` only, and jumps from event to event. What begins at the bus's time waits
+for time to pass it: until then others can still send at that instant, and take part in the arbitration.
+
+Physical errors come from two functions of the caller, so that a seed decides them. Left out, since controllers of today
+do not need or show them: remote frames, overload frames, and the phase of a bit between nodes: all begin a frame in the
+same nanosecond. Faults of other kinds wrap a port, which is a `can_bridge.bus.interface.Bus`.
+"""
+
+import heapq
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final, NamedTuple
+
+from can_bridge.bus.interface import BusState
+from can_bridge.bus.simulated.attempt import DELIMITER, FLAG, INTERMISSION, Outcome, Sender, Verdict, resolve
+from can_bridge.bus.simulated.fault_confinement import RECESSIVE_BITS
+from can_bridge.bus.simulated.port import Recovery, SimulatedPort
+from can_bridge.bus.simulated.transmit_queue import Queued
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
+from contract.config.vehicle import BusConfig
+
+Corrupts = Callable[[Frame, str, int], int | None]
+"""(frame, name of the sender or receiver, begin of the frame in ns) to the bit that is inverted, from 0, or None."""
+
+SUSPEND: Final = 8
+"""Bits that an error-passive node waits after a frame of its own before the next one. If another node begins one
+meanwhile, it waits for that one and no longer, which every frame and error frame exceeds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transmission:
+    """A frame that went over the bus.
+
+    Attributes:
+        frame: stamped with `end_ns`.
+        sender: name of its port.
+        queued_ns: when it was handed over.
+        begin_ns, end_ns: of the attempt that succeeded, the intermission not included.
+    """
+
+    frame: Frame
+    sender: str
+    queued_ns: int
+    begin_ns: int
+    end_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusActivity:
+    """What happened on the bus so far.
+
+    Attributes:
+        frames: sent with success.
+        error_frames: attempts that were destroyed.
+        busy_ns: taken by both, intermissions included.
+        now_ns: the time they are counted over.
+    """
+
+    frames: int
+    error_frames: int
+    busy_ns: int
+    now_ns: int
+
+    @property
+    def load(self) -> float:
+        """Share of the time in which the bus was not free, 0 to 1."""
+        return min(self.busy_ns / self.now_ns, 1.0) if self.now_ns else 0.0
+
+
+class _Attempt(NamedTuple):
+    """What is on the bus.
+
+    Attributes:
+        end_ns: when it is decided.
+        free_ns: when the bus is free again, and the next frame can begin.
+        outcome: None while the bus is held dominant.
+        items: what the senders had in their queues.
+    """
+
+    begin_ns: int
+    end_ns: int
+    free_ns: int
+    outcome: Outcome[SimulatedPort] | None
+    items: dict[SimulatedPort, Queued]
+
+
+class SimulatedBus:
+    """The wire between ports, at virtual time 0.
+
+    Args:
+        config: the bit rates; interface and channel are those of real and python-can's virtual buses.
+        capture: called with every frame that went over the bus, stamped with the end of frame, in the order of time.
+        observe: called with more about the same frames.
+        corrupts: what disturbs the bus for all nodes; called once an attempt with the sender's name. A position beyond
+            the frame is its last bit, which receivers do not look at any more: they keep the frame, and get it twice.
+        mishears: what a single receiver sees wrong; called once an attempt with each receiver's name.
+
+    Attributes:
+        now_ns: the bus's time.
+    """
+
+    def __init__(
+        self,
+        config: BusConfig,
+        capture: Callable[[Frame], None] = lambda frame: None,
+        *,
+        observe: Callable[[Transmission], None] = lambda transmission: None,
+        corrupts: Corrupts | None = None,
+        mishears: Corrupts | None = None,
+    ) -> None:
+        self._config = config
+        self._capture = capture
+        self._observe = observe
+        self._corrupts = corrupts
+        self._mishears = mishears
+        self._ports: list[SimulatedPort] = []
+        self._attempt: _Attempt | None = None
+        self._free_ns = 0
+        self._calls: list[tuple[int, int, Callable[[], None]]] = []
+        self._serial = 0
+        self._frames = self._error_frames = self._busy_ns = 0
+        self.now_ns = 0
+
+    def port(
+        self,
+        name: str = "",
+        *,
+        transmit_capacity: int = 64,
+        receive_capacity: int = 4096,
+        restarts: bool = True,
+    ) -> SimulatedPort:
+        """Connect one more node.
+
+        Args:
+            name: in messages, and for `corrupts` and `mishears`.
+            transmit_capacity, receive_capacity: frames that its queues hold.
+            restarts: whether it recovers from bus-off by itself; else after `SimulatedPort.restart`.
+        """
+        self._ports.append(
+            SimulatedPort(
+                name or f"node {len(self._ports)}",
+                lambda: self.now_ns,
+                transmit_capacity=transmit_capacity,
+                receive_capacity=receive_capacity,
+                restarts=restarts,
+            )
+        )
+        return self._ports[-1]
+
+    def frame_ns(self, frame: Frame) -> int:
+        """How long this very frame occupies the bus, the intermission included."""
+        return frame_ns(frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate)
+
+    def under_way(self, frame_id: int) -> int:
+        """Frames of this identifier that were handed over and have not arrived."""
+        return sum(port.queue.count(frame_id) for port in self._ports)
+
+    def activity(self) -> BusActivity:
+        """So far; an attempt that is on the bus is not in it."""
+        return BusActivity(
+            frames=self._frames, error_frames=self._error_frames, busy_ns=self._busy_ns, now_ns=self.now_ns
+        )
+
+    def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
+        """Run `action` when the bus's time gets there, behind what arrives then and before arbitration.
+
+        Raises:
+            ValueError: for a time before the bus's.
+        """
+        if at_ns < self.now_ns:
+            raise ValueError(f"cannot call at {at_ns} ns: the bus is at {self.now_ns} ns already")
+        self._serial += 1
+        heapq.heappush(self._calls, (at_ns, self._serial, action))
+
+    def advance_to(self, t_ns: int) -> None:
+        """Let time pass: everything due up to and including `t_ns` happens, but for frames that begin then.
+
+        Raises:
+            ValueError: for a time before the bus's.
+        """
+        self.advance_until(t_ns, lambda: False)
+
+    def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
+        """The same, but stop behind the first event after which `stop()` is true; whether it was.
+
+        Raises:
+            ValueError: for a time before the bus's.
+        """
+        if t_ns < self.now_ns:
+            raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
+        while (due := self._next_event()) is not None and due[0] <= t_ns:
+            at_ns, happen = due
+            if happen is None:
+                if at_ns == t_ns:
+                    break
+                self.now_ns = at_ns
+                self._begin(at_ns)
+                continue
+            self.now_ns = at_ns
+            happen()
+            if stop():
+                return True
+        self.now_ns = t_ns
+        return False
+
+    def hold_dominant(self, duration_ns: int) -> None:
+        """Short the bus to the dominant level from its time on; what is on it is destroyed.
+
+        Raises:
+            ValueError: for a duration that is not positive.
+        """
+        if duration_ns <= 0:
+            raise ValueError(f"dominant for {duration_ns} ns: must be positive")
+        begin_ns, begun = self.now_ns, self._attempt
+        sending = set() if begun is None else set(begun.items)
+        if begun is not None:
+            self._busy_ns += begin_ns - begun.begin_ns
+        self._attempt = _Attempt(
+            begin_ns=begin_ns,
+            end_ns=begin_ns + duration_ns,
+            free_ns=begin_ns + duration_ns + self._ns(DELIMITER + INTERMISSION),
+            outcome=None,
+            items={},
+        )
+        bits = duration_ns // self._ns(1)
+        for port in self._working():
+            transmits, passive = port in sending, port.faults.state is BusState.ERROR_PASSIVE
+            # Who does not send takes the first bits for a frame, until six equal ones are against the rule.
+            held = bits if transmits else bits - FLAG
+            if held <= 0:
+                continue
+            hit = port.faults.transmit_error() if transmits else port.faults.receive_error()
+            port.faults = hit.held_dominant(
+                max(held - FLAG, 0) if passive else held, transmitting=transmits, passive_flag=passive
+            )
+
+    # Events.
+
+    def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
+        """(time, what happens) of the earliest one, a frame that begins being None; at one time in this order: a frame
+        ends, a node recovers, a call, a frame begins.
+        """
+        best: tuple[int, Callable[[], None] | None] | None = None
+        if self._attempt is not None:
+            best = self._attempt.end_ns, self._end
+        for port in self._ports:
+            if self._attempt is None and port.recovery is not None:
+                at_ns = self._recovers_ns(port.recovery)
+                if best is None or at_ns < best[0]:
+                    best = at_ns, partial(self._recover, port)
+        if self._calls and (best is None or self._calls[0][0] < best[0]):
+            best = self._calls[0][0], self._call
+        if self._attempt is None:
+            starts = [max(self._free_ns, port.ready_ns) for port in self._ports if port.queue]
+            if starts and (best is None or min(starts) < best[0]):
+                best = min(starts), None
+        return best
+
+    def _call(self) -> None:
+        heapq.heappop(self._calls)[2]()
+
+    def _recovers_ns(self, recovery: Recovery) -> int:
+        return max(self._free_ns, recovery.since_ns) + self._ns(RECESSIVE_BITS * max(recovery.left, 0))
+
+    def _recover(self, port: SimulatedPort) -> None:
+        port.recovery = None
+        port.faults = port.faults.recovered()
+
+    def _begin(self, at_ns: int) -> None:
+        """Arbitration among the nodes that are ready, and what becomes of the winner."""
+        ready = [port for port in self._ports if port.queue and port.ready_ns <= at_ns]
+        wins = min(port.queue.head.priority for port in ready)
+        items = {port: port.queue.head for port in ready if port.queue.head.priority == wins}
+        for port in self._ports:
+            if port.recovery is not None:
+                idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
+                port.recovery = Recovery(port.recovery.left - idle_ns // self._ns(RECESSIVE_BITS), at_ns)
+        receivers = {port: port.faults.state is BusState.ERROR_PASSIVE for port in self._working() if port not in items}
+        senders = [self._sender(port, item.frame) for port, item in items.items()]
+        frame = senders[0].frame
+        misheard = self._seen_wrong(self._mishears, frame, receivers, at_ns)
+        disturbed = self._seen_wrong(self._corrupts, frame, [senders[0].node], at_ns)
+        outcome = resolve(senders, receivers, misheard=misheard, disturbed=next(iter(disturbed.values()), None))
+        nominal, fast = outcome.used
+        self._attempt = _Attempt(
+            begin_ns=at_ns,
+            end_ns=at_ns + self._ns(nominal, fast),
+            free_ns=at_ns + self._ns(nominal + outcome.rest, fast),
+            outcome=outcome,
+            items=items,
+        )
+
+    def _sender(self, port: SimulatedPort, frame: Frame) -> Sender[SimulatedPort]:
+        passive = port.faults.state is BusState.ERROR_PASSIVE
+        return Sender(port, frame, sent_bits(frame, error_passive=passive), passive)
+
+    @staticmethod
+    def _seen_wrong(
+        asked: Corrupts | None, frame: Frame, ports: Iterable[SimulatedPort], at_ns: int
+    ) -> dict[SimulatedPort, int]:
+        if asked is None:
+            return {}
+        answers = {port: asked(frame, port.name, at_ns) for port in ports}
+        return {port: position for port, position in answers.items() if position is not None}
+
+    def _end(self) -> None:
+        """The outcome takes effect."""
+        assert self._attempt is not None
+        attempt, self._attempt = self._attempt, None
+        self._free_ns = attempt.free_ns
+        self._busy_ns += attempt.free_ns - attempt.begin_ns
+        if attempt.outcome is None or Verdict.SENT not in attempt.outcome.verdicts.values():
+            self._error_frames += 1
+        if attempt.outcome is not None:
+            self._conclude(attempt, attempt.outcome)
+        for port in self._ports:
+            port.settle(attempt.end_ns)
+            if port.recovery is not None:
+                # Every frame and error frame ends in one sequence of recessive bits.
+                port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
+
+    def _conclude(self, attempt: _Attempt, outcome: Outcome[SimulatedPort]) -> None:
+        frame = None if outcome.frame is None else replace(outcome.frame, timestamp_ns=attempt.end_ns)
+        for port, verdict in outcome.verdicts.items():
+            port.faults = verdict.applied(port.faults)
+            if verdict.is_senders and port.faults.state is BusState.ERROR_PASSIVE:
+                port.ready_ns = attempt.free_ns + self._ns(SUSPEND)
+            if verdict is Verdict.HEARD and frame is not None:
+                port.deliver(frame)
+        sent = [port for port, verdict in outcome.verdicts.items() if verdict is Verdict.SENT]
+        for port in sent:
+            port.queue.remove(attempt.items[port])
+        if sent and frame is not None:
+            # Nodes that sent the same frame at once put it on the bus once.
+            self._frames += 1
+            self._capture(frame)
+            for port in sent:
+                self._observe(
+                    Transmission(
+                        frame=frame,
+                        sender=port.name,
+                        queued_ns=attempt.items[port].queued_ns,
+                        begin_ns=attempt.begin_ns,
+                        end_ns=attempt.end_ns,
+                    )
+                )
+
+    def _working(self) -> list[SimulatedPort]:
+        return [port for port in self._ports if not port.faults.is_off]
+
+    def _ns(self, nominal: int, fast: int = 0) -> int:
+        return bits_ns(
+            nominal, fast, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate
+        )

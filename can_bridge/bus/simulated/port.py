@@ -1,0 +1,92 @@
+"""A node's connection to the simulated bus: its two queues, and its controller's counters."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from can_bridge.bus.interface import BusHealth
+from can_bridge.bus.simulated.fault_confinement import RECOVERY, FaultConfinement
+from can_bridge.bus.simulated.transmit_queue import TransmitQueue
+from can_bridge.wire.frame import Frame
+from contract.errors import BusError
+
+
+class Recovery(NamedTuple):
+    """Sequences of eleven recessive bits still to come, counted from a time on."""
+
+    left: int
+    since_ns: int
+
+
+class SimulatedPort:
+    """One node's connection to a simulated bus; made by `SimulatedBus.port`.
+
+    Attributes:
+        name: of the node.
+        refused: frames that the bus did not take, the queue being full or the node bus-off.
+        discarded: frames in the queue when the node went bus-off.
+        overruns: frames that came while the receive queue was full; the newest are lost.
+    """
+
+    def __init__(
+        self, name: str, clock: Callable[[], int], *, transmit_capacity: int, receive_capacity: int, restarts: bool
+    ) -> None:
+        self.name = name
+        self.refused = self.discarded = self.overruns = 0
+        self._clock = clock
+        self._restarts = restarts
+        self._receive_capacity = receive_capacity
+        self._received: deque[Frame] = deque()
+        # What follows belongs to the bus.
+        self.queue = TransmitQueue(transmit_capacity)
+        self.faults = FaultConfinement()
+        self.ready_ns = 0
+        self.recovery: Recovery | None = None
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame at the bus's time; its own timestamp does not count.
+
+        Raises:
+            BusError: the node is bus-off, or its queue is full.
+        """
+        if self.faults.is_off:
+            self.refused += 1
+            raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")
+        was_empty = not self.queue
+        if not self.queue.put(frame, self._clock()):
+            self.refused += 1
+            raise BusError(
+                f"{self.name} has {len(self.queue)} frames waiting for the bus, as many as its queue holds: frame "
+                f"{frame.frame_id:#x} was not sent"
+            )
+        if was_empty:
+            self.ready_ns = max(self.ready_ns, self._clock())
+
+    def receive_all(self) -> list[Frame]:
+        """Everything that has arrived by the bus's time, in order of arrival."""
+        frames = list(self._received)
+        self._received.clear()
+        return frames
+
+    def health(self) -> BusHealth:
+        """Of this node's controller."""
+        return self.faults.health
+
+    def restart(self) -> None:
+        """Let a node that is bus-off wait for its recovery; without effect on others."""
+        if self.faults.is_off and self.recovery is None:
+            self.recovery = Recovery(left=RECOVERY, since_ns=self._clock())
+
+    def deliver(self, frame: Frame) -> None:
+        """Put a frame into this node's receive queue; the bus does so."""
+        if len(self._received) < self._receive_capacity:
+            self._received.append(frame)
+        else:
+            self.overruns += 1
+
+    def settle(self, now_ns: int) -> None:
+        """Go bus-off if the counters say so; the bus asks after every error."""
+        if self.faults.is_off and self.recovery is None:
+            self.discarded += self.queue.clear()
+            if self._restarts:
+                self.recovery = Recovery(left=RECOVERY, since_ns=now_ns)

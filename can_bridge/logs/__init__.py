@@ -1,0 +1,1 @@
+"""Recorded CAN traffic in files: written and read."""

@@ -1,0 +1,149 @@
+"""What the messages of the control loop, and the background traffic beside them, do to the bus."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+from typing import Final
+
+from can_bridge.timing.dbc_traffic import read_traffic
+from can_bridge.timing.response_time import Response, message_response_times
+from can_bridge.timing.traffic import NS_PER_MS, PeriodicMessage, made_up
+from can_bridge.wire.frame_bits import frame_ns
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import MessageSpec
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from contract.errors import ConfigError
+
+_CONTENTS: Final = 16
+"""Random contents whose lengths are averaged, a message; the standard error of one mean is below half a per cent."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageLoad:
+    """One message on the bus.
+
+    Attributes:
+        ours: of the control loop, not of the background.
+        worst_ns: its longest frame, the intermission included.
+        mean_ns: its frame with random contents, on average.
+        response: at worst. Those of the ECU's answers count from the sampling of the pressures plus the ECU's compute
+            time, so that of the command is all that the bus adds to the age of the jets' command.
+    """
+
+    message: PeriodicMessage
+    ours: bool
+    worst_ns: int
+    mean_ns: float
+    response: Response
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusLoad:
+    """All messages of a bus.
+
+    Attributes:
+        messages: the highest priority first.
+        mean, worst: shares of the bus's time, with random contents and with the longest.
+        left_out: messages of the background's file that are not sent, each as "name (why)".
+    """
+
+    messages: tuple[MessageLoad, ...]
+    mean: float
+    worst: float
+    left_out: tuple[str, ...]
+
+    @property
+    def late(self) -> tuple[MessageLoad, ...]:
+        """Those that can miss their deadlines."""
+        return tuple(one for one in self.messages if not one.response.in_time)
+
+
+def bus_load(config: Config) -> BusLoad:
+    """Loads and worst-case response times with these settings.
+
+    Raises:
+        ConfigError: the ECU computes for a whole control period or longer, or no background fills the share.
+        BusError: the background's file, as `read_traffic` has it.
+    """
+    bus = config.bus
+    others: Sequence[PeriodicMessage] = ()
+    left_out: tuple[str, ...] = ()
+    if bus.background.dbc:
+        found = read_traffic(Path(bus.background.dbc), bus, (), seed=bus.background.seed)
+        others, left_out = found.messages, found.left_out
+    elif bus.background.load:
+        others = made_up(bus.background.load, bus, (), seed=bus.background.seed)
+    ours = loop_messages(config, others)
+    everyone = _by_priority((*ours, *others))
+    names = {message.name for message in ours}
+    loads = tuple(
+        MessageLoad(
+            message=message,
+            ours=message.name in names,
+            worst_ns=message.worst_ns(bus),
+            mean_ns=mean_ns(message, bus),
+            response=response,
+        )
+        for message, response in zip(everyone, message_response_times(everyone, bus), strict=True)
+    )
+    return BusLoad(
+        messages=loads,
+        mean=sum(one.mean_ns / one.message.period_ns for one in loads),
+        worst=sum(one.worst_ns / one.message.period_ns for one in loads),
+        left_out=left_out,
+    )
+
+
+def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tuple[PeriodicMessage, ...]:
+    """The three messages of the control loop, the highest priority first.
+
+    The ECU answers a pressure frame, so its frames come as irregularly as that frame arrives: the worst-case response
+    time of the pressures is the jitter of the answers. The command has to arrive within the control period, of which
+    the ECU's compute time is gone.
+
+    Raises:
+        ConfigError: the ECU computes for a whole control period or longer.
+    """
+    period_ns = config.period_ns
+    if config.ecu.compute_time_ms * NS_PER_MS >= period_ns:
+        raise ConfigError(
+            f"ecu.compute_time_ms = {config.ecu.compute_time_ms}: must be less than a control period, "
+            f"{period_ns / NS_PER_MS:g} ms"
+        )
+    compute_ns = round(config.ecu.compute_time_ms * NS_PER_MS)
+    pressure, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
+    everyone = _by_priority((pressure, command, status, *others))
+    arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
+    # Without bound there is none for the answers either, whatever their jitter: their priority is lower.
+    jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
+    return (
+        pressure,
+        replace(command, offset_ns=compute_ns, jitter_ns=jitter_ns, deadline_ns=period_ns - compute_ns),
+        replace(status, offset_ns=compute_ns, jitter_ns=jitter_ns),
+    )
+
+
+def mean_ns(message: PeriodicMessage, bus: BusConfig) -> float:
+    """Average length of its frame over random contents, always the same ones."""
+    random = Random(message.frame_id)
+    lengths = (
+        frame_ns(
+            message.frame(random.randbytes(message.length)),
+            nominal_bitrate=bus.nominal_bitrate,
+            data_bitrate=bus.data_bitrate,
+        )
+        for _ in range(_CONTENTS)
+    )
+    return sum(lengths) / _CONTENTS
+
+
+def _periodic(spec: MessageSpec, period_ns: int) -> PeriodicMessage:
+    return PeriodicMessage(
+        name=spec.name, frame_id=spec.frame_id, is_fd=spec.is_fd, length=spec.length, period_ns=period_ns
+    )
+
+
+def _by_priority(messages: Sequence[PeriodicMessage]) -> list[PeriodicMessage]:
+    return sorted(messages, key=lambda message: message.priority)

@@ -1,0 +1,77 @@
+"""Other nodes' traffic on the simulated bus: at its times, random by seed, and without end."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+from can_bridge.bus.simulated.background_node import BackgroundNode
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.timing.traffic import PeriodicMessage
+from contract.config.vehicle import BusConfig
+
+MS = 10**6
+FAST = PeriodicMessage(name="fast", frame_id=0x100, is_fd=True, length=8, period_ns=10 * MS, offset_ns=3 * MS)
+SLOW = PeriodicMessage(
+    name="slow", frame_id=0x1ABCDE, is_extended=True, is_fd=False, length=2, period_ns=50 * MS, jitter_ns=4 * MS
+)
+
+
+def sent(
+    *messages: PeriodicMessage, seed: int = 1, capacity: int = 64, receivers: int = 1, drift_ppm: float = 0.0
+) -> list[Transmission]:
+    seen: list[Transmission] = []
+    bus = SimulatedBus(BusConfig(), observe=seen.append)
+    port = bus.port("background", transmit_capacity=capacity)
+    for _ in range(receivers):
+        bus.port()
+    BackgroundNode(bus, port, messages, seed, drift_ppm=drift_ppm)
+    bus.advance_to(1000 * MS)
+    assert (port.refused > 0) == (receivers == 0)
+    return seen
+
+
+def test_a_message_comes_at_its_offset_and_every_period():
+    queued = [item.queued_ns for item in sent(FAST)]
+    assert queued == [3 * MS + k * 10 * MS for k in range(100)]
+
+
+def test_jitter_delays_each_release_and_not_the_next():
+    late = [item.queued_ns - k * 50 * MS for k, item in enumerate(sent(SLOW))]
+    assert len(late) == 20
+    assert all(0 <= ns <= 4 * MS for ns in late)
+    assert len(set(late)) > 15
+
+
+def test_clocks_drift_apart_slowly_and_never_run_fast():
+    both = sent(FAST, replace(FAST, frame_id=0x101, offset_ns=8 * MS), drift_ppm=1000.0)
+    late = []
+    for frame_id, offset_ns in ((0x100, 3 * MS), (0x101, 8 * MS)):
+        queued = [item.queued_ns - offset_ns for item in both if item.frame.frame_id == frame_id]
+        steps = {after - before for before, after in pairwise(queued)}
+        assert len(steps) == 1
+        assert 0 < steps.pop() - FAST.period_ns < 0.001 * FAST.period_ns
+        late.append(queued[-1] - 99 * FAST.period_ns)
+    assert late[0] != late[1]
+
+
+def test_a_frame_is_of_its_message_with_random_contents():
+    seen = sent(FAST, SLOW)
+    assert {(item.frame.frame_id, item.frame.is_extended, item.frame.is_fd) for item in seen} == {
+        (0x100, False, True),
+        (0x1ABCDE, True, False),
+    }
+    assert all(len(item.frame.data) == (2 if item.frame.is_extended else 8) for item in seen)
+    assert len({item.frame.data for item in seen}) > 110
+
+
+def test_the_same_seed_is_the_same_traffic_and_one_message_does_not_change_another():
+    assert sent(FAST, SLOW) == sent(FAST, SLOW)
+    assert sent(FAST, SLOW) != sent(FAST, SLOW, seed=2)
+
+    def contents(seen: list[Transmission]) -> list[bytes]:
+        return [item.frame.data for item in seen if item.frame.frame_id == 0x100]
+
+    assert contents(sent(FAST)) == contents(sent(FAST, SLOW))
+
+
+def test_a_node_whose_queue_is_full_goes_on():
+    assert sent(FAST, receivers=0, capacity=2) == []

@@ -1,0 +1,279 @@
+"""The bus in virtual time against arrival times worked out by hand, and properties over random traffic."""
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.interface import HEALTHY, Bus, BusState
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.wire.bit_timing import worst_case_ns
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+
+RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000)
+BIT_NS = 2000
+"""At 500 kbit/s."""
+INTERMISSION_NS = 3 * BIT_NS
+
+
+def frame(frame_id: int, data: bytes = b"\x55" * 8, **kind) -> Frame:
+    return Frame(frame_id=frame_id, data=data, **kind)
+
+
+class Bench:
+    """A bus, and everything that is to be known of it."""
+
+    def __init__(self, **hooks) -> None:
+        self.captured: list[Frame] = []
+        self.seen: list[Transmission] = []
+        self.bus = SimulatedBus(RATES, self.captured.append, observe=self.seen.append, **hooks)
+
+    def order(self) -> list[int]:
+        return [item.frame_id for item in self.captured]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def ids(frames: list[Frame]) -> list[int]:
+    return [item.frame_id for item in frames]
+
+
+def test_a_frame_arrives_at_its_end_of_frame_in_every_other_node(bench):
+    bus = bench.bus
+    one, two, three = (bus.port() for _ in range(3))
+    sent = frame(0x120, bytes(16))
+    bus.advance_to(1000)
+    one.send(sent)
+    end_ns = 1000 + bus.frame_ns(sent) - INTERMISSION_NS
+    bus.advance_to(end_ns - 1)
+    assert two.receive_all() == []
+    assert bus.under_way(0x120) == 1
+    bus.advance_to(end_ns)
+    for port in (two, three):
+        assert port.receive_all() == [replace(sent, timestamp_ns=end_ns)]
+        assert port.receive_all() == []
+    assert one.receive_all() == []
+    assert bus.under_way(0x120) == 0
+    assert bench.captured == [replace(sent, timestamp_ns=end_ns)]
+    (seen,) = bench.seen
+    assert (seen.sender, seen.queued_ns, seen.begin_ns, seen.end_ns) == ("node 0", 1000, 1000, end_ns)
+
+
+def test_nothing_changes_a_frame_but_its_time(bench):
+    one, two = bench.bus.port(), bench.bus.port()
+    sent = Frame(frame_id=0x1ABCDEF0, data=b"\x01\x02", timestamp_ns=999, is_fd=False, is_extended=True)
+    one.send(sent)
+    bench.bus.advance_to(10**6)
+    (received,) = two.receive_all()
+    assert replace(received, timestamp_ns=999) == sent
+
+
+def test_frames_follow_each_other_with_the_intermission_between(bench):
+    bus = bench.bus
+    one, two = bus.port(), bus.port()
+    one.send(frame(0x100))
+    one.send(frame(0x101))
+    bus.advance_to(10**6)
+    first, second = two.receive_all()
+    assert second.timestamp_ns - first.timestamp_ns == bus.frame_ns(frame(0x101))
+
+
+def test_the_smaller_identifier_wins_wherever_it_was_queued(bench):
+    bus = bench.bus
+    one, two, _ = bus.port(), bus.port(), bus.port()
+    for frame_id in (0x300, 0x100):
+        one.send(frame(frame_id))
+    for frame_id in (0x200, 0x050):
+        two.send(frame(frame_id))
+    bus.advance_to(10**7)
+    assert bench.order() == [0x050, 0x100, 0x200, 0x300]
+
+
+def test_a_frame_that_has_begun_is_not_interrupted(bench):
+    bus = bench.bus
+    one, two = bus.port(), bus.port()
+    one.send(frame(0x700))
+    bus.advance_to(1)  # it has begun
+    two.send(frame(0x001))
+    bus.advance_to(10**7)
+    assert bench.order() == [0x700, 0x001]
+    assert bench.seen[1].begin_ns == bus.frame_ns(frame(0x700))
+
+
+def test_everything_sent_at_an_instant_takes_part_in_its_arbitration(bench):
+    bus = bench.bus
+    one, two = bus.port(), bus.port()
+    one.send(frame(0x700))
+    bus.advance_to(0)
+    two.send(frame(0x001))
+    bus.advance_to(10**7)
+    assert bench.order() == [0x001, 0x700]
+
+
+def test_the_short_format_wins_over_the_long_one_with_the_same_leading_bits(bench):
+    bus = bench.bus
+    ports = [bus.port() for _ in range(4)]
+    for port, sent in zip(
+        ports,
+        [
+            frame(0x123 << 18, is_extended=True),
+            frame((0x123 << 18) + 1, is_extended=True),
+            frame(0x123),
+            frame((0x122 << 18) + 0x3FFFF, is_extended=True),
+        ],
+        strict=True,
+    ):
+        port.send(sent)
+    bus.advance_to(10**7)
+    assert bench.order() == [(0x122 << 18) + 0x3FFFF, 0x123, 0x123 << 18, (0x123 << 18) + 1]
+
+
+def test_frames_of_one_identifier_keep_their_order(bench):
+    one, _ = bench.bus.port(), bench.bus.port()
+    for value in range(20):
+        one.send(frame(0x100, bytes([value])))
+    bench.bus.advance_to(10**8)
+    assert [item.data[0] for item in bench.captured] == list(range(20))
+
+
+def test_a_full_queue_refuses_and_counts(bench):
+    one, two = bench.bus.port("pressure node", transmit_capacity=3), bench.bus.port()
+    for value in range(3):
+        one.send(frame(0x100 + value))
+    with pytest.raises(BusError, match=r"pressure node has 3 frames waiting .* frame 0x10f was not sent"):
+        one.send(frame(0x10F))
+    assert one.refused == 1
+    bench.bus.advance_to(10**7)
+    assert ids(two.receive_all()) == [0x100, 0x101, 0x102]
+    one.send(frame(0x10F))  # there is room again
+    bench.bus.advance_to(2 * 10**7)
+    assert ids(two.receive_all()) == [0x10F]
+
+
+def test_a_slow_receiver_loses_the_newest_frames_and_counts_them(bench):
+    one, two = bench.bus.port(), bench.bus.port(receive_capacity=2)
+    for value in range(5):
+        one.send(frame(0x100 + value))
+    bench.bus.advance_to(10**7)
+    assert ids(two.receive_all()) == [0x100, 0x101]
+    assert two.overruns == 3
+    one.send(frame(0x200))
+    bench.bus.advance_to(2 * 10**7)
+    assert ids(two.receive_all()) == [0x200]
+
+
+def test_the_load_is_the_time_that_frames_take(bench):
+    bus = bench.bus
+    one, _ = bus.port(), bus.port()
+    for frame_id in (0x100, 0x200):
+        one.send(frame(frame_id))
+    taken = bus.frame_ns(frame(0x100)) + bus.frame_ns(frame(0x200))
+    bus.advance_to(4 * taken)
+    activity = bus.activity()
+    assert (activity.frames, activity.error_frames, activity.busy_ns) == (2, 0, taken)
+    assert activity.load == 0.25
+    assert SimulatedBus(RATES).activity().load == 0.0
+
+
+def test_calls_come_in_their_order_and_before_arbitration(bench):
+    bus = bench.bus
+    one, two = bus.port(), bus.port()
+    called: list[int] = []
+    bus.call_at(500, lambda: called.append(2))
+    bus.call_at(100, lambda: called.append(1))
+    bus.call_at(500, lambda: two.send(frame(0x001)))
+    bus.advance_to(499)
+    assert called == [1]
+    bus.advance_to(500)
+    one.send(frame(0x700))
+    bus.advance_to(10**6)
+    assert called == [1, 2]
+    assert bench.order() == [0x001, 0x700]
+    with pytest.raises(ValueError, match="cannot call at 5 ns: the bus is at 1000000 ns"):
+        bus.call_at(5, lambda: None)
+
+
+def test_advancing_stops_at_the_event_that_was_waited_for(bench):
+    bus = bench.bus
+    one, two = bus.port(), bus.port()
+    one.send(frame(0x100))
+    got: list[Frame] = []
+
+    def arrived() -> bool:
+        got.extend(two.receive_all())
+        return bool(got)
+
+    assert bus.advance_until(10**7, arrived)
+    assert bus.now_ns == got[0].timestamp_ns == bus.frame_ns(frame(0x100)) - INTERMISSION_NS
+    assert not bus.advance_until(10**7, lambda: False)
+    assert bus.now_ns == 10**7
+
+
+def test_time_does_not_run_backwards(bench):
+    bench.bus.advance_to(10)
+    with pytest.raises(ValueError, match="cannot advance to 9 ns: the bus is at 10 ns"):
+        bench.bus.advance_to(9)
+
+
+def test_a_port_is_a_bus(bench):
+    port = bench.bus.port()
+    bus: Bus = port
+    assert bus.receive_all() == []
+    assert port.health() == HEALTHY
+
+
+TRAFFIC = st.lists(
+    st.tuples(
+        st.integers(0, 3),  # node
+        st.integers(0, 3_000_000),  # time, ns
+        st.integers(0, 0x7FF),
+        st.sampled_from([0, 1, 8, 16, 64]),
+    ),
+    max_size=30,
+    unique_by=lambda item: item[2],
+)
+
+
+@given(traffic=TRAFFIC, step=st.sampled_from([1_777, 50_000, 10**7]))
+def test_arbitration_on_random_traffic(traffic, step):
+    """Against the definition: at every begin nothing of higher priority waits, the bus is never left free, and no two
+    frames overlap. The steps in which time advances change nothing.
+    """
+    bench = Bench()
+    ports = [bench.bus.port() for _ in range(4)]
+    for node, at_ns, frame_id, length in traffic:
+        sent = frame(frame_id, bytes(length))
+        bench.bus.call_at(at_ns, partial(ports[node].send, sent))
+    for t_ns in range(0, 20_000_001, step):
+        bench.bus.advance_to(t_ns)
+    bench.bus.advance_to(20_000_000)
+    seen = bench.seen
+    assert sorted(item.frame.frame_id for item in seen) == sorted(item[2] for item in traffic)
+    free_ns = 0
+    for k, item in enumerate(seen):
+        assert item.begin_ns >= max(free_ns, item.queued_ns)
+        waiting = [later for later in seen[k:] if later.queued_ns <= item.begin_ns]
+        assert item.frame.frame_id == min(other.frame.frame_id for other in waiting)
+        assert item.begin_ns == max(free_ns, min(later.queued_ns for later in seen[k:]))
+        plain = replace(item.frame, timestamp_ns=0)
+        free_ns = item.begin_ns + bench.bus.frame_ns(plain)
+        assert item.end_ns == free_ns - INTERMISSION_NS
+        assert bench.bus.frame_ns(plain) <= worst_case_ns(
+            plain, nominal_bitrate=RATES.nominal_bitrate, data_bitrate=RATES.data_bitrate
+        )
+
+
+def test_a_bus_without_errors_leaves_every_counter_at_zero(bench):
+    ports = [bench.bus.port() for _ in range(3)]
+    for k in range(50):
+        ports[k % 3].send(frame(0x100 + k))
+    bench.bus.advance_to(10**8)
+    assert [port.health() for port in ports] == [HEALTHY] * 3
+    assert {port.health().state for port in ports} == {BusState.ERROR_ACTIVE}

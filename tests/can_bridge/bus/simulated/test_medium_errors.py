@@ -1,0 +1,498 @@
+"""Errors on the simulated bus: what each rule of fault confinement does to nodes that share a wire, and how long it
+takes, worked out in bits by hand.
+"""
+
+from contextlib import suppress
+from dataclasses import replace
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.interface import HEALTHY, BusState
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import frame_bits, sent_bits
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+
+RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=500_000)
+"""One length of bit, so that times are counts."""
+BIT = 2000
+FLAGS, FLAG, DELIMITER, INTERMISSION, SUSPEND = 12, 6, 8, 3, 8
+SENT = Frame(frame_id=0x155, data=b"\x55" * 4, is_fd=False)
+LENGTH = frame_bits(SENT)[0]
+TO_ACKNOWLEDGE = LENGTH - INTERMISSION - 7 - 1
+"""Bits up to and including the acknowledge slot."""
+
+
+def bits(ns: int) -> int:
+    assert ns % BIT == 0
+    return ns // BIT
+
+
+class Script:
+    """A disturbance of the first so many attempts."""
+
+    def __init__(self, *positions: int | None, repeat: bool = False, only: str | None = None) -> None:
+        self.positions, self.repeat, self.only, self.calls = list(positions), repeat, only, 0
+
+    def __call__(self, frame: Frame, name: str, begin_ns: int) -> int | None:
+        if self.only not in (None, name):
+            return None
+        self.calls += 1
+        if self.repeat:
+            return self.positions[0]
+        return self.positions.pop(0) if self.positions else None
+
+
+def two(**hooks):
+    bus = SimulatedBus(RATES, **hooks)
+    return bus, bus.port("sender"), bus.port("receiver")
+
+
+def bus_with(seen, **hooks) -> SimulatedBus:
+    return SimulatedBus(RATES, observe=seen.append, **hooks)
+
+
+def counts(*ports) -> list[tuple[int, int]]:
+    return [(port.health().tx_errors, port.health().rx_errors) for port in ports]
+
+
+def test_a_destroyed_frame_is_sent_again_after_the_error_frame():
+    bus, sender, receiver = two(corrupts=Script(40))
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    (received,) = receiver.receive_all()
+    # Bits 0 to 40, flags, delimiter and intermission; then the frame up to its end of frame.
+    assert bits(received.timestamp_ns) == 41 + FLAGS + DELIMITER + INTERMISSION + LENGTH - INTERMISSION
+    assert bus.activity().error_frames == bus.activity().frames == 1
+    # 8 for the error, 1 less for the success; 1, and 1 less.
+    assert counts(sender, receiver) == [(7, 0), (0, 0)]
+    assert bits(bus.activity().busy_ns) == 41 + FLAGS + DELIMITER + INTERMISSION + LENGTH
+
+
+def test_the_counters_change_when_the_error_happens_and_not_before():
+    bus, sender, receiver = two(corrupts=Script(40))
+    sender.send(SENT)
+    bus.advance_to(41 * BIT - 1)
+    assert counts(sender, receiver) == [(0, 0), (0, 0)]
+    bus.advance_to(41 * BIT)
+    assert counts(sender, receiver) == [(8, 0), (0, 1)]
+
+
+def test_an_error_late_in_a_can_fd_frame_is_timed_at_both_rates():
+    bus = SimulatedBus(BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000), corrupts=Script(30))
+    one, two = bus.port(), bus.port()
+    sent = Frame(frame_id=0x155, data=b"\x55" * 8)
+    one.send(sent)
+    bus.advance_to(10**7)
+    # 17 bits up to BRS without a stuff bit (0x155 alternates; RRS and IDE are two dominant bits), then the data phase.
+    error_ns = 17 * BIT + 14 * 500 + (FLAGS + DELIMITER + INTERMISSION) * BIT
+    assert two.receive_all()[0].timestamp_ns == error_ns + bus.frame_ns(sent) - INTERMISSION * BIT
+
+
+def test_a_higher_priority_comes_before_the_repetition():
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(40))
+    sender, receiver = bus.port("sender"), bus.port("receiver")
+    sender.send(SENT)
+    bus.call_at(10 * BIT, lambda: receiver.send(replace(SENT, frame_id=0x001)))
+    bus.advance_to(10**7)
+    assert [item.frame.frame_id for item in seen] == [0x001, 0x155]
+    assert bits(seen[0].begin_ns) == 41 + FLAGS + DELIMITER + INTERMISSION
+
+
+def test_a_node_alone_ends_up_error_passive_and_never_bus_off():
+    """Rule 3, first exception: 16 attempts up to 128, then for ever without counting."""
+    bus = SimulatedBus(RATES)
+    alone = bus.port()
+    alone.send(SENT)
+    active = TO_ACKNOWLEDGE + FLAG + DELIMITER + INTERMISSION
+    for attempt in range(1, 17):
+        bus.advance_to(((attempt - 1) * active + TO_ACKNOWLEDGE) * BIT)
+        assert alone.health().tx_errors == 8 * attempt
+    assert alone.health().state is BusState.ERROR_PASSIVE
+    bus.advance_to(10**9)
+    assert counts(alone) == [(128, 0)]
+    assert alone.health().state is BusState.ERROR_PASSIVE
+    assert alone.health().bus_off == 0
+    assert bus.activity().frames == 0
+    # From then on it waits eight more bits after each attempt.
+    passive = bits(10**9) // (active + SUSPEND)
+    assert bus.activity().error_frames == pytest.approx(passive, abs=16)
+
+
+def test_a_node_alone_does_not_get_as_far_as_an_error_behind_the_acknowledge_slot():
+    bus = SimulatedBus(RATES, corrupts=Script(TO_ACKNOWLEDGE, repeat=True))
+    alone = bus.port()
+    alone.send(SENT)
+    bus.advance_to(10**8)
+    assert counts(alone) == [(128, 0)]
+
+
+def test_what_a_node_alone_could_not_send_goes_out_when_another_one_comes():
+    bus = SimulatedBus(RATES)
+    alone = bus.port()
+    alone.send(SENT)
+    bus.advance_to(10**8)
+    other = bus.port()
+    bus.advance_to(2 * 10**8)
+    assert [frame.frame_id for frame in other.receive_all()] == [0x155]
+    assert counts(alone) == [(127, 0)]
+    assert alone.health().state is BusState.ERROR_ACTIVE
+
+
+def test_an_error_passive_sender_waits_eight_bits_more_and_lets_others_go_first():
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(*[20] * 17))
+    sender, other = bus.port("sender"), bus.port("other")
+    sender.send(SENT)
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    assert sender.health().tx_errors == 17 * 8 - 2
+    assert sender.health().state is BusState.ERROR_PASSIVE
+    first, second = seen
+    assert bits(second.begin_ns - first.begin_ns) == LENGTH + SUSPEND
+    # Once more, with another node that has something of lower priority to say meanwhile.
+    seen.clear()
+    sender.send(SENT)
+    sender.send(SENT)
+    bus.call_at(bus.now_ns + 10 * BIT, lambda: other.send(replace(SENT, frame_id=0x7F0)))
+    bus.advance_to(2 * 10**7)
+    assert [item.frame.frame_id for item in seen] == [0x155, 0x7F0, 0x155]
+    assert bits(seen[1].begin_ns - seen[0].begin_ns) == LENGTH
+    # It has waited for another frame: no more suspension behind that one.
+    assert seen[2].begin_ns == seen[1].end_ns + INTERMISSION * BIT
+
+
+def test_the_suspension_counts_for_a_frame_that_is_handed_over_during_it():
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(*[20] * 17))
+    sender, _ = bus.port("sender"), bus.port("other")
+    sender.send(SENT)
+    while not seen:
+        bus.advance_to(bus.now_ns + BIT)
+    assert sender.health().state is BusState.ERROR_PASSIVE
+    bus.advance_to(seen[0].end_ns + 5 * BIT)
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    assert bits(seen[1].begin_ns - seen[0].end_ns) == INTERMISSION + SUSPEND
+
+
+def test_a_can_fd_frame_of_an_error_passive_sender_has_its_own_length():
+    """ESI recessive: from BRS to the end of length code 15 there are six equal bits, and all later runs shift."""
+    seen: list[Transmission] = []
+    bus = bus_with(seen, corrupts=Script(*[20] * 17))
+    sender, _ = bus.port("sender"), bus.port("other")
+    sent = Frame(frame_id=0x555, data=b"\xf0" * 64)
+    active, passive = (sum(sent_bits(sent, error_passive=esi).total) for esi in (False, True))
+    assert active != passive
+    sender.send(sent)
+    for _ in range(30):
+        sender.send(sent)
+    bus.advance_to(10**9)
+    lengths = [bits(item.end_ns - item.begin_ns) + INTERMISSION for item in seen]
+    # From 17 x 8 = 136 down by one with every frame: passive as long as 128 is left.
+    assert lengths == [passive] * 9 + [active] * 22
+
+
+def test_a_sender_that_is_always_disturbed_goes_bus_off_and_recovers():
+    """32 errors of 8; then 128 times eleven recessive bits, the first of them the end of the last error frame."""
+    bus, sender, receiver = two(corrupts=Script(*[20] * 32))
+    sender.send(SENT)
+    sender.send(SENT)
+    active = 21 + FLAGS + DELIMITER + INTERMISSION
+    off = 15 * active + 16 * (active + SUSPEND) + 21
+    bus.advance_to(off * BIT - 1)
+    assert counts(sender) == [(248, 0)]
+    bus.advance_to(off * BIT)
+    health = sender.health()
+    assert (health.state, health.tx_errors, health.bus_off) == (BusState.BUS_OFF, 256, 1)
+    assert sender.discarded == 2
+    with pytest.raises(BusError, match="sender is bus-off: frame 0x155 was not sent"):
+        sender.send(SENT)
+    assert sender.refused == 1
+    recovered = off + FLAGS + DELIMITER + INTERMISSION + 127 * 11
+    bus.advance_to(recovered * BIT - 1)
+    assert sender.health().state is BusState.BUS_OFF
+    bus.advance_to(recovered * BIT)
+    assert sender.health() == replace(HEALTHY, bus_off=1)
+    sender.send(SENT)
+    bus.advance_to(10**8)
+    assert len(receiver.receive_all()) == 1
+
+
+def test_recovery_waits_for_recessive_bits_and_so_takes_longer_on_a_busy_bus():
+    """A frame has one sequence of eleven recessive bits, however long it is."""
+    bus = SimulatedBus(RATES, corrupts=Script(*[20] * 32, only="sender"))
+    sender, one, two = bus.port("sender"), bus.port("one"), bus.port("two")
+    sender.send(SENT)
+    while sender.health().state is not BusState.BUS_OFF:
+        bus.advance_to(bus.now_ns + BIT)
+    off_ns = bus.now_ns
+    for _ in range(64):
+        one.send(replace(SENT, frame_id=0x200))
+    while sender.health().state is BusState.BUS_OFF:
+        bus.advance_to(bus.now_ns + BIT)
+    busy = frame_bits(replace(SENT, frame_id=0x200))[0]
+    # The end of the error frame, 64 frames, and what is left in an idle bus.
+    expected = FLAGS + DELIMITER + INTERMISSION + 64 * busy + (128 - 1 - 64) * 11
+    assert bits(bus.now_ns - off_ns) == expected
+    assert len(two.receive_all()) == 64
+
+
+def test_recovery_counts_whole_sequences_between_frames():
+    """Every frame comes 27 bits after the end of the one before: two sequences of eleven, and five bits for nothing."""
+    bus = SimulatedBus(RATES, corrupts=Script(*[20] * 32, only="sender"))
+    sender, one, _ = bus.port("sender"), bus.port("one"), bus.port("two")
+    sender.send(SENT)
+    while sender.health().state is not BusState.BUS_OFF:
+        bus.advance_to(bus.now_ns + BIT)
+    free = bits(bus.now_ns) + FLAGS + DELIMITER + INTERMISSION
+    for k in range(10):
+        bus.call_at((free + (k + 1) * 27 + k * LENGTH) * BIT, lambda: one.send(SENT))
+    while sender.health().state is BusState.BUS_OFF:
+        bus.advance_to(bus.now_ns + BIT)
+    # One behind the error frame, then two and one for each of the ten frames; the rest in the idle bus.
+    assert bits(bus.now_ns) == free + 10 * (27 + LENGTH) + (128 - 1 - 10 * 3) * 11
+
+
+def test_a_node_that_is_bus_off_neither_hears_nor_acknowledges():
+    bus = SimulatedBus(RATES, corrupts=Script(*[20] * 32, only="sender"))
+    sender, other = bus.port("sender", restarts=False), bus.port("other")
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    assert sender.health().state is BusState.BUS_OFF
+    other.receive_all()
+    other.send(SENT)
+    bus.advance_to(10**9)
+    assert sender.receive_all() == []
+    assert other.health().tx_errors == 128  # it is alone now
+    assert sender.health().state is BusState.BUS_OFF  # it was not asked to restart
+    sender.restart()
+    bus.advance_to(2 * 10**9)
+    assert sender.health().state is BusState.ERROR_ACTIVE
+    assert [frame.frame_id for frame in sender.receive_all()] == [0x155]
+
+
+def test_a_receiver_alone_with_its_error_is_blamed_for_it():
+    """Rules 1 and 2: it signals before the others, which answer."""
+    bus = SimulatedBus(RATES, mishears=Script(40, only="faulty"))
+    sender, sound, faulty = bus.port("sender"), bus.port("sound"), bus.port("faulty")
+    sender.send(SENT)
+    bus.advance_to(41 * BIT)
+    assert counts(sender, sound, faulty) == [(8, 0), (0, 1), (0, 9)]
+    bus.advance_to(10**7)
+    assert counts(sender, sound, faulty) == [(7, 0), (0, 0), (0, 8)]
+    assert len(sound.receive_all()) == len(faulty.receive_all()) == 1
+
+
+def test_a_receiver_that_is_always_wrong_becomes_passive_and_stops_disturbing_the_others():
+    """9 up for every frame it destroys; once passive its flag is recessive."""
+    bus = SimulatedBus(RATES, mishears=Script(40, repeat=True, only="faulty"))
+    sender, sound, faulty = bus.port("sender"), bus.port("sound"), bus.port("faulty")
+    for _ in range(10):
+        sender.send(SENT)
+    bus.advance_to(10**8)
+    assert faulty.health().state is BusState.ERROR_PASSIVE
+    assert bus.activity().error_frames == 15  # 15 x 9 = 135
+    assert (len(sound.receive_all()), len(faulty.receive_all())) == (10, 0)
+    assert counts(sender) == [(15 * 8 - 10, 0)]
+    assert sender.health().state is BusState.ERROR_ACTIVE
+
+
+def test_two_receivers_that_err_together_blame_each_other_no_more_than_the_rest():
+    bus = SimulatedBus(RATES, mishears=Script(40, 40))
+    sender, one, two = (bus.port(name) for name in ("sender", "one", "two"))
+    sender.send(SENT)
+    bus.advance_to(41 * BIT)
+    # The sender answers their flags, so both see a dominant bit behind their own.
+    assert counts(sender, one, two) == [(8, 0), (0, 9), (0, 9)]
+
+
+def test_nobody_acknowledges_what_the_only_receiver_hears_wrong():
+    bus = SimulatedBus(RATES, mishears=Script(40, repeat=True, only="faulty"))
+    sender, faulty = bus.port("sender"), bus.port("faulty")
+    sender.send(SENT)
+    bus.advance_to(10**8)
+    # Once the receiver is passive, the sender finds itself alone: passive, and not off.
+    assert sender.health().tx_errors == 128
+    assert faulty.receive_all() == []
+
+
+def test_a_stuff_bit_of_the_identifier_that_is_overruled_counts_for_no_transmitter():
+    """Rule 3, second exception. 0x001 has its first stuff bit, recessive, behind five dominant bits."""
+    bus, sender, receiver = two(corrupts=Script(5))
+    sender.send(replace(SENT, frame_id=0x001))
+    bus.advance_to(6 * BIT)
+    assert counts(sender, receiver) == [(0, 0), (0, 1)]
+    bus.advance_to(10**7)
+    assert len(receiver.receive_all()) == 1
+
+
+def test_a_recessive_bit_of_the_identifier_that_is_overruled_is_lost_arbitration():
+    """No bit error for the sender (ISO 11898-1, bit error): it counts as the receivers do."""
+    bus, sender, receiver = two(corrupts=Script(2))
+    assert f"{SENT.frame_id:011b}"[2 - 1] == "0"
+    sender.send(replace(SENT, frame_id=0x3FF))  # bit 2 on the wire is recessive
+    bus.advance_to(3 * BIT)
+    assert counts(sender, receiver) == [(0, 1), (0, 1)]
+    bus.advance_to(10**7)
+    assert len(receiver.receive_all()) == 1
+
+
+def test_a_dominant_bit_of_the_identifier_that_is_inverted_is_a_bit_error():
+    bus, sender, receiver = two(corrupts=Script(1))
+    sender.send(replace(SENT, frame_id=0x3FF))
+    bus.advance_to(2 * BIT)
+    assert counts(sender, receiver) == [(8, 0), (0, 1)]
+
+
+def test_an_error_in_the_last_bit_of_the_end_of_frame_doubles_the_frame():
+    """Receivers take a frame as valid at the bit before the last, the sender at the last (ISO 11898-1, validation)."""
+    bus, sender, receiver = two(corrupts=Script(10_000))
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    assert [frame.data for frame in receiver.receive_all()] == [SENT.data, SENT.data]
+    assert counts(sender, receiver) == [(7, 0), (0, 0)]
+    # One bit earlier the receivers reject it, too.
+    bus, sender, receiver = two(corrupts=Script(LENGTH - INTERMISSION - 2))
+    sender.send(SENT)
+    bus.advance_to(10**7)
+    assert len(receiver.receive_all()) == 1
+
+
+@pytest.fixture
+def doubled():
+    """Two nodes with the same identifier, and one that listens."""
+    seen: list[Transmission] = []
+    bus = bus_with(seen)
+    return bus, bus.port("one"), bus.port("other"), bus.port("listener"), seen
+
+
+def test_two_nodes_that_send_the_same_frame_at_once_do_not_notice(doubled):
+    bus, one, other, listener, seen = doubled
+    one.send(SENT)
+    other.send(SENT)
+    bus.advance_to(10**7)
+    assert len(listener.receive_all()) == 1
+    assert {item.sender for item in seen} == {"one", "other"}
+    assert bus.activity().frames == 1
+    assert counts(one, other, listener) == [(0, 0)] * 3
+    assert one.receive_all() == other.receive_all() == []
+
+
+def test_a_doubled_identifier_shows_as_bit_errors_in_both(doubled):
+    bus, one, other, listener, seen = doubled
+    one.send(SENT)
+    other.send(replace(SENT, data=b"\x55\x55\x55\x57"))  # differs in bit 1 of the last byte
+    differs = 1 + 11 + 3 + 4 + 3 * 8 + 6
+    bus.advance_to(differs * BIT)
+    assert counts(one, other, listener) == [(0, 0)] * 3
+    bus.advance_to((differs + 1) * BIT)
+    assert counts(one, other, listener) == [(8, 0), (8, 0), (0, 1)]
+    assert bus.activity().error_frames == 1
+    bus.advance_to(10**8)
+    # Sixteen times both, then the one that sends the recessive bit is too passive to destroy the other's frame.
+    assert [item.sender for item in seen] == ["one", "other"]
+    assert bus.activity().error_frames == 16
+    assert counts(one, other) == [(127, 0), (128 + 8 - 1, 0)]
+
+
+def test_a_doubled_identifier_drives_a_node_off_the_bus_in_the_end(doubled):
+    bus, one, other, listener, _ = doubled
+    for k in range(400):  # 1 kHz
+        bus.call_at(k * 10**6, lambda: sends(one, SENT))
+        bus.call_at(k * 10**6, lambda: sends(other, replace(SENT, data=b"\x55\x55\x55\x57")))
+    bus.advance_to(4 * 10**8)
+    assert max(one.health().bus_off, other.health().bus_off) >= 1
+    # The frames of both are still heard.
+    assert {frame.data[3] for frame in listener.receive_all()} == {0x55, 0x57}
+
+
+def sends(port, frame: Frame) -> None:
+    try:
+        port.send(frame)
+    except BusError:
+        assert port.health().state is BusState.BUS_OFF
+
+
+def test_classic_and_can_fd_frames_of_one_identifier_collide_in_fdf(doubled):
+    bus, one, other, listener, _ = doubled
+    one.send(Frame(frame_id=0x155, data=b"", is_fd=False))
+    other.send(Frame(frame_id=0x155, data=b"", is_fd=True))
+    bus.advance_to((1 + 11 + 2 + 1) * BIT)
+    assert counts(one, other, listener) == [(8, 0), (8, 0), (0, 1)]
+
+
+def test_a_bus_held_dominant_drives_the_sender_off_and_receivers_passive():
+    """Rule 6: 256 needs 8 for the error and 31 times 8: bit 14 of the flag, and 30 times eight bits."""
+    least = 14 + 30 * 8
+    for held, state in ((least - 1, BusState.ERROR_PASSIVE), (least, BusState.BUS_OFF)):
+        bus, sender, receiver = two()
+        sender.send(SENT)
+        bus.advance_to(20 * BIT)
+        bus.hold_dominant(held * BIT)
+        assert sender.health().state is state
+        assert receiver.health().state is BusState.ERROR_PASSIVE
+        bus.advance_to(10**8)
+        assert sender.health().state is not BusState.BUS_OFF  # recovered by itself
+        assert len(receiver.receive_all()) == (1 if state is BusState.ERROR_PASSIVE else 0)
+
+
+@pytest.mark.parametrize(("held", "counted"), [(6, 0), (7, 1), (19, 1), (20, 9), (28, 17)])
+def test_on_an_idle_bus_a_dominant_level_is_an_error_from_the_sixth_bit_on(held, counted):
+    """Six bits until the rule of stuff bits is broken; then rules 1 and 6."""
+    bus, one, other = two()
+    bus.hold_dominant(held * BIT)
+    bus.advance_to(10**6)
+    assert counts(one, other) == [(0, counted)] * 2
+
+
+def test_a_bus_held_dominant_for_no_time_is_refused():
+    with pytest.raises(ValueError, match="dominant for 0 ns: must be positive"):
+        SimulatedBus(RATES).hold_dominant(0)
+
+
+@given(seed=st.integers(0, 2**32), share=st.floats(0.0, 0.3), rates=st.sampled_from([RATES, BusConfig()]))
+def test_whatever_is_disturbed_every_frame_arrives_once_in_order_or_is_counted(seed, share, rates):
+    """Random disturbances of the bus and of single receivers, in any bit but the very last."""
+    random = Random(seed)
+
+    def wrong(frame: Frame, name: str, begin_ns: int) -> int | None:
+        return random.randrange(sum(frame_bits(frame)) - INTERMISSION - 1) if random.random() < share else None
+
+    seen: list[Transmission] = []
+    bus = SimulatedBus(rates, observe=seen.append, corrupts=wrong, mishears=wrong)
+    ports = [bus.port(f"node {k}") for k in range(3)]
+    handed_over, heard = [list[bytes]() for _ in ports], [list[Frame]() for _ in ports]
+    for k in range(60):
+        sender = random.randrange(3)
+        data = bytes([k])
+        with suppress(BusError):
+            ports[sender].send(Frame(frame_id=0x100 + sender, data=data, is_fd=random.random() < 0.5))
+            handed_over[sender].append(data)
+        bus.advance_to(bus.now_ns + random.randrange(600_000))
+        for port, frames in zip(ports, heard, strict=True):
+            frames.extend(port.receive_all())
+    bus.advance_to(bus.now_ns + 10**10)
+    for port, frames in zip(ports, heard, strict=True):
+        frames.extend(port.receive_all())
+    for k, port in enumerate(ports):
+        sent = [item.frame.data for item in seen if item.sender == port.name]
+        assert len(sent) + port.discarded == len(handed_over[k])
+        assert [data for data in handed_over[k] if data in sent] == sent
+        # Some receivers miss some: they were bus-off, or heard it wrong and were too passive to say so.
+        for other, frames in zip(ports, heard, strict=True):
+            if other is not port:
+                got = [frame.data for frame in frames if frame.frame_id == 0x100 + k]
+                assert [data for data in sent if data in got] == got
+                assert share > 0.0 or got == sent
+    ends = [item.end_ns for item in seen]
+    assert ends == sorted(set(ends))
+    activity = bus.activity()
+    assert activity.frames == len(seen)
+    assert activity.busy_ns <= activity.now_ns
+    assert share > 0.0 or activity.error_frames == 0

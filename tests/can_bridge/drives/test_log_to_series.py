@@ -1,0 +1,395 @@
+"""A drive that is known comes out of its log again, whatever was lost, doubled, late or foreign in it."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.cmac import CMAC
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from can_bridge.drives.log_periods import Scales
+from can_bridge.drives.log_to_series import LogSeries, series_of
+from can_bridge.wire.message_sets import CLASSIC, FD
+from contract.errors import DatasetError
+from tests.can_bridge.drives.drive_log import (
+    FLOW,
+    KEY,
+    LATENCY,
+    PERIOD,
+    PRESSURE,
+    Drive,
+    command,
+    drive,
+    log_of,
+    pressure,
+)
+from tests.can_bridge.drives import drive_log
+
+SCALES = Scales(period_s=PERIOD, dynamic_pressure=PRESSURE, flow_rate=FLOW, action_limit=0.075)
+LOG = Path("drive.blf")
+EXACT = 1e-12
+"""Two ways to multiply the same steps of the wire."""
+KINDS = ("fd", "classic", "secured")
+
+
+def read(messages: list[can.Message], **options: Any) -> LogSeries:
+    return series_of(LOG, messages, SCALES, **{"fill": 2, "split": False, **options})
+
+
+def same(series: LogSeries, one: Drive, first: int = 0) -> None:
+    (piece,) = series.pieces
+    np.testing.assert_allclose(piece.Cp, one.Cp[first : first + len(piece)], atol=EXACT)
+    np.testing.assert_allclose(piece.action, one.action[first : first + len(piece)], atol=EXACT)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sound_log_is_the_drive(kind: str) -> None:
+    one = drive(kind, 600, 1)
+    series = read(log_of(one))
+    same(series, one)
+    (piece,) = series.pieces
+    assert (len(piece), piece.first_row, piece.initial_action) == (600, 0, 0.0)
+    # Times of reception lie on the grid to the double's resolution at 1000 s.
+    np.testing.assert_allclose(piece.time_s, 1000.0 + PERIOD * np.arange(600), atol=1e-9)
+    report = series.report
+    assert (report.frames, report.lost, report.filled) == ((600, 600), (0, 0), (0, 0))
+    assert (report.damaged, report.duplicates, report.misplaced, report.foreign, report.gaps) == (0, 0, 0, 0, ())
+    assert abs(report.drift) < 1e-9
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataObject, kind: str, seed: int) -> None:
+    """Jitter of 0.3 periods, up to two rows lost in a row, copies, other nodes' frames and damaged frames."""
+    rows = data.draw(st.integers(40, 90))
+    start = data.draw(st.sampled_from([0.0, 3.7, 1.7e9]))
+    drift = data.draw(st.sampled_from([0.0, 1e-4, -1e-4]))
+    one, generator = drive(kind, rows, seed % 1000), np.random.default_rng(seed)
+    lost = {name: _lost(rows, data.draw(st.sets(st.integers(0, rows - 1), max_size=12))) for name in "pc"}
+    messages = []
+    for k in range(rows):
+        begin = start + k * PERIOD * (1 + drift)
+        for name, make, late in (("p", pressure, 0.0), ("c", command, LATENCY)):
+            if k in lost[name]:
+                continue
+            # A command is never in front of the pressure that it answers.
+            at = begin + (late + generator.uniform(0, 0.3)) * PERIOD
+            messages.append(make(one, k, at))
+            if generator.random() < 0.1:
+                messages.append(make(one, k, at + generator.uniform(0, 0.3) * PERIOD))
+    copies = len(messages) - (2 * rows - sum(map(len, lost.values())))
+    foreign = [_foreign(start + generator.uniform(0, rows * PERIOD), generator) for _ in range(20)]
+    damaged = [_damaged(one, start + generator.uniform(0, rows * PERIOD), generator) for _ in range(3)]
+    series = read(sorted([*messages, *foreign, *damaged], key=lambda message: message.timestamp))
+
+    whole = [k for k in range(rows) if k not in lost["p"] | lost["c"]]
+    (piece,) = series.pieces
+    # Without the action in force before it, a row can only be the one before the first; shut jets were shut before.
+    first = next(k for k in whole if one.action[k] == 0.0 or (k > 0 and k - 1 not in lost["c"]))
+    origin = min(k for k in range(rows) if k not in lost["p"])
+    inside = np.arange(first, whole[-1] + 1)
+    assert len(piece) == len(inside)
+    assert piece.first_row == first - origin
+    for values, found, name in ((one.Cp, piece.Cp, "p"), (one.action[:, None], piece.action[:, None], "c")):
+        kept = np.array([k for k in range(rows) if k not in lost[name]])
+        # The straight line between neighbours, which are the truth itself where nothing is lost.
+        expected = np.column_stack([np.interp(inside, kept, column[kept]) for column in values.T])
+        np.testing.assert_allclose(found, expected, atol=EXACT)
+    assert series.report.duplicates == copies
+    assert series.report.damaged == 3
+    assert series.report.foreign == 20
+
+
+def _lost(rows: int, wanted: set[int]) -> set[int]:
+    """The wanted rows, but no more than two in a row: three are a long gap."""
+    kept: set[int] = set()
+    for k in sorted(wanted):
+        if not {k - 1, k - 2} <= kept and k < rows:
+            kept.add(k)
+    return kept
+
+
+def _foreign(time_s: float, generator: np.random.Generator) -> can.Message:
+    kind = int(generator.integers(5))
+    number = [0x123, 0x120, 0x140, 0x120, 0x130][kind]
+    return can.Message(
+        timestamp=time_s,
+        arbitration_id=number,
+        is_extended_id=kind == 1,
+        is_remote_frame=kind == 3,
+        is_error_frame=kind == 4,
+        data=b"" if kind >= 3 else generator.bytes(8),
+    )
+
+
+def _damaged(one: Drive, time_s: float, generator: np.random.Generator) -> can.Message:
+    message = (pressure if generator.random() < 0.5 else command)(one, int(generator.integers(len(one))), time_s)
+    place, protected = int(generator.integers(8)), message.data
+    # One bit in the first eight bytes: both profiles find every single one.
+    protected[place] ^= 1 << int(generator.integers(8))
+    return message
+
+
+def test_frames_overtaken_on_their_way_into_the_log_are_put_in_order() -> None:
+    one = drive("fd", 100, 2)
+    messages = log_of(one)
+    for k in (10, 50, 51, 80):
+        messages[2 * k], messages[2 * k + 2] = messages[2 * k + 2], messages[2 * k]
+    # A logger that writes late stamps late: the two share one time.
+    for before, after in pairwise(messages):
+        after.timestamp = max(after.timestamp, before.timestamp)
+    same(read(messages), one)
+
+
+def test_an_answer_is_told_by_its_echo_and_not_by_its_time() -> None:
+    """The ECU takes 1.4 periods: every command comes after the next pressure."""
+    one = drive("classic", 100, 3)
+    messages = [pressure(one, k, k * PERIOD) for k in range(100)]
+    messages += [command(one, k, (k + 1.4) * PERIOD) for k in range(100)]
+    same(read(sorted(messages, key=lambda message: message.timestamp)), one)
+
+
+def test_a_held_command_belongs_to_the_period_it_came_in() -> None:
+    """The ECU missed pressure 40 and repeats its command for 39: the echo is 39, the period 40."""
+    one = drive("fd", 100, 4)
+    messages = log_of(one)
+    messages[81] = command(one, 40, messages[81].timestamp, echo=39, mode="HOLD", action=one.action[39])
+    action = one.action.copy()
+    action[40] = action[39]
+    same(read(messages), replace(one, action=action))
+
+
+def test_jets_that_are_not_enabled_are_shut() -> None:
+    one = drive("fd", 60, 5)
+    messages = log_of(one)
+    messages[61] = command(one, 30, messages[61].timestamp, enable=False)
+    (piece,) = read(messages).pieces
+    assert one.action[30] != 0.0
+    assert piece.action[30] == 0.0
+    assert piece.action[31] == pytest.approx(one.action[31], abs=EXACT)
+
+
+def test_a_sensor_that_fails_for_a_moment_is_filled_alone() -> None:
+    for kind in KINDS:
+        one = drive(kind, 60, 6)
+        messages = log_of(one)
+        messages[40] = pressure(one, 20, messages[40].timestamp, valid=(True, False, True, True))
+        series = read(messages, sensors=("a", "b", "c", "d"))
+        cp = one.Cp.copy()
+        cp[20, 1] = (cp[19, 1] + cp[21, 1]) / 2
+        same(series, replace(one, Cp=cp))
+        assert series.report.filled == (1, 0)
+        assert series.report.lost == (0, 0)
+        assert "no valid pressure b for 1 control period at 0.400 s: filled" in series.report.gaps[0]
+
+
+def test_pressures_that_were_old_when_they_were_sent_are_gaps() -> None:
+    one = drive("classic", 60, 7)
+    messages = log_of(one)
+    messages[40] = pressure(one, 20, messages[40].timestamp, age_ms=70)
+    series = read(messages)
+    assert series.report.stale == 1
+    assert series.pieces[0].Cp[20] == pytest.approx((one.Cp[19] + one.Cp[21]) / 2, abs=EXACT)
+
+
+def test_a_steady_age_moves_the_times_of_the_rows() -> None:
+    one = drive("fd", 60, 8)
+    messages = [pressure(one, k, 5.0 + k * PERIOD, age_ms=3.0) for k in range(60)]
+    messages += [command(one, k, 5.0 + (k + LATENCY) * PERIOD) for k in range(60)]
+    (piece,) = read(sorted(messages, key=lambda message: message.timestamp)).pieces
+    assert piece.time_s[0] == pytest.approx(4.997, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("missing", [3, 20, 300])
+def test_a_long_gap_is_refused_with_its_time_or_cuts_the_drive_in_two(kind: str, missing: int) -> None:
+    """20 and 300 periods are more than the classic and the CAN FD counter can tell by themselves."""
+    one = drive(kind, 200 + missing, 9)
+    messages = [message for i, message in enumerate(log_of(one)) if not 200 <= i < 200 + 2 * missing]
+    with pytest.raises(
+        DatasetError, match=rf"no pressures for {missing} control periods at 2\.000 s.*--split"
+    ) as error:
+        read(messages)
+    assert "\n" not in str(error.value)
+    series = read(messages, split=True)
+    before, after = series.pieces
+    assert (before.first_row, len(before)) == (0, 100)
+    # The action before the second piece is not known: its first row serves as that.
+    assert (after.first_row, len(after)) == (101 + missing, 99)
+    assert after.initial_action == pytest.approx(one.action[100 + missing], abs=EXACT)
+    np.testing.assert_allclose(after.Cp, one.Cp[101 + missing :], atol=EXACT)
+    np.testing.assert_allclose(after.action, one.action[101 + missing :], atol=EXACT)
+    same(read(messages[:200]), one)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("ahead", [1, 5, 9])
+def test_a_sender_that_begins_again_cuts_the_drive(kind: str, ahead: int) -> None:
+    """Without a gap: only counter and clock tell that frames of two power cycles follow each other."""
+    one = drive(kind, 200, 10)
+    messages = []
+    for k in range(200):
+        counter = k if k < 100 else k + ahead
+        messages.append(pressure(one, k, k * PERIOD, counter=counter))
+        messages.append(command(one, k, (k + LATENCY) * PERIOD, echo=counter))
+    with pytest.raises(DatasetError, match="the sender began again"):
+        read(messages)
+    series = read(messages, split=True)
+    assert [len(piece) for piece in series.pieces] == [100, 100]
+    np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
+    assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT)
+
+
+def test_a_frame_out_of_sequence_is_left_out_and_counted() -> None:
+    one = drive("fd", 100, 11)
+    messages = log_of(one)
+    messages.insert(101, pressure(one, 3, messages[100].timestamp + 1e-4))
+    series = read(messages)
+    same(series, one)
+    assert series.report.misplaced == 1
+
+
+def test_the_clocks_drift_is_reported_and_another_period_refused() -> None:
+    one = drive("fd", 600, 12)
+    series = read(log_of(one, period_s=PERIOD * (1 + 80e-6)))
+    assert series.report.drift == pytest.approx(80e-6, abs=1e-9)
+    same(series, one)
+    for share, text in ((0.005, r"come every 20\.1 ms.*\+0\.50%"), (1.0, "40 ms apart"), (-0.5, "10 ms apart")):
+        with pytest.raises(DatasetError, match=text):
+            read(log_of(one, period_s=PERIOD * (1 + share)))
+
+
+def test_authentication_is_checked_where_a_key_is_given() -> None:
+    one = drive("secured", 60, 13)
+    messages = log_of(one)
+
+    def verify(spec: Any, data: bytes) -> int | None:
+        code = CMAC(AES(KEY))
+        code.update(spec.data_id.to_bytes(2, "big") + data[:-8])
+        return int.from_bytes(data[-16:-8], "big") if code.finalize()[:8] == data[-8:] else None
+
+    messages[40].data[-1] ^= 1
+    replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
+    messages.insert(61, replayed)
+    checked = read(messages, verify=verify)
+    assert (checked.report.forged, checked.report.checked) == (2, True)
+    assert checked.report.filled == (1, 0)
+    assert read(messages).report.checked is False
+    with pytest.raises(DatasetError, match=r"wrong authentication code: bus\.key is not the key"):
+        read(messages, verify=lambda spec, data: None)
+
+
+def test_a_full_command_that_the_wire_rounded_up_is_the_limit() -> None:
+    one = drive("fd", 60, 14)
+    limit = 0.0049996 / FLOW  # 24.998 steps of the wire
+    messages = log_of(replace(one, action=np.where(np.arange(60) % 2, 0.005 / FLOW, 0.0)))
+    (piece,) = series_of(LOG, messages, replace(SCALES, action_limit=limit), fill=2, split=False).pieces
+    assert piece.action.max() == limit
+
+
+def test_what_makes_no_series_is_refused_in_one_line() -> None:
+    one, classic = drive("fd", 40, 15), drive("classic", 40, 15)
+    sound = log_of(one)
+    foreign = [can.Message(arbitration_id=0x2A, is_extended_id=False, data=b"1", timestamp=1.0)]
+    back = log_of(one)
+    back[50].timestamp -= 1.0
+    far = log_of(one)
+    for message in far[40:]:
+        message.timestamp += 1e9  # the logger's clock was set
+    cases: list[tuple[list[can.Message], str]] = [
+        ([], r"holds no pressure.*no data frame at all"),
+        (foreign, r"holds no pressure, Pressure \(0x120\) or .*identifiers in it are 0x2a"),
+        (sound[::2], r"holds no command, JetCommand \(0x130\).*what the jets did"),
+        (sound[:6], "no part of it has 16 control periods.*3 pressures and 3 commands"),
+        (sorted([*sound, *log_of(classic)], key=lambda m: m.timestamp), "holds Pressure .* and PressureClassic"),
+        (back, "times go back from 1000.488000 to 999.500000 s"),
+        (far, "no pressures for about"),
+        ([message for i, message in enumerate(sound) if i % 4], "no two of its pressures follow each other"),
+        (
+            [pressure(one, k, k * PERIOD, valid=(True, True, True, False)) for k in range(40)] + sound[1:2],
+            "16 control periods in a row with valid pressures.*, and 3 valid in none",
+        ),
+    ]
+    for messages, text in cases:
+        with pytest.raises(DatasetError, match=text) as error:
+            read(messages)
+        assert str(error.value).startswith("drive.blf: ")
+        assert "\n" not in str(error.value)
+
+
+def test_one_of_two_sets_can_be_asked_for() -> None:
+    one, classic = drive("fd", 40, 16), drive("classic", 40, 17)
+    both = sorted([*log_of(one), *log_of(classic)], key=lambda message: message.timestamp)
+    same(read(both, only=FD), one)
+    same(read(both, only=CLASSIC), classic)
+    assert drive_log.MODULUS["classic"] == 16
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
+    """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""
+    generator = np.random.default_rng(seed)
+    one = drive(kind, 120, seed % 1000)
+    messages = log_of(one, start_s=0.0)
+    faults = ("cut", "shift", "swap", "damage", "invalid", "copy", "restart")
+    for what in data.draw(st.lists(st.sampled_from(faults), max_size=6)):
+        if not messages:
+            break
+        a, b = sorted(generator.integers(0, len(messages), 2).tolist())
+        if what == "cut":
+            del messages[a:b]
+        elif what == "shift":
+            jump = generator.choice([0.01, 0.5, 30.0, 1e9])
+            messages[a:] = [_at(message, message.timestamp + jump) for message in messages[a:]]
+        elif what == "swap":
+            messages[a], messages[b] = messages[b], messages[a]
+        elif what == "damage":
+            messages[a:b] = [_noise(message, generator) for message in messages[a:b]]
+        elif what == "invalid":
+            messages[a] = pressure(one, 5, messages[a].timestamp, valid=(False, True, True, True))
+        elif what == "copy":
+            messages[b:b] = [_at(message, messages[b].timestamp) for message in messages[a : a + 3]]
+        else:
+            messages[a:] = [_at(message, message.timestamp - messages[a].timestamp) for message in messages[a:]]
+    try:
+        series = read(messages, split=bool(seed % 2), fill=seed % 5)
+    except DatasetError as error:
+        assert "\n" not in str(error)
+        return
+    assert series.pieces
+    for piece in series.pieces:
+        assert len(piece) >= 16
+        assert piece.Cp.shape == (len(piece), 4)
+        assert np.isfinite(piece.Cp).all()
+        assert np.isfinite(piece.action).all()
+        assert np.isfinite(piece.initial_action)
+        # Filled or not, a row lies between rows of the drive.
+        assert (one.Cp.min(axis=0) - EXACT <= piece.Cp).all()
+        assert (piece.Cp <= one.Cp.max(axis=0) + EXACT).all()
+        # Double precision has steps of 0.12 us behind 1e9 s.
+        assert np.diff(piece.time_s) == pytest.approx(series.period_s, abs=5e-7)
+
+
+def _at(message: can.Message, time_s: float) -> can.Message:
+    changed = can.Message(
+        timestamp=time_s,
+        arbitration_id=message.arbitration_id,
+        is_extended_id=False,
+        is_fd=message.is_fd,
+        bitrate_switch=message.bitrate_switch,
+        data=bytes(message.data),
+    )
+    return changed
+
+
+def _noise(message: can.Message, generator: np.random.Generator) -> can.Message:
+    changed = _at(message, message.timestamp)
+    changed.data = bytearray(generator.bytes(int(generator.integers(0, 65))))
+    return changed

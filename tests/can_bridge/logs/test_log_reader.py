@@ -1,0 +1,236 @@
+"""What is written is read back, by python-can's own readers too; what is damaged is refused by name."""
+
+import struct
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import can
+import pytest
+from can.util import len2dlc
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from can_bridge.logs.frame_log import loss_of, recording_messages
+from can_bridge.logs.log_reader import read_messages
+from can_bridge.wire.frame import FD_LENGTHS
+from contract.errors import BusError
+
+FORMATS = (".log", ".asc", ".blf", ".trc")
+RESOLUTION_S = 2e-6
+"""The text formats write whole microseconds; a double holds times since the epoch to 0.24 us."""
+EPOCH_S = 1_700_000_000
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> can.Message:
+    kind = draw(st.sampled_from(["classic", "fd", "remote", "error"]))
+    is_extended = draw(st.booleans())
+    is_fd = kind == "fd"
+    length = draw(st.sampled_from(FD_LENGTHS if is_fd else range(9)))
+    if kind == "error":
+        return can.Message(is_error_frame=True)
+    return can.Message(
+        arbitration_id=draw(st.integers(0, 0x1FFFFFFF if is_extended else 0x7FF)),
+        is_extended_id=is_extended,
+        is_remote_frame=kind == "remote",
+        dlc=length,
+        data=None if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
+        is_fd=is_fd,
+        is_rx=draw(st.booleans()),
+        bitrate_switch=is_fd and draw(st.booleans()),
+        error_state_indicator=is_fd and draw(st.booleans()),
+        channel=0,
+    )
+
+
+@st.composite
+def logs(draw: st.DrawFn) -> list[can.Message]:
+    """In the order of time, with gaps of a microsecond to an hour."""
+    found = draw(st.lists(messages(), min_size=1, max_size=12))
+    t = EPOCH_S + draw(st.integers(0, 10**6)) / 1e6
+    for message in found:
+        message.timestamp = t
+        t += draw(st.integers(0, 3_600_000_000)) / 1e6
+    return found
+
+
+def identity(message: can.Message) -> tuple[object, ...]:
+    """All but time and channel; of an error frame, that it is one."""
+    if message.is_error_frame:
+        return ("error",)
+    return (
+        *(message.arbitration_id, message.is_extended_id, message.is_remote_frame, message.is_fd, message.is_rx),
+        *(message.bitrate_switch, message.error_state_indicator, message.dlc, bytes(message.data)),
+    )
+
+
+def write(path: Path, log: list[can.Message]) -> None:
+    with recording_messages(path) as append:
+        for message in log:
+            append(message)
+
+
+def expected(path: Path, log: list[can.Message]) -> list[can.Message]:
+    """What the format keeps, by what `loss_of` says of it."""
+    kept = []
+    for message in log:
+        loss = loss_of(path, message)
+        if loss == "error frames":
+            continue
+        if loss == "data lengths of remote frames":
+            message = can.Message(
+                timestamp=message.timestamp,
+                arbitration_id=message.arbitration_id,
+                is_extended_id=message.is_extended_id,
+                is_remote_frame=True,
+                is_rx=message.is_rx,
+            )
+        kept.append(message)
+    return kept
+
+
+HAS_ASAMMDF = find_spec("asammdf") is not None
+MF4 = pytest.param(
+    ".mf4",
+    # asammdf takes a quarter of a second to make and read a file.
+    marks=[pytest.mark.slow, pytest.mark.skipif(not HAS_ASAMMDF, reason="asammdf is not installed")],
+)
+
+
+@pytest.mark.parametrize("suffix", [*FORMATS, MF4])
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(log=logs())
+def test_what_is_written_is_read_back(tmp_path_factory, suffix, log):
+    path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
+    write(path, log)
+    kept = expected(path, log)
+    got = list(read_messages(path))
+    if suffix == ".mf4":
+        # Data, remote and error frames are three tables there: among equal times their order is not kept.
+        got.sort(key=lambda one: (round(one.timestamp * 1e6), repr(identity(one))))
+        kept.sort(key=lambda one: (round(one.timestamp * 1e6), repr(identity(one))))
+    assert [identity(one) for one in got] == [identity(one) for one in kept]
+    if got:
+        times, wanted = [one.timestamp for one in got], [one.timestamp for one in kept]
+        zero = (times[0], wanted[0]) if suffix == ".asc" else (0.0, 0.0)
+        assert [t - zero[0] for t in times] == pytest.approx([t - zero[1] for t in wanted], abs=RESOLUTION_S, rel=0)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@given(log=logs())
+def test_python_can_alone_reads_the_same_data_frames(tmp_path_factory, suffix, log):
+    """Its TRC reader leaves an FD frame's length code in place of the length; the bytes are right."""
+    path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
+    write(path, log)
+    wanted = [one for one in log if not (one.is_error_frame or one.is_remote_frame)]
+    with can.LogReader(path) as reader:
+        # Its ASC reader takes an FD frame without data for a remote one.
+        got = [one for one in reader if not one.is_error_frame and (not one.is_remote_frame or one.is_fd)]
+    assert [(one.arbitration_id, one.is_extended_id, bytes(one.data)) for one in got] == [
+        (one.arbitration_id, one.is_extended_id, bytes(one.data)) for one in wanted
+    ]
+    assert [one.is_fd for one in got] == [one.is_fd for one in wanted]
+    if suffix == ".trc":
+        assert [one.dlc for one in got] == [len2dlc(len(one.data)) for one in wanted]
+
+
+def test_trc_types_are_those_of_pcan(tmp_path):
+    """PEAK, "PCAN trace file format", version 2.1: FE is the error state alone, BI both flags."""
+    path = tmp_path / "a.trc"
+    flags = [(False, False), (True, False), (False, True), (True, True)]
+    log = [can.Message(is_fd=True, bitrate_switch=brs, error_state_indicator=esi) for brs, esi in flags]
+    write(path, [can.Message(), *log, can.Message(is_remote_frame=True)])
+    lines = [line for line in path.read_text().splitlines() if not line.startswith(";")]
+    assert [line.split()[2] for line in lines] == ["DT", "FD", "FB", "FE", "BI", "RR"]
+    assert str(path) in path.read_text()
+
+
+def one_log(path: Path) -> None:
+    write(path, [can.Message(timestamp=1.0 + i / 1000, arbitration_id=i, data=bytes(8)) for i in range(100)])
+
+
+@pytest.mark.parametrize(
+    ("suffix", "damage", "words"),
+    [
+        (".blf", lambda content: content[: len(content) // 2], "is cut off|cannot be read as a CAN log"),
+        (".blf", lambda content: content[:20], "cannot be read as a CAN log"),
+        (".blf", lambda content: b"", "cannot be read as a CAN log"),
+        (".blf", lambda content: b"PK" + content[2:], "cannot be read as a CAN log"),
+        (".asc", lambda content: content[: len(content) // 2], "no End TriggerBlock|bytes announced"),
+        (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
+        (".log", lambda content: content[:-20], "cannot be read as a CAN log|its last line has no end"),
+        (".log", lambda content: b"\xff\xfe\x00", "cannot be read as a CAN log"),
+        (".trc", lambda content: content[:-10], "cannot be read as a CAN log|its last line has no end"),
+    ],
+)
+def test_damage_is_named_after_what_could_be_read(tmp_path, suffix, damage: Callable[[bytes], bytes], words):
+    path = tmp_path / f"a{suffix}"
+    one_log(path)
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(BusError, match=rf"a\{suffix}: .*({words})") as caught:
+        list(read_messages(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".trc", ".log"])
+def test_every_cut_is_an_error_or_ends_between_two_frames(tmp_path, suffix):
+    """The line formats have no end that could be missing: cut between two lines, the file is a shorter log."""
+    path = tmp_path / f"a{suffix}"
+    one_log(path)
+    content = path.read_bytes()
+    whole = [identity(one) for one in read_messages(path)]
+    for cut in range(0, len(content), 41):
+        path.write_bytes(content[:cut])
+        got = []
+        try:
+            for one in read_messages(path):
+                got.append(identity(one))
+        except BusError:
+            pass
+        else:
+            assert suffix in (".trc", ".log") or len(got) in (0, len(whole))
+        assert got == whole[: len(got)]
+
+
+def test_a_blf_says_how_much_is_missing(tmp_path):
+    path = tmp_path / "a.blf"
+    one_log(path)
+    content = path.read_bytes()
+    (size,) = struct.unpack_from("<Q", content, 16)
+    assert size == len(content)
+    # Larger than announced is no damage: loggers append.
+    path.write_bytes(content[:16] + struct.pack("<Q", size + 1000) + content[24:])
+    with pytest.raises(BusError, match=f"is cut off: {size + 1000} bytes announced, {size} there"):
+        list(read_messages(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("a.csv", r"a\.csv: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4"),
+        ("a", "a log must end in"),
+        ("missing.blf", "there is no such file"),
+        ("folder.log", "is a directory"),
+    ],
+)
+def test_other_files_are_refused_by_name(tmp_path, name, words):
+    (tmp_path / "folder.log").mkdir()
+    (tmp_path / "a.csv").touch()
+    with pytest.raises(BusError, match=words):
+        list(read_messages(tmp_path / name))
+
+
+@pytest.mark.skipif(HAS_ASAMMDF, reason="asammdf is installed")
+def test_mf4_without_asammdf_is_one_line(tmp_path):
+    (tmp_path / "a.mf4").touch()
+    with pytest.raises(BusError, match=r"a\.mf4: MF4 needs asammdf: pip install 'stillwake\[mf4\]'$"):
+        list(read_messages(tmp_path / "a.mf4"))
+    with pytest.raises(BusError, match="needs asammdf"), recording_messages(tmp_path / "b.mf4"):
+        pytest.fail("must not get here")
+
+
+def test_capital_endings_are_taken(tmp_path):
+    one_log(tmp_path / "A.BLF")
+    assert len(list(read_messages(tmp_path / "A.BLF"))) == 100

@@ -1,0 +1,116 @@
+"""Periodic messages: their priority against the bits on the wire, and how made-up ones fill a bus."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.timing.traffic import PERIODS_MS, PeriodicMessage, background, made_up
+from can_bridge.wire.message_specs import SPECS
+from contract.config.vehicle import BackgroundConfig, BusConfig
+from contract.errors import ConfigError
+
+OURS = tuple(spec.frame_id for spec in SPECS)
+TAKEN = (0x100, 0x150)
+
+
+def message(**changes: Any) -> PeriodicMessage:
+    usual: dict[str, Any] = {"name": "Some", "frame_id": 0x100, "is_fd": False, "length": 8, "period_ns": 10**7}
+    return PeriodicMessage(**{**usual, **changes})
+
+
+def arbitration_bits(frame_id: int, *, is_extended: bool) -> str:
+    """The bits that nodes compare, as ISO 11898-1 orders them; 0 is dominant and wins."""
+    if is_extended:
+        # Base identifier, SRR, IDE, extension, RTR.
+        return f"{frame_id >> 18:011b}" + "11" + f"{frame_id & 0x3FFFF:018b}" + "0"
+    # Identifier, RTR, IDE.
+    return f"{frame_id:011b}" + "00"
+
+
+IDENTIFIERS = st.tuples(st.integers(0, 0x7FF), st.just(False)) | st.tuples(st.integers(0, 0x1FFFFFFF), st.just(True))
+
+
+@given(one=IDENTIFIERS, base=st.integers(0, 0x7FF), other=IDENTIFIERS, is_near=st.booleans())
+def test_priority_is_the_order_of_the_arbitration_bits(one, base, other, is_near):
+    if is_near:  # the same leading 11 bits, so that the rest decides
+        one, other = (base, False), ((base << 18) | (other[0] & 0x3FFFF), True)
+    first, second = (message(frame_id=frame_id, is_extended=extended) for frame_id, extended in (one, other))
+    bits = [arbitration_bits(frame_id, is_extended=extended) for frame_id, extended in (one, other)]
+    # A shorter string that begins the longer one cannot occur: IDE differs.
+    assert (first.priority < second.priority) == (bits[0] < bits[1])
+
+
+@pytest.mark.parametrize(
+    ("changes", "culprit"),
+    [
+        ({"frame_id": 0x800}, "frame id 0x800"),
+        ({"length": 9}, "frame of 9 bytes"),
+        ({"period_ns": 0}, "Some: period 0 ns"),
+        ({"offset_ns": -1}, "Some: offset -1 ns"),
+        ({"jitter_ns": -1}, "Some: jitter -1 ns"),
+        ({"deadline_ns": -1}, "Some: deadline -1 ns"),
+    ],
+)
+def test_what_no_node_could_send_is_refused(changes, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        message(**changes)
+
+
+LOADS = st.floats(0.02, 0.99)
+BUSES = st.builds(BusConfig, frames=st.sampled_from(["fd", "classic"]), nominal_bitrate=st.just(500_000))
+
+
+@given(load=LOADS, bus=BUSES, seed=st.integers(0, 2**32))
+def test_made_up_messages_fill_their_share_and_no_more(load, bus, seed):
+    messages = made_up(load, bus, TAKEN, seed=seed)
+    taken = sum(one.worst_ns(bus) / one.period_ns for one in messages)
+    # One frame a second, the rarest, is the most that is left over: 64 bytes of CAN FD, or 8 of classic CAN.
+    rarest = message(is_fd=bus.frames == "fd", length=64 if bus.frames == "fd" else 8).worst_ns(bus) / 1e9
+    assert load - rarest - 1e-9 < taken <= load + 1e-9  # 1e-9: sums of floats
+
+
+@given(load=LOADS, bus=BUSES, seed=st.integers(0, 2**32))
+def test_made_up_messages_are_those_of_a_vehicle(load, bus, seed):
+    messages = made_up(load, bus, TAKEN, seed=seed)
+    ids = [one.frame_id for one in messages]
+    assert ids == sorted(set(ids))
+    assert not set(ids) & {*OURS, *TAKEN}
+    assert all(one.is_fd == (bus.frames == "fd") for one in messages)
+    assert {one.period_ns for one in messages} <= {ms * 10**6 for ms in PERIODS_MS}
+    assert [one.period_ns for one in messages] == sorted(one.period_ns for one in messages)
+    assert all(0 <= one.offset_ns < one.period_ns for one in messages)
+    if len(messages) > 1:
+        assert ids[0] < min(TAKEN)
+        assert ids[-1] > max(TAKEN)
+
+
+def test_the_seed_decides():
+    bus = BusConfig()
+    sets = [made_up(0.5, bus, TAKEN, seed=seed) for seed in (0, 0, 1)]
+    assert sets[0] == sets[1] != sets[2]
+
+
+def test_no_background_is_none():
+    assert background(BackgroundConfig(), BusConfig(), TAKEN) == ()
+
+
+def test_background_is_the_made_up_one():
+    bus = BusConfig()
+    assert background(BackgroundConfig(load=0.3, seed=4), bus, TAKEN) == made_up(0.3, bus, TAKEN, seed=4)
+
+
+def test_our_identifiers_are_taken_in_any_case():
+    assert made_up(0.5, BusConfig(), (), seed=1) == made_up(0.5, BusConfig(), OURS[:3], seed=1)
+
+
+def test_a_share_below_one_message_is_refused():
+    with pytest.raises(ConfigError, match=r"load = 1e-05: less than one message a second"):
+        made_up(1e-5, BusConfig(), TAKEN, seed=0)
+
+
+def test_a_share_that_needs_more_identifiers_than_there_are_is_refused():
+    fast = BusConfig(nominal_bitrate=10**8, data_bitrate=10**9)
+    with pytest.raises(ConfigError, match=r"load = 0\.9: needs more than the 1765 free identifiers"):
+        made_up(0.9, fast, TAKEN, seed=0)
