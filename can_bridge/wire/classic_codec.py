@@ -126,9 +126,9 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
     """8 bytes; counts stay at their largest values. Raises ValueError for a negative count or a hash too large."""
     state, reason, overruns, missed, crc_errors, bus_off, bundle_hash, refused, *_ = message
     if min(overruns, missed, crc_errors, refused, bus_off) < 0:
-        for name in ("overruns", "missed", "crc_errors", "bus_off", "refused"):
-            if getattr(message, name) < 0:
-                raise ValueError(f"EcuStatus.{name} = {getattr(message, name)}: must not be negative")
+        counts = ("overruns", "missed", "crc_errors", "bus_off", "refused")
+        name = next(name for name in counts if getattr(message, name) < 0)
+        raise ValueError(f"EcuStatus.{name} = {getattr(message, name)}: must not be negative")
     most = CLASSIC_COUNT_LIMIT
     crc_errors = crc_errors if crc_errors < most else most
     return _ECU_STATUS.pack(

@@ -65,8 +65,7 @@ def emit_pressure(message: Pressure) -> bytes:
         check_pressure_counts(message)
         for value in pressure_pa:
             signed("Pressure.pressure_pa", value, PRESSURE_RESOLUTION_PA, -INT16_MAX - 1, INT16_MAX)
-        unsigned("Pressure.age_ns / 10 us", _age_steps(age_ns), 0xFFFF)
-        raise
+        raise ValueError(f"Pressure.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}") from None
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
@@ -98,8 +97,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
     except UNPACKABLE:
         Mode(mode)
         signed("JetCommand.flow_m2_per_s", flow, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
-        unsigned("JetCommand.pressure_counter", 0 if counter is None else counter, 0xFF)
-        raise
+        raise ValueError(f"JetCommand.pressure_counter = {counter}: must be in 0..255") from None
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:

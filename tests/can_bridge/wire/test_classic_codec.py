@@ -54,6 +54,16 @@ def test_no_frame_looks_fresher_than_it_is(message):
     assert parsed.age_ns >= min(message.age_ns, STALE_NS)
 
 
+def test_a_sensor_that_is_not_valid_loses_its_value_and_no_other_does():
+    message = pressure(pressure_pa=(-2047.0, 1.0, 2047.0, 5.0), valid=(True, False, True, True), age_ns=10_000_000)
+    signals = decoded("PressureClassic", classic_codec.emit_pressure(message))
+    assert [signals[f"Pressure{i}"] for i in range(4)] == [-2047, -2048, 2047, 5]
+    parsed = classic_codec.parse_pressure(classic_codec.emit_pressure(message))
+    assert parsed == message._replace(pressure_pa=(-2047.0, 0.0, 2047.0, 5.0))
+    whole = message._replace(valid=(True,) * 4)
+    assert classic_codec.parse_pressure(classic_codec.emit_pressure(whole)) == whole
+
+
 @given(data=st.data())
 def test_pressure_encoded_by_cantools_is_parsed(data):
     raw = data.draw(st.tuples(*[st.integers(-2048, 2047)] * 4))
