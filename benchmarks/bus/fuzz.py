@@ -1,19 +1,20 @@
 """Damaged and made-up receptions through the whole receive path, with genuine frames between them."""
 
 import resource
-from collections.abc import Callable
-from itertools import cycle
+from collections.abc import Callable, Iterator
+from itertools import count
 from random import Random
 from typing import Any, Final
 
 from can.interfaces.udp_multicast.utils import pack_message
 
 from benchmarks.bus.garbage import any_datagram, any_line, any_message
-from benchmarks.bus.receive_path import ReceivePath
+from benchmarks.bus.receive_path import KEY, MESSAGES, ReceivePath
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.node import secured
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import CLASSIC, FD
 
 BATCH: Final = 50
 """Receptions between two collections, a tenth of them genuine."""
@@ -28,19 +29,20 @@ def measure(
     """Feed datagrams, serial lines and drivers' messages in turn.
 
     Args:
-        frames: made-up receptions, of the three kinds together.
+        frames: receptions of the three kinds together, a tenth of them genuine and the others made up.
         seed: of all of them.
         progress: called with receptions done and in all.
 
     Returns:
         `fuzz_frames`, receptions as the buses counted them (noise on a serial line may hold several); `accepted` frames
         and `rejected` by reason; `genuine` frames sent between them and `genuine_lost`; `exceptions`, each of which is
-        also in `failures` with its kind; `max_rss_growth_kib` after the first tenth.
+        also in `failures` with its kind; `authentic` secured frames, among which `authentic_made_up` were sent by
+        nobody; `max_rss_growth_kib` after the first tenth.
     """
     rng = Random(seed)
     path = ReceivePath()
-    genuine = cycle(_genuine_frames())
-    sent = lost = done = 0
+    genuine = _genuine_frames()
+    sent = lost = done = authentic = made_up = 0
     failures: list[str] = []
     rss_before: int | None = None
     for batch in range(-(-frames // BATCH)):
@@ -57,6 +59,10 @@ def measure(
                 arrived.remove((frame.frame_id, frame.data, frame.is_fd))
             except ValueError:
                 lost += 1
+        authentic += len(path.authentic)
+        # What is made up is made from this batch's frames: no other authentic content can be in it.
+        made_up += len({frame.data for frame in path.authentic} - {frame.data for frame in sound})
+        path.authentic.clear()
         done = min(frames, done + BATCH)
         progress(done, frames)
         if rss_before is None and done >= WARM_UP * frames:
@@ -68,20 +74,21 @@ def measure(
         "rejected": {reason.value: count for reason, count in rejected.items() if count},
         "genuine": sent,
         "genuine_lost": lost,
+        "authentic": authentic,
+        "authentic_made_up": made_up,
         "exceptions": len(failures),
         "failures": failures[:10],
         "max_rss_growth_kib": _max_rss_kib() - (rss_before or 0),
     }
 
 
-def _genuine_frames() -> list[Frame]:
-    """A round of counters of every message."""
-    rounds = [
-        (E2eSender(message.spec), bytes(message.spec.protected))
-        for used in (FD, CLASSIC)
-        for message in (used.pressure, used.command, used.status)
-    ]
-    return [sender.frame(data, now_ns=i) for i in range(256) for sender, data in rounds]
+def _genuine_frames() -> Iterator[Frame]:
+    """Every message of the three sets in turn, for ever; the secured ones under `KEY`."""
+    senders = [(E2eSender(message.spec), bytes(message.spec.protected)) for message in MESSAGES]
+    for number in count():
+        for sender, data in senders:
+            frame, key = sender.frame(data, now_ns=number), KEY if sender.spec.is_secured else None
+            yield secured(frame, spec=sender.spec, key=key, freshness=Freshness(count=number))
 
 
 def _datagrams(rng: Random, path: ReceivePath, sound: list[Frame]) -> list[Frame]:

@@ -4,7 +4,7 @@ The backends are the real ones; only the system's call that would hand over a da
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import can
@@ -14,12 +14,18 @@ from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.rejection import Rejection
 from can_bridge.e2e.receiver import E2eReceiver
+from can_bridge.secoc.key import KEY_LENGTH, Key
+from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import CLASSIC, FD
+from can_bridge.wire.message_sets import CLASSIC, FD, SECURED
+from can_bridge.wire.message_specs import MessageSpec
 from contract.config.vehicle import E2eConfig
 
 _SENDER: Final = ("127.0.0.1", 1)
 _E2E: Final = E2eConfig()
+MESSAGES: Final = [message for used in (FD, CLASSIC, SECURED) for message in (used.pressure, used.command, used.status)]
+KEY: Final = Key(bytes(range(KEY_LENGTH)))
+"""Of the secured messages."""
 
 
 class ReceivePath:
@@ -27,6 +33,7 @@ class ReceivePath:
 
     Attributes:
         fed: receptions that went in, apart from serial lines, whose number is a matter of their ends.
+        authentic: frames of secured messages that came as far as their end-to-end check; the caller may clear it.
     """
 
     def __init__(self) -> None:
@@ -36,9 +43,10 @@ class ReceivePath:
         self.udp = PythonCanBus(_FedUdpBus(self._datagrams))
         self.slcan = PythonCanBus(_FedSlcanBus(self._port))
         self.driver = PythonCanBus(self._messages, linux_error_frames=True)
-        messages = [message for used in (FD, CLASSIC) for message in (used.pressure, used.command, used.status)]
-        self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in messages]
+        self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in MESSAGES]
+        self._verifiers = {message.spec: VerifierState() for message in MESSAGES if message.spec.is_secured}
         self.fed = 0
+        self.authentic: list[Frame] = []
         self._time = 0.0
 
     @property
@@ -74,6 +82,11 @@ class ReceivePath:
         refused = {reason: sum(bus.rejected[reason] for bus in self.buses) for reason in Rejection}
         return sum(bus.accepted for bus in self.buses), refused
 
+    @property
+    def unauthentic(self) -> int:
+        """Frames of secured messages that were refused: not by the key's holder, or not new."""
+        return sum(state.refused for state in self._verifiers.values())
+
     def _followed(self, bus: PythonCanBus) -> list[Frame]:
         """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance."""
         before = bus.accepted
@@ -86,7 +99,7 @@ class ReceivePath:
         if len(frames) != bus.accepted - before or bus.received != bus.accepted + sum(bus.rejected.values()):
             raise AssertionError(f"{bus.received} received: {bus.accepted} accepted, {bus.rejected} refused")
         for receiver, parse in self._messages_in:
-            found = receiver.tick(frames)
+            found = receiver.tick(self._authenticated(frames, receiver.spec))
             if found.accepted is not None:
                 parse(found.accepted.data[: receiver.spec.protected])
         for frame in frames:
@@ -94,7 +107,16 @@ class ReceivePath:
             for receiver, parse in self._messages_in:
                 if frame.frame_id == receiver.spec.frame_id:
                     parse(frame.data)
+                    parse(frame.data[: receiver.spec.protected])
         return frames
+
+    def _authenticated(self, frames: list[Frame], spec: MessageSpec) -> Sequence[Frame]:
+        """Those that a message's end-to-end check gets to see."""
+        if spec not in self._verifiers:
+            return frames
+        self._verifiers[spec], passed, _ = verified(self._verifiers[spec], frames, spec=spec, key=KEY)
+        self.authentic += [frame for frame in passed if frame.frame_id == spec.frame_id and not frame.is_extended]
+        return passed
 
 
 class _FedDatagrams:

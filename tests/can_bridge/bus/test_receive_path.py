@@ -7,24 +7,28 @@ from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.bus.receive_path import ReceivePath
+from benchmarks.bus.receive_path import KEY, MESSAGES, ReceivePath
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
 from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.node import secured
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import CLASSIC, FD
+from can_bridge.wire.message_sets import FD
 from contract.config.vehicle import E2eConfig
 from tests.fuzz.receive_path import follow
 
-MESSAGES = [message for used in (FD, CLASSIC) for message in (used.pressure, used.command, used.status)]
-
 
 def genuine(count: int) -> list[Frame]:
-    """Of all messages in turn, their counters in step."""
+    """Of all messages of the three sets in turn, their counters in step."""
     senders = [E2eSender(message.spec) for message in MESSAGES]
-    return [
+    frames = [
         senders[i % len(senders)].frame(bytes(MESSAGES[i % len(senders)].spec.protected), now_ns=i)
         for i in range(count)
+    ]
+    return [
+        secured(frame, spec=sender.spec, key=KEY if sender.spec.is_secured else None, freshness=Freshness(count=i))
+        for i, (frame, sender) in enumerate(zip(frames, senders * count, strict=False))
     ]
 
 
@@ -75,6 +79,10 @@ def test_genuine_frames_between_garbage_arrive_in_their_order(garbage, count):
     assert path.udp.received == path.fed == 2 * count
     lines = b"".join(noise[i % len(noise)].replace(b"\r", b"") + b"\r" + line(frame) for i, frame in enumerate(frames))
     assert [(frame.frame_id, frame.data, frame.is_fd) for frame in path.lines(lines)] == expected
+    # Those of the lines are the datagrams' over again: not fresh.
+    assert sorted(frame.data for frame in path.authentic) == sorted(
+        frame.data for frame, message in zip(frames, MESSAGES * count, strict=False) if message.spec.is_secured
+    )
 
 
 def line(frame: Frame) -> bytes:
