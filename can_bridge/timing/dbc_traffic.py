@@ -90,6 +90,9 @@ def _load(path: Path) -> "Database":
         from cantools.database.errors import Error
     except ModuleNotFoundError as error:
         raise BusError(f"{path}: reading it needs cantools: pip install 'stillwake[bus]'") from error
+    # A device may have no end, and a pipe no writer.
+    if path.exists() and not path.is_file():
+        raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:
         database = load_file(path)
     except OSError as error:

@@ -17,7 +17,7 @@ more frames.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Final
 
 from can_bridge.timing.traffic import PeriodicMessage
@@ -88,7 +88,13 @@ def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
         timings: the highest priority first.
         bit_ns: one bit at the nominal rate, rounded up.
     """
-    return [_response(timings, level, bit_ns) for level in range(len(timings))]
+    blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
+    higher: _Rhythms = {}
+    found = []
+    for own, blocked in zip(timings, blocking, strict=False):
+        found.append(_response(own, higher, blocked, bit_ns))
+        higher = _with(higher, own)
+    return found
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
@@ -108,10 +114,18 @@ def nominal_bit_ns(bus: BusConfig) -> int:
     return -(-(10**9) // bus.nominal_bitrate)
 
 
-def _response(timings: Sequence[Timing], level: int, bit_ns: int) -> Response:
-    own, higher = timings[level], timings[:level]
-    blocking = max((other.frame_ns for other in timings[level + 1 :]), default=0)
-    busy = _busy_ns((*higher, own), blocking)
+_Rhythms = dict[tuple[int, int], int]
+"""Bus time that messages take each time they come, by period and jitter: the analysis tells them apart by no more, and
+thousands of messages have a dozen rhythms."""
+
+
+def _with(rhythms: _Rhythms, one: Timing) -> _Rhythms:
+    rhythm = one.period_ns, one.jitter_ns
+    return {**rhythms, rhythm: rhythms.get(rhythm, 0) + one.frame_ns}
+
+
+def _response(own: Timing, higher: _Rhythms, blocking: int, bit_ns: int) -> Response:
+    busy = _busy_ns(_with(higher, own), blocking)
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
     worst, worst_instance = 0, 0
@@ -130,24 +144,24 @@ def _response(timings: Sequence[Timing], level: int, bit_ns: int) -> Response:
     return Response(blocking_ns=blocking, response_ns=worst, instance=worst_instance, deadline_ns=own.deadline_ns)
 
 
-def _busy_ns(timings: Sequence[Timing], blocking: int) -> int | None:
+def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
     """The longest time for which the bus can be busy with these messages after a blocking frame; None without bound."""
-    load = utilisation(timings)
+    load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
     # At a load of 1 it ends only if nothing adds to it; below, always, but near 1 late.
-    if load > 1 or (load == 1 and (blocking or any(one.jitter_ns for one in timings))):
+    if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):
         return None
-    busy = blocking + sum(one.frame_ns for one in timings)
+    busy = blocking + sum(rhythms.values())
     while busy <= LONGEST_BUSY_NS:
-        longer = blocking + _demand(timings, busy, 0)
+        longer = blocking + _demand(rhythms, busy, 0)
         if longer == busy:
             return busy
         busy = longer
     return None
 
 
-def _demand(timings: Sequence[Timing], within_ns: int, bit_ns: int) -> int:
+def _demand(rhythms: _Rhythms, within_ns: int, bit_ns: int) -> int:
     """Bus time of all frames that can be queued within a time, at worst."""
-    return sum(_ceil(within_ns + one.jitter_ns + bit_ns, one.period_ns) * one.frame_ns for one in timings)
+    return sum(_ceil(within_ns + jitter + bit_ns, period) * busy for (period, jitter), busy in rhythms.items())
 
 
 def _ceil(dividend: int, divisor: int) -> int:

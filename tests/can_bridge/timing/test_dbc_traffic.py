@@ -1,5 +1,6 @@
 """Traffic out of a DBC, and out of the same network as cantools writes it in another format."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -163,6 +164,15 @@ def test_a_damaged_file_is_one_line(tmp_path, name, content, reason):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(BusError, match=r"none\.dbc: No such file or directory"):
         read_traffic(tmp_path / "none.dbc", BusConfig(), TAKEN, seed=0)
+
+
+def test_what_is_no_file_is_not_read(tmp_path):
+    """A device without an end would fill the memory, and a pipe without a writer would wait for ever."""
+    pipe = tmp_path / "traffic.dbc"
+    os.mkfifo(pipe)
+    for path, what in ((Path("/dev/zero"), "device or pipe"), (pipe, "device or pipe"), (tmp_path, "directory")):
+        with pytest.raises(BusError, match=f"{path}: is a {what}, must be a file"):
+            read_traffic(path, BusConfig(), (), seed=0)
 
 
 def test_without_cantools_the_extra_is_named(dbc, monkeypatch):

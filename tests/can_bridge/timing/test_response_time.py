@@ -189,3 +189,15 @@ def test_messages_out_of_order_are_refused():
     for messages in ([b, a], [a, a]):
         with pytest.raises(ValueError, match="must be in falling priority"):
             message_response_times(messages, BusConfig())
+
+
+def test_thousands_of_messages_with_one_rhythm_are_counted_not_listed():
+    """All at once, 3,000 frames of a tenth of a millisecond: each waits for those above it and one from below.
+
+    Two sums over all messages of higher priority for every message would take minutes.
+    """
+    count, frame = 3000, 100 * US
+    found = response_times(timings(*[(frame, 10_000 * count * US, 0)] * count), bit_ns=2 * US)
+    below = [frame] * (count - 1) + [0]
+    assert [one.response_ns for one in found] == [below[k] + (k + 1) * frame for k in range(count)]
+    assert [one.blocking_ns for one in found] == below
