@@ -6,9 +6,13 @@ it.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from math import comb
-from typing import Any, Final
+from multiprocessing import get_context
+from os import sched_getaffinity
+from signal import SIG_IGN, SIGINT, signal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -24,12 +28,18 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
 
+if TYPE_CHECKING:
+    from multiprocessing.sharedctypes import Synchronized
+
 CHUNK: Final = 10_000
 """Frames between two reports of progress."""
 PROFILE_5_BITS: Final = 16
 """Of its CRC."""
 EVERY: Final = 5
 """In a genuine stream, one frame of so many is replaced by random bytes: the default window bears that."""
+
+POLL_S: Final = 0.2
+"""Between two looks at what the processes have done."""
 
 Progress = Callable[[int, int], None]
 
@@ -59,9 +69,18 @@ class Plan:
 
 
 def measure(
-    plan: Plan | None = None, *, seed: int = 0, progress: Progress = lambda done, total: None
+    plan: Plan | None = None,
+    *,
+    seed: int = 0,
+    processes: int | None = None,
+    progress: Progress = lambda done, total: None,
 ) -> dict[str, Any]:
     """Damage every message of the three sets.
+
+    Args:
+        seed: of the damage. Every message draws from a sequence of its own.
+        processes: as many as there are processors without it; the figures do not depend on it.
+        progress: called with frames done and in all.
 
     Returns:
         `flips_accepted`, of all messages and all flips; `random_accepted_per_million` by profile 5, whose length alone
@@ -69,11 +88,18 @@ def measure(
     """
     plan = Plan() if plan is None else plan
     total = sum(plan.frames(spec) for spec in SPECS)
-    counted = _Counter(total, progress)
-    messages = {
-        spec.name: _measure(spec, plan, np.random.default_rng([seed, spec.frame_id]), counted) for spec in SPECS
-    }
-    counted.finish()
+    if (len(sched_getaffinity(0)) if processes is None else processes) == 1:
+        done = 0
+
+        def count(frames: int) -> None:
+            nonlocal done
+            done += frames
+            progress(done, total)
+
+        messages = {spec.name: _measure(spec, plan, seed, count) for spec in SPECS}
+    else:
+        messages = _in_parallel(plan, seed, processes, lambda done: progress(done, total))
+    progress(total, total)
     by_profile_5 = [messages[spec.name]["random"] for spec in SPECS if _code_bits(spec) == PROFILE_5_BITS]
     return {
         "flips_accepted": sum(
@@ -86,24 +112,49 @@ def measure(
     }
 
 
-class _Counter:
-    """Reports progress while frames go by."""
+def _in_parallel(
+    plan: Plan, seed: int, processes: int | None, progress: Callable[[int], None]
+) -> dict[str, dict[str, Any]]:
+    context = get_context("spawn")
+    done: Synchronized[int] = context.Value("q", 0)
+    # The slow ones first, so that no process is left with one of them.
+    order = sorted(SPECS, key=lambda spec: not spec.is_secured)
+    with context.Pool(processes, initializer=_begin, initargs=(done,)) as pool:
+        found = {spec.name: pool.apply_async(_measure, (spec, plan, seed, _count_shared)) for spec in order}
+        for result in found.values():
+            while not result.ready():
+                result.wait(POLL_S)
+                progress(done.value)
+        return {spec.name: found[spec.name].get() for spec in SPECS}
 
-    def __init__(self, total: int, progress: Progress) -> None:
-        self._done, self._total, self._progress = 0, total, progress
 
-    def over(self, items: Iterable[bytes]) -> Iterator[bytes]:
-        for item in items:
-            self._done += 1
-            if self._done % CHUNK == 0:
-                self._progress(self._done, self._total)
-            yield item
-
-    def finish(self) -> None:
-        self._progress(self._done, self._total)
+_shared: "Synchronized[int]"
+"""In a process of its own: frames done by all of them."""
 
 
-def _measure(spec: MessageSpec, plan: Plan, rng: np.random.Generator, counted: _Counter) -> dict[str, Any]:
+def _begin(done: "Synchronized[int]") -> None:
+    global _shared
+    _shared = done
+    signal(SIGINT, SIG_IGN)  # Ctrl-C is the parent's, which ends this process
+
+
+def _count_shared(frames: int) -> None:
+    with _shared.get_lock():
+        _shared.value += frames
+
+
+def _counted(count: Callable[[int], None], items: Iterable[bytes]) -> Iterator[bytes]:
+    """The items; tells `count` of every so many."""
+    number = 0
+    for number, item in enumerate(items, 1):
+        if number % CHUNK == 0:
+            count(CHUNK)
+        yield item
+    count(number % CHUNK)
+
+
+def _measure(spec: MessageSpec, plan: Plan, seed: int, count: Callable[[int], None]) -> dict[str, Any]:
+    rng, counted = np.random.default_rng([seed, spec.frame_id]), partial(_counted, count)
     key = Key(rng.bytes(KEY_LENGTH)) if spec.is_secured else None
     passes = _check_of(spec, key)
     # Any content will do: the codes are linear, and a MAC knows no better or worse ones.
@@ -112,12 +163,12 @@ def _measure(spec: MessageSpec, plan: Plan, rng: np.random.Generator, counted: _
         raise ValueError(f"{spec.name}: the frame to be damaged is not sound")
 
     def accepted(payloads: Iterable[bytes]) -> int:
-        return sum(map(passes, counted.over(payloads)))
+        return sum(map(passes, counted(payloads)))
 
     bits, three = 8 * spec.length, plan.three_bit_of(spec)
     every = comb(bits, 3) == three
     choices: Iterable[tuple[int, ...]] = combinations(range(bits), 3) if every else _triples(rng, bits, three)
-    live = sum(map(_live_alone(spec, key), counted.over(_random(rng, spec, plan.random))))
+    live = sum(map(_live_alone(spec, key), counted(_random(rng, spec, plan.random))))
     taken = accepted(_random(rng, spec, plan.random))
     return {
         "bytes": spec.length,
@@ -125,7 +176,7 @@ def _measure(spec: MessageSpec, plan: Plan, rng: np.random.Generator, counted: _
         "two_bit": {"tried": comb(bits, 2), "accepted": accepted(_flipped(sound, combinations(range(bits), 2)))},
         "three_bit": {"tried": three, "exhaustive": every, "accepted": accepted(_flipped(sound, choices))},
         "random": {"tried": plan.random, "accepted": taken, "live": live},
-        "random_among_genuine": _among_genuine(spec, key, plan, rng, counted),
+        "random_among_genuine": _among_genuine(spec, key, plan, rng, count),
         "random_per_million": _per_million(taken, plan.random),
         "expected_random_per_million": 1e6 * 2.0 ** -_code_bits(spec),
     }
@@ -193,14 +244,17 @@ def _live_alone(spec: MessageSpec, key: Key | None) -> Callable[[bytes], bool]:
 
 
 def _among_genuine(
-    spec: MessageSpec, key: Key | None, plan: Plan, rng: np.random.Generator, counted: _Counter
+    spec: MessageSpec, key: Key | None, plan: Plan, rng: np.random.Generator, count: Callable[[int], None]
 ) -> dict[str, int]:
     """A genuine stream with random payloads in place of every fifth frame: how many of either are taken as live."""
     is_live, content = _live_alone(spec, key), bytes(spec.protected)
     live = {"random": 0, "genuine": 0}
     payloads = _random(rng, spec, plan.among_genuine)
-    for number in range(EVERY * plan.among_genuine):
-        kind = "random" if number % EVERY == EVERY - 1 else "genuine"
-        data = next(payloads) if kind == "random" else _genuine(spec, key, number, content).data
-        live[kind] += sum(map(is_live, counted.over([data])))
+
+    def stream() -> Iterator[bytes]:
+        for number in range(EVERY * plan.among_genuine):
+            yield next(payloads) if number % EVERY == EVERY - 1 else _genuine(spec, key, number, content).data
+
+    for number, data in enumerate(_counted(count, stream())):
+        live["random" if number % EVERY == EVERY - 1 else "genuine"] += is_live(data)
     return {"tried": plan.among_genuine, "live": live["random"], "genuine_live": live["genuine"]}
