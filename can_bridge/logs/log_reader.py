@@ -4,8 +4,14 @@ python-can reads the files; what it would pass over in silence is an error here:
 with fewer bytes than its length says. Times are those of the file: since the epoch, but of an ASC since its beginning.
 """
 
+import gc
+import logging
+import math
 import struct
+import sys
+import traceback
 from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -52,7 +58,7 @@ def read_messages(path: Path) -> Iterator[can.Message]:
     before: can.Message | None = None
     try:
         cut_off = _is_cut_off(path)
-        with can.LogReader(path) as reader:
+        with _strict_asammdf() if path.suffix.lower() == MF4 else nullcontext(), can.LogReader(path) as reader:
             for number, message in enumerate(reader, 1):
                 if path.suffix.lower() == ".trc" and message.is_fd and message.error_state_indicator:
                     # It takes PEAK's types FE (error state) and BI (with bit-rate switch, too) for each other.
@@ -61,6 +67,8 @@ def read_messages(path: Path) -> Iterator[can.Message]:
                     yield before
                 before = _sound(message, number)
     except Exception as error:
+        if path.suffix.lower() == MF4:
+            _let_go(error)
         raise BusError(f"{path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
     if cut_off:
         # The last frame may be a part of one that was longer.
@@ -70,7 +78,13 @@ def read_messages(path: Path) -> Iterator[can.Message]:
 
 
 def _sound(message: can.Message, number: int) -> can.Message:
-    """The message, with what python-can's readers get wrong put right; raises ValueError if bytes are missing."""
+    """The message, with what python-can's readers get wrong put right.
+
+    Raises:
+        ValueError: for missing bytes, or a time that is none.
+    """
+    if not math.isfinite(message.timestamp):
+        raise ValueError(f"frame {number}: has no time but {message.timestamp}")
     if message.is_error_frame:
         return message
     if message.is_fd and message.is_remote_frame:
@@ -82,6 +96,39 @@ def _sound(message: can.Message, number: int) -> can.Message:
     if not message.is_remote_frame and message.dlc != len(message.data):
         raise ValueError(f"frame {number}: {message.dlc} bytes announced, {len(message.data)} there")
     return message
+
+
+@contextmanager
+def _strict_asammdf() -> Iterator[None]:
+    """Make a ValueError of what asammdf would print in many lines, and perhaps pass over."""
+    found = _Found()
+    logger = logging.getLogger("asammdf")
+    before, logger.handlers = logger.handlers, [found]
+    try:
+        yield
+    finally:
+        logger.handlers = before
+    if found.errors:
+        raise ValueError("asammdf finds it damaged")
+
+
+class _Found(logging.Handler):
+    """Counts errors."""
+
+    errors = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.errors += record.levelno >= logging.ERROR
+
+
+def _let_go(error: Exception) -> None:
+    """End what was half made where it failed: asammdf's objects fail once more then, which Python would print."""
+    before, sys.unraisablehook = sys.unraisablehook, lambda unraisable: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = before
 
 
 def _is_cut_off(path: Path) -> str:

@@ -1,6 +1,8 @@
 """What is written is read back, by python-can's own readers too; what is damaged is refused by name."""
 
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -234,3 +236,29 @@ def test_mf4_without_asammdf_is_one_line(tmp_path):
 def test_capital_endings_are_taken(tmp_path):
     one_log(tmp_path / "A.BLF")
     assert len(list(read_messages(tmp_path / "A.BLF"))) == 100
+
+
+@pytest.mark.processes  # what an interpreter prints at its end is seen from outside only
+@pytest.mark.skipif(not HAS_ASAMMDF, reason="asammdf is not installed")
+@pytest.mark.parametrize(("block", "byte"), [(b"##DZ", 60), (b"##CN", 0)])
+def test_a_damaged_mf4_is_one_line(tmp_path, block, byte):
+    """asammdf prints tracebacks of its own, and its half-made object fails again when it is deleted."""
+    path = tmp_path / "a.mf4"
+    with recording_messages(path) as write:
+        for i in range(200):
+            write(can.Message(timestamp=EPOCH_S + i / 100, arbitration_id=0x120, is_extended_id=False, data=[i] * 8))
+    content = bytearray(path.read_bytes())
+    content[content.rindex(block) + byte] ^= 0x81
+    path.write_bytes(content)
+    ended = subprocess.run(
+        [sys.executable, "-m", "stillwake", "can", "decode", path], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout, len(ended.stderr.splitlines())) == (1, "", 1), ended.stderr
+    assert "a.mf4: cannot be read as a CAN log" in ended.stderr
+
+
+@pytest.mark.parametrize("time", ["nan", "inf"])
+def test_a_frame_without_a_time_is_refused(tmp_path, time):
+    (tmp_path / "a.log").write_text(f"(1.0) can0 120#00\n({time}) can0 120#00\n")
+    with pytest.raises(BusError, match=f"frame 2: has no time but {time}"):
+        list(read_messages(tmp_path / "a.log"))
