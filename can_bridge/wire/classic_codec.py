@@ -25,6 +25,7 @@ from can_bridge.wire.packing import (
     REASONS,
     UNPACKABLE,
     check_pressure_counts,
+    made,
     mode_of,
     reason_of,
     signed,
@@ -91,11 +92,14 @@ def parse_pressure(data: bytes) -> Pressure | None:
         return None
     head, a, b, c = _PRESSURE.unpack(data)
     f0, f1, f2, f3 = fields = (a & 0xFFF, a >> 12 | (b & 0xFF) << 4, b >> 8 | (c & 0xF) << 8, c >> 4)
-    return Pressure(
-        (_PASCALS[f0], _PASCALS[f1], _PASCALS[f2], _PASCALS[f3]),
-        tuple(field != _INVALID_FIELD for field in fields) if _INVALID_FIELD in fields else _ALL_VALID,
-        head & 0x10 != 0,
-        _AGES_NS[head >> 5],
+    return made(
+        Pressure,
+        (
+            (_PASCALS[f0], _PASCALS[f1], _PASCALS[f2], _PASCALS[f3]),
+            tuple(field != _INVALID_FIELD for field in fields) if _INVALID_FIELD in fields else _ALL_VALID,
+            head & 0x10 != 0,
+            _AGES_NS[head >> 5],
+        ),
     )
 
 
@@ -119,7 +123,8 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
     mode = MODES[head >> 4 & 0b111]
     if mode is None:
         return None
-    return JetCommand(flow * FLOW_RESOLUTION_M2_PER_S, mode, head & 0x80 != 0, echo >> 4 if echo & 1 else None)
+    echoed = echo >> 4 if echo & 1 else None
+    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, head & 0x80 != 0, echoed))
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
@@ -151,13 +156,19 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     state, reason = MODES[head >> 4], REASONS[why & 0xF]
     if state is None or reason is None:
         return None
-    return EcuStatus(
-        state,
-        reason,
-        low & 0x3F,
-        low >> 6 & 0x3F,
-        low >> 12 | (high & 0b11) << 4,
-        why >> 4,
-        bundle_hash << 16,
-        high >> 2,
+    return made(
+        EcuStatus,
+        (
+            state,
+            reason,
+            low & 0x3F,
+            low >> 6 & 0x3F,
+            low >> 12 | (high & 0b11) << 4,
+            why >> 4,
+            bundle_hash << 16,
+            high >> 2,
+            0,
+            0,
+            0,
+        ),
     )

@@ -24,6 +24,7 @@ from can_bridge.wire.packing import (
     UNPACKABLE,
     VALIDITIES,
     check_pressure_counts,
+    made,
     mode_of,
     reason_of,
     signed,
@@ -73,16 +74,19 @@ def parse_pressure(data: bytes) -> Pressure | None:
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
-    return Pressure(
+    return made(
+        Pressure,
         (
-            p0 * PRESSURE_RESOLUTION_PA,
-            p1 * PRESSURE_RESOLUTION_PA,
-            p2 * PRESSURE_RESOLUTION_PA,
-            p3 * PRESSURE_RESOLUTION_PA,
+            (
+                p0 * PRESSURE_RESOLUTION_PA,
+                p1 * PRESSURE_RESOLUTION_PA,
+                p2 * PRESSURE_RESOLUTION_PA,
+                p3 * PRESSURE_RESOLUTION_PA,
+            ),
+            VALIDITIES[flags & _VALID],
+            flags & _ENABLE_REQUEST != 0,
+            age * AGE_RESOLUTION_NS,
         ),
-        VALIDITIES[flags & _VALID],
-        flags & _ENABLE_REQUEST != 0,
-        age * AGE_RESOLUTION_NS,
     )
 
 
@@ -108,11 +112,14 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
     mode = MODES[flags & _MODE_MASK]
     if mode is None:
         return None
-    return JetCommand(
-        flow * FLOW_RESOLUTION_M2_PER_S,
-        mode,
-        flags & _ENABLE != 0,
-        counter if flags & _COUNTER_VALID else None,
+    return made(
+        JetCommand,
+        (
+            flow * FLOW_RESOLUTION_M2_PER_S,
+            mode,
+            flags & _ENABLE != 0,
+            counter if flags & _COUNTER_VALID else None,
+        ),
     )
 
 
@@ -153,7 +160,8 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     known_state, known_reason = MODES[state & _STATE_MASK], REASONS[reason]
     if known_state is None or known_reason is None:
         return None
-    return EcuStatus(known_state, known_reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx)
+    counts = overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx
+    return made(EcuStatus, (known_state, known_reason, *counts))
 
 
 def _age_steps(age_ns: int) -> int:

@@ -10,6 +10,10 @@ from can_bridge.wire.messages import SENSORS, Mode, Pressure, Reason
 UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """What packing or rounding raises for a value that the wire cannot carry."""
 
+made: Final = tuple.__new__
+"""A named tuple from all of its values in order: without the Python function that takes them by name, which costs a
+sixth of a parser's time. Types are not checked: the parsers' tests are."""
+
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
