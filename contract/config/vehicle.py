@@ -1,10 +1,14 @@
 """Settings of the bus, the ECU and the vehicle around it. The paper has the actuator's delay alone (appendix B)."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
 from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS
+
+LARGEST_NOMINAL_BITRATE: Final = 1_000_000
+LARGEST_DATA_BITRATE: Final = 8_000_000
+"""Of arbitration and of CAN FD's data phase: ISO 11898-2:2016 and CiA 601-4 specify transceivers up to these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +79,18 @@ class BusConfig(Settings):
                 name,
                 f"the name of {'an' if name == 'interface' else 'a'} {name}",
             )
+        require(
+            self.nominal_bitrate <= LARGEST_NOMINAL_BITRATE,
+            self,
+            "nominal_bitrate",
+            f"at most {LARGEST_NOMINAL_BITRATE}, CAN's highest",
+        )
+        require(
+            self.frames == "classic" or self.nominal_bitrate <= self.data_bitrate <= LARGEST_DATA_BITRATE,
+            self,
+            "data_bitrate",
+            f"in nominal_bitrate..{LARGEST_DATA_BITRATE}: the data phase of CAN FD is the faster one",
+        )
         require(
             self.frames == "fd" or not self.key,
             self,

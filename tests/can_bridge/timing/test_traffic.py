@@ -111,6 +111,6 @@ def test_a_share_below_one_message_is_refused():
 
 
 def test_a_share_that_needs_more_identifiers_than_there_are_is_refused():
-    fast = BusConfig(nominal_bitrate=10**8, data_bitrate=10**9)
-    with pytest.raises(ConfigError, match=r"load = 0\.9: needs more than the 1765 free identifiers"):
-        made_up(0.9, fast, TAKEN, seed=0)
+    # Made-up messages have identifiers from 0x010 to 0x6ff.
+    with pytest.raises(ConfigError, match=r"load = 0\.9: needs more than the 16 free identifiers"):
+        made_up(0.9, BusConfig(), range(0x20, 0x800), seed=0)

@@ -52,6 +52,9 @@ def test_no_number_may_be_negative(owner, name, value):
         (lambda: EcuConfig(loss_limit=0), "loss_limit"),
         (lambda: EcuConfig(loss_limit=51), "loss_limit"),
         (lambda: BusConfig(channel=""), "channel"),
+        (lambda: BusConfig(nominal_bitrate=1_000_001), "nominal_bitrate = 1000001: must be at most 1000000"),
+        (lambda: BusConfig(data_bitrate=499_999), r"data_bitrate = 499999: must be in nominal_bitrate\.\.8000000"),
+        (lambda: BusConfig(data_bitrate=8_000_001), "data_bitrate = 8000001"),
         (lambda: E2eConfig(min_ok=6), "min_ok = 6"),
         (lambda: E2eConfig(max_errors=5), "max_errors = 5"),
         (lambda: E2eConfig(max_delta=128), "max_delta = 128"),
@@ -85,3 +88,7 @@ def test_a_section_is_called_by_its_place_in_the_tree():
 
     for name, section in sections(Config()):
         assert section.section == name
+
+
+def test_a_bus_of_classic_frames_has_no_data_bit_rate_to_check():
+    assert BusConfig(frames="classic", data_bitrate=1).data_bitrate == 1

@@ -251,7 +251,7 @@ def test_a_run_too_short_for_averages_is_refused_before_it_starts(release, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("slow", [BusConfig(data_bitrate=100), BusConfig(nominal_bitrate=100)])
+@pytest.mark.parametrize("slow", [BusConfig(nominal_bitrate=100, data_bitrate=100), BusConfig(nominal_bitrate=100)])
 def test_a_bus_that_is_too_slow_is_refused(release, tmp_path, slow):
     with pytest.raises(BusError, match=r"a pressure frame takes .* raise bus\.nominal_bitrate or bus\.data_bitrate"):
         run_closed_loop(tmp_path / "run", release, replace(CONFIG, bus=slow), **SHORT)

@@ -81,7 +81,7 @@ def test_what_cannot_be_run_is_one_line(refused, short_release, arguments, named
 
 def test_a_bus_that_is_too_slow_is_one_line(cli, tmp_path, short_release):
     """Before: it ran."""
-    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, "--set", "bus.data_bitrate=100")
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, "--set", "bus.nominal_bitrate=100")
     assert outcome.code == 1
     assert "raise bus.nominal_bitrate or bus.data_bitrate" in outcome.err
     assert "closed loop" not in outcome.out  # no progress of a run that never begins
