@@ -21,7 +21,7 @@ def spec_of(frame: Frame) -> MessageSpec | None:
         BusError: for an authenticated one, which only the holder of the key could make anew.
     """
     spec = _SPECS.get(frame.frame_id)
-    if spec is None or frame.is_extended or len(frame.data) != spec.length:
+    if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
         raise BusError(f"{spec.name} is authenticated: a fault ahead of its protection would need the key")
