@@ -15,7 +15,7 @@ check test: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
 check: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (openfoam or slow or compiler or mcu or processes)"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or slow or compiler or mcu or processes)"
 
 test: lint coverage
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam"
