@@ -8,9 +8,6 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.errors import BusError
 
-_HEADER_BITS: Final = {2: 12, 5: 24}
-"""Bits of the E2E header by profile, at the start of the message, the least significant bit of a byte first."""
-
 _SPECS: Final = {spec.frame_id: spec for spec in SPECS}
 
 
@@ -30,7 +27,7 @@ def spec_of(frame: Frame) -> MessageSpec | None:
 
 def payload_bits(spec: MessageSpec) -> range:
     """The bits that the header leaves to the message, the least significant bit of a byte first."""
-    return range(_HEADER_BITS[spec.profile], 8 * spec.protected)
+    return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
