@@ -4,7 +4,7 @@ import struct
 
 import can
 from can.interfaces.udp_multicast.utils import pack_message
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.bus.receive_path import ReceivePath
@@ -14,6 +14,7 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.config.vehicle import E2eConfig
+from tests.examples import examples
 from tests.fuzz.receive_path import follow
 
 MESSAGES = [message for used in (FD, CLASSIC) for message in (used.pressure, used.command, used.status)]
@@ -47,7 +48,7 @@ RECORDS = st.builds(
 )
 
 
-@settings(max_examples=500)
+@examples(500)
 @given(
     st.binary(max_size=300)
     | st.builds(bytes.__add__, st.sampled_from([b"\x00", b"\x60"]), DAMAGED)
