@@ -164,9 +164,10 @@ def test_can_logger_keeps_all_that_replay_sends(tmp_path: Path, bus: Bus) -> Non
 
 
 def test_a_stopped_replay_and_a_stopped_send_say_so(tmp_path: Path, bus: Bus) -> None:
-    write(tmp_path / "sent.log", 5000)
+    write(tmp_path / "sent.log", PERIODS)
     calls = [
-        ("replay", str(tmp_path / "sent.log")),
+        # A second of recording in a hundred: the stop comes first.
+        ("replay", str(tmp_path / "sent.log"), "--speed", "0.01"),
         ("send", "Pressure", "--count", "100000"),
     ]
     for call in calls:
