@@ -1,5 +1,6 @@
 """What more than one room's tests need."""
 
+import gc
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -29,6 +30,12 @@ settings.load_profile("whole")
 
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
+
+
+def pytest_collection_finish() -> None:
+    """What the tests imported lives to the end: the collector need not look through it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @dataclass(frozen=True)
