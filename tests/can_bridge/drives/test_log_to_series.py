@@ -17,6 +17,7 @@ from can_bridge.drives.log_periods import Scales
 from can_bridge.drives.log_to_series import LogSeries, series_of
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.errors import DatasetError
+from tests.can_bridge.drives import drive_log
 from tests.can_bridge.drives.drive_log import (
     FLOW,
     KEY,
@@ -29,7 +30,6 @@ from tests.can_bridge.drives.drive_log import (
     log_of,
     pressure,
 )
-from tests.can_bridge.drives import drive_log
 
 SCALES = Scales(period_s=PERIOD, dynamic_pressure=PRESSURE, flow_rate=FLOW, action_limit=0.075)
 LOG = Path("drive.blf")
