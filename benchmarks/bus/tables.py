@@ -84,8 +84,8 @@ def authentication(found: Any) -> str:
     loads = ", ".join(f"{name} {value:.1f} %" for name, value in cost["bus_load_percent"].items())
     forged = found["figures"]["forgeries"]["forgeries"]
     return (
-        f"{table(heads, rows)}\n\nLoad of the bus by the three messages, at worst: {loads}. Forged, replayed, reflected "
-        f"and mutated frames:\n{found['figures']['authenticated_forgeries_accepted']} of {forged['tried']:,} accepted; "
+        f"{table(heads, rows)}\n\nLoad of the bus by the three messages, at worst: {loads}. Forged, replayed, "
+        f"reflected and mutated frames:\n{found['figures']['authenticated_forgeries_accepted']} of {forged['tried']:,} accepted; "
         f"genuine ones between them: {forged['genuine_refused']} of {forged['genuine']:,} refused."
     )
 
