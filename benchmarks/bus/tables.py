@@ -83,11 +83,12 @@ def authentication(found: Any) -> str:
     heads = ("message", "E2E protect, us", "and secure", "E2E check", "and verify")
     loads = ", ".join(f"{name} {value:.1f} %" for name, value in cost["bus_load_percent"].items())
     forged = found["figures"]["forgeries"]["forgeries"]
-    return (
-        f"{table(heads, rows)}\n\nLoad of the bus by the three messages, at worst: {loads}. Forged, replayed, "
-        f"reflected and mutated frames:\n{found['figures']['authenticated_forgeries_accepted']} of {forged['tried']:,} accepted; "
-        f"genuine ones between them: {forged['genuine_refused']} of {forged['genuine']:,} refused."
-    )
+    accepted = found["figures"]["authenticated_forgeries_accepted"]
+    return f"""{table(heads, rows)}
+
+Load of the bus by the three messages, at worst: {loads}.
+Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,} accepted. Genuine ones between them:
+{forged["genuine_refused"]} of {forged["genuine"]:,} refused."""
 
 
 def bus_runs(results: Path) -> str:
@@ -117,11 +118,10 @@ def two_nodes(results: Path) -> str:
     figures, facts = found["figures"], found["facts"]
     rows = [(name, figures[name]["sent"], figures[name]["good"]) for name in ("pressures", "commands")]
     trip = figures["round_trip_ms"]
-    return (
-        f"{table(('message', 'sent', 'received and good'), rows)}\n\n{facts['interface']}, a period of "
-        f"{facts['period_ms']:g} ms, {figures['garbage']} pieces of garbage in between. Round trip p50/p99/max: "
-        f"{trip['p50']:.1f}/{trip['p99']:.1f}/{trip['max']:.1f} ms,\non a machine that did other work as well."
-    )
+    return f"""{table(("message", "sent", "received and good"), rows)}
+
+{facts["interface"]}, a period of {facts["period_ms"]:g} ms, {figures["garbage"]} pieces of garbage in between. Round
+trip p50/p99/max: {trip["p50"]:.1f}/{trip["p99"]:.1f}/{trip["max"]:.1f} ms, on a machine that did other work as well."""
 
 
 def _names(waits: dict[str, float]) -> list[str]:
