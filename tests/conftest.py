@@ -1,5 +1,6 @@
 """What more than one room's tests need."""
 
+import gc
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -20,8 +22,20 @@ from tests.c_builds import MODULES, SharedBuilds
 if TYPE_CHECKING:
     from wake.truck.truck_wake import TruckWake
 
+# How long an example takes is the machine's affair: no test fails because another process had the processor.
+settings.register_profile("whole", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# Of `make check`: tests that do not say how many examples they need take a quarter of them.
+settings.register_profile("fast", settings.get_profile("whole"), max_examples=25)
+settings.load_profile("whole")
+
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
+
+
+def pytest_collection_finish() -> None:
+    """What the tests imported lives to the end: the collector need not look through it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def measure(*, repeats: int = 21, progress: Callable[[int, int], None] = lambda 
 
     Returns:
         codec_times_cantools: how many times faster, the smallest ratio over messages and directions.
-        codec: a row for each message and direction with both times in us.
+        rows: one for each message and direction with both times in us.
     """
     dbc = Database()
     dbc.add_dbc_string(files("contract").joinpath("stillwake.dbc").read_text())
@@ -67,7 +67,7 @@ def measure(*, repeats: int = 21, progress: Callable[[int, int], None] = lambda 
         }
         for (name, direction, _, _), (our_times, their_times) in zip(pairs, times, strict=True)
     ]
-    return {"codec_times_cantools": min(row["ratio"] for row in rows), "codec": rows}
+    return {"codec_times_cantools": min(row["ratio"] for row in rows), "rows": rows}
 
 
 def _timers(message: Message[Any], value: Any, described: Described) -> list[tuple[str, str, Timer, Timer]]:

@@ -18,6 +18,7 @@ import can
 from can_bridge.bus.backends import kernel_queue
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
 from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, one_line, open_backend
+from can_bridge.bus.backends.stumbles import GARBAGE_LIMIT, Stumbles
 from can_bridge.bus.conversion import classified, from_message, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError
@@ -27,11 +28,6 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 __all__ = ["GARBAGE_LIMIT", "QUEUE_SIZE", "RECEPTION_LIMIT", "PythonCanBus", "from_message", "to_message"]
-
-GARBAGE_LIMIT: Final = 1000
-"""Receptions in a row, without an idle moment or a good frame between them, at which a backend of python-can stumbled,
-after which the bus counts as failed: a dead one that raises on every call would otherwise look like endless noise.
-Our own backends say what they refuse, and are believed for ever."""
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 """Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""
@@ -73,7 +69,7 @@ class PythonCanBus:
         self._accept = None if accept is None else frozenset(accept)
         self._is_classic = is_classic
         self._linux_error_frames = linux_error_frames
-        self._stumbles_in_a_row = 0
+        self._stumbles = Stumbles()
         self._rejected = dict.fromkeys(Rejection, 0)
         self._reported = HEALTHY
         self._overflow_reports = 0
@@ -214,9 +210,10 @@ class PythonCanBus:
             self._reject(refused.reason)
             return None, False
         except _STUMBLES as error:
-            self._stumble(error)
+            self._stumbles.met(error)
+            self._reject(Rejection.GARBAGE)
             return None, False
-        self._stumbles_in_a_row = 0
+        self._stumbles.over()
         if message is None:
             return None, True
         frame = self._judged(message)
@@ -246,14 +243,3 @@ class PythonCanBus:
     def _reject(self, reason: Rejection) -> None:
         self.received += 1
         self._rejected[reason] += 1
-
-    def _stumble(self, error: Exception) -> None:
-        # Backends wrap what went wrong. A fault of the system or of python-can itself ends the bus; anything else is
-        # an error of their parser on what it was sent.
-        root = error.__cause__ or error
-        if isinstance(root, OSError | can.CanError):
-            raise BusError(f"CAN bus failed: {one_line(error)}") from error
-        self._reject(Rejection.GARBAGE)
-        self._stumbles_in_a_row += 1
-        if self._stumbles_in_a_row > GARBAGE_LIMIT:
-            raise BusError(f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row, last: {error}") from error

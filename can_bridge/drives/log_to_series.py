@@ -12,9 +12,9 @@ from typing import Final
 import can
 import numpy as np
 
-from can_bridge.drives.counted_frames import CountedFrame, number, usual_interval
-from can_bridge.drives.log_frames import Verify, frames_of
-from can_bridge.drives.log_periods import Clock, Scales, clock_of, rows_of, samples_of
+from can_bridge.drives.counted_frames import CountedFrame, Stretch, number, usual_interval
+from can_bridge.drives.log_frames import LogFrames, Verify, frames_of
+from can_bridge.drives.log_periods import Clock, Samples, Scales, clock_of, rows_of, samples_of
 from can_bridge.drives.log_pieces import SHORTEST, Cutter, Piece
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.message_sets import MessageSet
@@ -101,37 +101,23 @@ def series_of(
     _check_period(path, usual_interval(found.pressures, modulus), scales)
     numbered = number(found.pressures, period_s=scales.period_s, modulus=modulus)
     samples = [samples_of(one, found.messages, scales.period_s) for one in numbered.stretches]
-    longest = max(range(len(samples)), key=lambda i: len(numbered.stretches[i]))
-    size = len(numbered.stretches[longest])
-    clock = clock_of(numbered.stretches[longest], samples[longest].sampled_s) if size >= SHORTEST else None
-    if clock is not None:
-        _check_drift(path, clock, size, scales)
-    period_s = scales.period_s if clock is None else clock.period_s
+    period_s = _sender_period_s(path, numbered.stretches, samples, scales)
+    clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(numbered.stretches, samples, strict=True)]
     commands, repeated = _without_repeats(
         found.commands, profile_of(found.messages.command.spec).counter_period * scales.period_s / 2
     )
     cutter = Cutter(path, fill, split, sensors, numbered.stretches[0].frames[0].time_s, period_s)
-    jitter_s, lost, started = 0.0, [0, 0], None
-    for i, stretch in enumerate(numbered.stretches):
-        own = clock_of(stretch, samples[i].sampled_s, period_s)
-        started = own.start_s if started is None else started
+    lost = [0, 0]
+    for i, (stretch, clock) in enumerate(zip(numbered.stretches, clocks, strict=True)):
         until = numbered.stretches[i + 1].frames[0].time_s if i + 1 < len(numbered.stretches) else np.inf
         here = [one for one in commands if stretch.frames[0].time_s - period_s <= one.time_s < until]
-        rows = rows_of(stretch, samples[i], here, found.messages, scales, own, modulus)
-        jitter_s = max(jitter_s, own.jitter_s)
+        rows = rows_of(stretch, samples[i], here, found.messages, scales, clock, modulus)
         lost[0] += len(rows.action) - len(stretch)
         lost[1] += int(np.isnan(rows.action).sum())
         if i > 0:
             cutter.restart(numbered.stretches[i - 1].frames[-1].time_s, stretch.frames[0].time_s)
-        cutter.add(rows, own)
-    assert started is not None
-    if not cutter.pieces:
-        dead = [name for name, valid in zip(sensors, cutter.ever_valid, strict=True) if not valid]
-        raise DatasetError(
-            f"{path}: no part of it has {SHORTEST} control periods in a row with valid pressures and commands; it has "
-            f"{len(found.pressures)} pressures and {len(found.commands)} commands"
-            + (f", and {', '.join(dead)} valid in none" if dead else "")
-        )
+        cutter.add(rows, clock)
+    _check_pieces(path, cutter, found, sensors)
     report = LogReport(
         messages=found.messages.name,
         frames=(sum(map(len, numbered.stretches)), len(commands)),
@@ -144,11 +130,32 @@ def series_of(
         filled=(cutter.filled[0], cutter.filled[1]),
         stale=sum(one.stale for one in samples),
         drift=period_s / scales.period_s - 1.0,
-        jitter_s=jitter_s,
+        jitter_s=max(clock.jitter_s for clock in clocks),
         gaps=tuple(cutter.lines),
         checked=(verify is not None) if found.messages.pressure.spec.is_secured else None,
     )
-    return LogSeries(pieces=tuple(cutter.pieces), start_s=started, period_s=period_s, report=report)
+    return LogSeries(pieces=tuple(cutter.pieces), start_s=clocks[0].start_s, period_s=period_s, report=report)
+
+
+def _sender_period_s(path: Path, stretches: Sequence[Stretch], samples: Sequence[Samples], scales: Scales) -> float:
+    """On the log's clock, by the longest stretch; the control period where that is too short to tell."""
+    longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
+    if len(stretches[longest]) < SHORTEST:
+        return scales.period_s
+    clock = clock_of(stretches[longest], samples[longest].sampled_s)
+    _check_drift(path, clock, len(stretches[longest]), scales)
+    return clock.period_s
+
+
+def _check_pieces(path: Path, cutter: Cutter, found: LogFrames, sensors: Sequence[str]) -> None:
+    if cutter.pieces:
+        return
+    dead = [name for name, valid in zip(sensors, cutter.ever_valid, strict=True) if not valid]
+    raise DatasetError(
+        f"{path}: no part of it has {SHORTEST} control periods in a row with valid pressures and commands; it has "
+        f"{len(found.pressures)} pressures and {len(found.commands)} commands"
+        + (f", and {', '.join(dead)} valid in none" if dead else "")
+    )
 
 
 def _check_period(path: Path, interval_s: float | None, scales: Scales) -> None:

@@ -11,6 +11,8 @@ from typing import Final
 
 HEADER_LENGTH: Final = 2
 """Bytes that the header reaches into; the upper half of the second belongs to the message."""
+HEADER_BITS: Final = 12
+"""The least significant bit of a byte first."""
 COUNTER_PERIOD: Final = 16
 
 _POLYNOMIAL: Final = 0x2F
@@ -49,6 +51,11 @@ def check(data: bytes, *, data_id: int) -> bool:
 def counter_of(data: bytes) -> int:
     """The counter of a protected message of at least two bytes."""
     return data[1] & 0xF
+
+
+def crc_of(data: bytes) -> int:
+    """The CRC of a protected message of at least one byte, as it came."""
+    return data[0]
 
 
 def _crc(covered: bytes, data_id: int) -> int:

@@ -12,6 +12,7 @@ from typing import Final
 CRC: Final = slice(0, 2)
 COUNTER: Final = 2
 HEADER_LENGTH: Final = 3
+HEADER_BITS: Final = 8 * HEADER_LENGTH
 COUNTER_PERIOD: Final = 256
 
 _CRC_START: Final = 0xFFFF
@@ -43,6 +44,11 @@ def check(data: bytes, *, data_id: int) -> bool:
 def counter_of(data: bytes) -> int:
     """The counter of a protected message of at least three bytes."""
     return data[COUNTER]
+
+
+def crc_of(data: bytes) -> int:
+    """The CRC of a protected message of at least two bytes, as it came."""
+    return int.from_bytes(data[CRC], "little")
 
 
 def _crc(covered: bytes, data_id: int) -> int:

@@ -25,12 +25,16 @@ class Profile:
     """What sender and receiver need of one profile.
 
     Attributes:
+        counter_of, crc_of: what a protected message's header holds.
+        header_bits: at the start of the message, the least significant bit of a byte first.
         counter_period: after so many frames the counter begins again.
     """
 
     protect: Protect
     check: Check
     counter_of: Callable[[bytes], int]
+    crc_of: Callable[[bytes], int]
+    header_bits: int
     counter_period: int
 
 
@@ -39,6 +43,8 @@ PROFILES: Final[Mapping[int, Profile]] = {
         protect=module.protect,
         check=module.check,
         counter_of=module.counter_of,
+        crc_of=module.crc_of,
+        header_bits=module.HEADER_BITS,
         counter_period=module.COUNTER_PERIOD,
     )
     for number, module in ((2, profile2), (5, profile5))

@@ -119,7 +119,7 @@ def receive(
     accepted: Frame | None = None
     last_counter = state.last_counter
     for frame in frames:
-        if frame.frame_id != spec.frame_id or frame.is_extended:
+        if not spec.names(frame):
             continue
         check, last_counter = _checked(frame.data, last_counter, spec=spec, max_delta=config.max_delta)
         checks.append(check)

@@ -62,7 +62,7 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
     freshness, not_authentic, not_fresh = state.freshness, state.not_authentic, state.not_fresh
     passed, accepted = list[Frame](), False
     for frame in frames:
-        if frame.frame_id != spec.frame_id or frame.is_extended:
+        if not spec.names(frame):
             passed.append(frame)
             continue
         found = verify(frame.data, spec, key)

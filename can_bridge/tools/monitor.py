@@ -15,6 +15,9 @@ from contract.config.vehicle import E2eConfig
 Key = tuple[bool, int]
 """Extended or not, identifier: the order of the rows."""
 
+MOST_MESSAGES: Final = 1000
+"""That are listed: more than a vehicle's bus has, and a bound where someone sends random identifiers of 29 bits."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -52,6 +55,7 @@ class MonitorState:
         decoder: what frames are read with.
         e2e: how their counters are judged.
         messages: by identifier.
+        unlisted: frames of identifiers beyond the first MOST_MESSAGES.
         others: remote and error frames.
         frames: data frames.
     """
@@ -59,12 +63,15 @@ class MonitorState:
     decoder: Decoder = signals.decode
     e2e: E2eConfig = field(default_factory=E2eConfig)
     messages: Mapping[Key, Traffic] = field(default_factory=dict)
+    unlisted: int = 0
     others: int = 0
     frames: int = 0
 
     def seen(self, frame: Frame) -> "MonitorState":
         """The state after one more frame, stamped with the time it came."""
         key = (frame.is_extended, frame.frame_id)
+        if key not in self.messages and len(self.messages) >= MOST_MESSAGES:
+            return replace(self, unlisted=self.unlisted + 1, frames=self.frames + 1)
         traffic = observe(self.messages.get(key), frame, decoder=self.decoder, e2e=self.e2e)
         return replace(self, messages={**self.messages, key: traffic}, frames=self.frames + 1)
 
@@ -74,7 +81,7 @@ class MonitorState:
 
     def reset(self) -> "MonitorState":
         """As before the first frame."""
-        return replace(self, messages={}, others=0, frames=0)
+        return replace(self, messages={}, unlisted=0, others=0, frames=0)
 
     @property
     def lost(self) -> int:

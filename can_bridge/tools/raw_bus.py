@@ -9,8 +9,8 @@ from typing import Self
 
 import can
 
-from can_bridge.bus.backends.opening import open_backend
-from can_bridge.bus.python_can import GARBAGE_LIMIT
+from can_bridge.bus.backends.opening import SIMULATED, one_line, open_backend
+from can_bridge.bus.backends.stumbles import Stumbles
 from can_bridge.bus.rejection import UnusableReceptionError
 from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
@@ -27,7 +27,7 @@ class RawBus:
     def __init__(self, bus: can.BusABC) -> None:
         """Take over an open python-can bus, which is closed together with this object."""
         self._bus = bus
-        self._stumbles_in_a_row = 0
+        self._stumbles = Stumbles()
         self.rejected = 0
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
@@ -42,9 +42,10 @@ class RawBus:
             self.rejected += 1
             return None
         except Exception as error:  # noqa: BLE001  (backends raise what they like on what they were sent)
-            self._stumble(error)
+            self._stumbles.met(error)
+            self.rejected += 1
             return None
-        self._stumbles_in_a_row = 0
+        self._stumbles.over()
         if message is not None and not is_sound(message):
             self.rejected += 1
             return None
@@ -59,7 +60,7 @@ class RawBus:
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f"frame {id_text(message)} was not sent: {_reason(error)}") from error
+            raise BusError(f"frame {id_text(message)} was not sent: {one_line(error)}") from error
 
     def close(self) -> None:
         """Disconnect; closing twice, or what has vanished, does nothing."""
@@ -75,16 +76,6 @@ class RawBus:
     ) -> None:
         self.close()
 
-    def _stumble(self, error: Exception) -> None:
-        # Backends wrap what went wrong. A fault of the system or of python-can itself ends the bus; anything else is
-        # an error of their parser on what it was sent.
-        if isinstance(error.__cause__ or error, OSError | can.CanError):
-            raise BusError(f"CAN bus failed: {_reason(error)}") from error
-        self.rejected += 1
-        self._stumbles_in_a_row += 1
-        if self._stumbles_in_a_row > GARBAGE_LIMIT:
-            raise BusError(f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row, last: {error}") from error
-
 
 def open_bus(config: BusConfig) -> RawBus:
     """Connect to a bus that others are on.
@@ -93,7 +84,7 @@ def open_bus(config: BusConfig) -> RawBus:
         ConfigError: for the simulated bus, which nobody else can join.
         BusError: naming interface and channel, if that cannot be opened.
     """
-    if config.interface == "simulated":
+    if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
             "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
@@ -132,7 +123,3 @@ def id_text(message: can.Message | Frame) -> str:
 def _id_fits(message: can.Message) -> bool:
     largest = MAX_EXTENDED_ID if message.is_extended_id else MAX_FRAME_ID
     return isinstance(message.arbitration_id, int) and 0 <= message.arbitration_id <= largest
-
-
-def _reason(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -36,9 +36,22 @@ class Recorder:
         """
         while not is_over(self.frames):
             message = receive(POLL_S)
+            if message is not None:
+                self._take(message)
+
+    def drain(self, receive: Callable[[float], can.Message | None], *, most: int) -> None:
+        """Record what has arrived and waits to be looked at, at most so many, up to the first that cannot be read.
+
+        So a stop loses nothing that was there.
+        """
+        for _ in range(most):
+            message = receive(0.0)
             if message is None:
-                continue
-            self._append(message)
-            self.frames += 1
-            if loss := self._loss_of(message):
-                self.not_kept[loss] += 1
+                return
+            self._take(message)
+
+    def _take(self, message: can.Message) -> None:
+        self._append(message)
+        self.frames += 1
+        if loss := self._loss_of(message):
+            self.not_kept[loss] += 1

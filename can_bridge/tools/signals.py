@@ -81,8 +81,10 @@ def decode(frame: Frame) -> Decoded | None:
     if value is None:
         return Decoded(name=spec.name, signals=(), spec=spec)
     profile = profile_of(spec)
-    crc = data[0] if spec.profile == 2 else int.from_bytes(data[:2], "little")
-    head = (Signal(name="E2E_CRC", value=crc), Signal(name="E2E_Counter", value=profile.counter_of(data)))
+    head = (
+        Signal(name="E2E_CRC", value=profile.crc_of(data)),
+        Signal(name="E2E_Counter", value=profile.counter_of(data)),
+    )
     tail: tuple[Signal, ...] = ()
     if spec.is_secured:
         mac, freshness = data[-MAC_LENGTH:], data[-MAC_LENGTH - FRESHNESS_LENGTH : -MAC_LENGTH]

@@ -7,6 +7,8 @@ every number here with the file.
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from can_bridge.wire.frame import Frame
+
 FRESHNESS_LENGTH: Final = 8
 MAC_LENGTH: Final = 8
 """Bytes behind the protected part of a secured message."""
@@ -34,6 +36,10 @@ class MessageSpec:
     profile: Literal[2, 5]
     is_fd: bool
     is_secured: bool = False
+
+    def names(self, frame: Frame) -> bool:
+        """Whether a frame has this message's identifier; a 29-bit one of the same number is another node's."""
+        return frame.frame_id == self.frame_id and not frame.is_extended
 
 
 PRESSURE: Final = MessageSpec(

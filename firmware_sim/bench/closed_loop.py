@@ -7,6 +7,7 @@ from datetime import date
 from pathlib import Path
 from typing import Final
 
+from can_bridge.bus.backends.opening import SIMULATED
 from can_bridge.bus.simulated.background_node import BackgroundNode
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.logs import frame_log
@@ -129,10 +130,10 @@ def run_closed_loop(
 
 def _check_vehicle(config: Config, requested: int) -> None:
     """Raises StillwakeError for a bus or an actuator with which the run could not be one."""
-    if config.bus.interface != "simulated":
+    if config.bus.interface != SIMULATED:
         raise BusError(
             f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "
-            "'simulated' is possible"
+            f"{SIMULATED!r} is possible"
         )
     check_bit_rates(config)
     if config.vehicle.actuator_delay >= requested:

@@ -100,7 +100,7 @@ class VirtualLoop:
         self._ports = ports
         self._clock = clock
         messages = message_set(config.bus)
-        self._pressure_id, self._command_id = messages.pressure.spec.frame_id, messages.command.spec.frame_id
+        self._pressure, self._command = messages.pressure.spec, messages.command.spec
         self._substeps = config.flow.substeps
         self._period_ns = config.period_ns
         self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
@@ -125,7 +125,7 @@ class VirtualLoop:
         # What arrives at the period's end belongs to the next one.
         self._bus.advance_to(end_ns - 1)
         self._pressures_came()
-        commands = [item for item in self._ports.vehicle.receive_all() if item.frame_id == self._command_id]
+        commands = [item for item in self._ports.vehicle.receive_all() if self._command.names(item)]
         self._commands_received += len(commands)
         actuation = self._node.apply_commands(commands)
         self._advance_plant(actuation)
@@ -137,14 +137,14 @@ class VirtualLoop:
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
-        under_way = self._bus.under_way(self._pressure_id) + self._bus.under_way(self._command_id)
+        under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
         # A frame that was destroyed in its very last bit arrives twice.
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
         """Put what has arrived into the ECU's inbox; whether pressures were among it."""
         received = self._ports.ecu.receive_all()
-        pressures = sum(item.frame_id == self._pressure_id for item in received)
+        pressures = sum(map(self._pressure.names, received))
         self._pressures_received += pressures
         self._inbox += received
         return pressures > 0
@@ -164,7 +164,7 @@ class VirtualLoop:
     def _answer(self, frames: Sequence[Frame]) -> None:
         """Hand over what the ECU has computed."""
         for frame in frames:
-            self._commands_sent += frame.frame_id == self._command_id
+            self._commands_sent += self._command.names(frame)
             self._send(self._ports.ecu, frame)
 
     @staticmethod

@@ -15,11 +15,8 @@ import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
-from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.e2e.sender import protected_frame
 from can_bridge.secoc.node import Authentication, key_of, secured
-from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
@@ -32,6 +29,7 @@ from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
+from firmware_sim.ecu.pressure_reception import PressureReception
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 from firmware_sim.ecu.timing import Timing
 
@@ -65,27 +63,6 @@ class StepOutcome(NamedTuple):
     state: EcuState
     frames: list[Frame]
     trace: Trace
-
-
-class _Pressures(NamedTuple):
-    """What one period's frames contain.
-
-    Attributes:
-        verifier, receiver: their states after them.
-        cp: usable pressures, (S,); None without.
-        enable_request: of the vehicle; None if no frame came that is to be believed.
-        unusable_because: why there are no usable pressures, if there are none.
-        sampled_ns: when the usable ones were sampled.
-        counter: of their frame.
-    """
-
-    verifier: VerifierState
-    receiver: ReceiverState
-    cp: Array | None
-    enable_request: bool | None
-    unusable_because: Reason
-    sampled_ns: int | None = None
-    counter: int | None = None
 
 
 class _Decision(NamedTuple):
@@ -140,9 +117,15 @@ class Ecu:
         self._messages = message_set(config.bus)
         self._key = key_of(authentication, config.bus)
         self._period_ns = config.period_ns
-        self._dynamic_pressure = config.operating_point.dynamic_pressure
         self._flow_scale = config.operating_point.flow_rate_scale
         self._limits = GateLimits.from_config(config)
+        self._reception = PressureReception(
+            message=self._messages.pressure,
+            key=self._key,
+            e2e=config.bus.e2e,
+            dynamic_pressure=config.operating_point.dynamic_pressure,
+            fresh_age_ns=self._limits.fresh_age_ns,
+        )
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
         start = EcuState.power_on(
             window=manifest.window,
@@ -199,12 +182,11 @@ class Ecu:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
         timing = state.timing.next(now_ns, self._period_ns, config)
-        received = self._receive(state, frames, now_ns)
+        received = self._reception.of(frames, now_ns, verifier=state.verifier, receiver=state.pressures)
         usable = received.cp is not None
         pressure_ns = received.sampled_ns if usable else state.pressure_ns
         pressure_counter = received.counter if usable else state.pressure_counter
-        memory = self._after_silence(state.memory, timing)
-        memory = memory.bridged(self._longest_gap) if received.cp is None else memory.observed(received.cp)
+        memory = self._with_row(self._after_silence(state.memory, timing), received.cp)
         inputs = PeriodInputs(
             usable=usable,
             enable_request=received.enable_request,
@@ -226,15 +208,7 @@ class Ecu:
             limits=self._limits,
         )
         fail_safe = _told_by_the_gate(fail_safe, passed)
-        command = JetCommand(
-            flow_m2_per_s=passed.flow_m2_per_s,
-            mode=fail_safe.mode.on_wire,
-            enable=passed.enable,
-            # Of the frame the command rests on: this period's, or the one behind the command that is held.
-            pressure_counter=pressure_counter if usable or fail_safe.mode.drives_jets else None,
-        )
-        on_wire = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
-        action = on_wire / self._flow_scale
+        action = self._as_sent(passed.flow_m2_per_s)
         after = EcuState(
             memory=decision.memory.commanded(action),
             fail_safe=fail_safe,
@@ -250,30 +224,17 @@ class Ecu:
             verifier=received.verifier,
             freshness=state.freshness.next(),
         )
-        to_send, status = self._messages, after.status(self._bundle_hash)
-        messages = (
-            (state.commands, to_send.command.spec, to_send.command.emit(command)),
-            (state.statuses, to_send.status.spec, to_send.status.emit(status)),
+        command = JetCommand(
+            flow_m2_per_s=passed.flow_m2_per_s,
+            mode=fail_safe.mode.on_wire,
+            enable=passed.enable,
+            # Of the frame the command rests on: this period's, or the one behind the command that is held.
+            pressure_counter=pressure_counter if usable or fail_safe.mode.drives_jets else None,
         )
-        return StepOutcome(
-            state=after,
-            frames=[
-                secured(
-                    # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
-                    protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
-                    spec=spec,
-                    key=self._key,
-                    freshness=state.freshness,
-                )
-                for sender, spec, data in messages
-            ],
-            trace=Trace(
-                mode=fail_safe.mode.on_wire,
-                action=action,
-                forces=decision.forces,
-                interventions=passed.interventions,
-            ),
+        trace = Trace(
+            mode=fail_safe.mode.on_wire, action=action, forces=decision.forces, interventions=passed.interventions
         )
+        return StepOutcome(state=after, frames=self._answers(state, after, command, now_ns), trace=trace)
 
     def status(self) -> EcuStatus:
         """Health counters as of the latest step."""
@@ -293,48 +254,34 @@ class Ecu:
             return memory.emptied()
         # More silent periods than these change nothing: the window is empty and the jets follow the last command.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
-            memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
+            memory = self._with_row(memory, None).commanded(memory.under_way.newest)
         return memory
 
-    def _receive(self, state: EcuState, frames: Sequence[Frame], now_ns: int) -> _Pressures:
-        """The newest trusted pressures, or why there are none that can be used."""
-        spec = self._messages.pressure.spec
-        verifier, frames, none_authentic = verified(state.verifier, frames, spec=spec, key=self._key)
-        receiver, reception = receive(state.pressures, frames, spec=spec, config=self._config.bus.e2e)
-        frame = reception.accepted
-        pressure = None if frame is None else self._messages.pressure.parse(frame.data[: spec.protected])
-        if frame is None or pressure is None or reception.live is None:
-            # Control is requested by a stream that is trusted alone; its end is believed of any good frame.
-            withdrawn = pressure is not None and not pressure.enable_request
-            trusted = reception.stream is not StreamState.INVALID
-            because = Reason.STREAM_LOST if trusted else Reason.STREAM_INVALID
-            return _Pressures(
-                verifier=verifier,
-                receiver=receiver,
-                cp=None,
-                enable_request=False if withdrawn else None,
-                unusable_because=Reason.NOT_AUTHENTIC if none_authentic else because,
-            )
-        # A frame that waited in a queue, or was late before it was sent, is as old as it is.
-        sampled_ns = frame.timestamp_ns - pressure.age_ns
-        fresh = 0 <= now_ns - sampled_ns <= self._limits.fresh_age_ns
-        if not (fresh and all(pressure.valid)):
-            return _Pressures(
-                verifier=verifier,
-                receiver=receiver,
-                cp=None,
-                enable_request=pressure.enable_request,
-                unusable_because=Reason.SENSOR_INVALID if fresh else Reason.STALE,
-            )
-        return _Pressures(
-            verifier=verifier,
-            receiver=receiver,
-            cp=np.array(pressure.pressure_pa) / self._dynamic_pressure,
-            enable_request=pressure.enable_request,
-            unusable_because=Reason.NONE,
-            sampled_ns=sampled_ns,
-            counter=profile_of(spec).counter_of(frame.data),
+    def _with_row(self, memory: ControllerMemory, cp: Array | None) -> ControllerMemory:
+        """The memory with this period's row."""
+        return memory.bridged(self._longest_gap) if cp is None else memory.observed(cp)
+
+    def _as_sent(self, flow_m2_per_s: float) -> float:
+        """The action that a command leads to, in U_inf W: the nearest step of the wire."""
+        return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
+
+    def _answers(self, before: EcuState, after: EcuState, command: JetCommand, now_ns: int) -> list[Frame]:
+        """The two frames: counters and freshness are those before the period, the status is that after it."""
+        to_send = self._messages
+        messages = (
+            (before.commands, to_send.command.spec, to_send.command.emit(command)),
+            (before.statuses, to_send.status.spec, to_send.status.emit(after.status(self._bundle_hash))),
         )
+        return [
+            secured(
+                # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
+                protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
+                spec=spec,
+                key=self._key,
+                freshness=before.freshness,
+            )
+            for sender, spec, data in messages
+        ]
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""

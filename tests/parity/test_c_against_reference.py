@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
@@ -21,6 +21,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
+from tests.examples import examples
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 HORIZON = 8
@@ -117,7 +118,7 @@ def test_equal_forces_share_the_subgradient():
     check_lowering(program, in_c(program), "C library", random_windows(program, 20))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     plan=st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array),
     free=st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array),

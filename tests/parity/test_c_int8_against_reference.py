@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.config.controller import MpcConfig
@@ -26,6 +26,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
+from tests.examples import examples
 
 HORIZON = 8
 
@@ -88,7 +89,7 @@ def test_the_size_of_a_microcontrollers_net():
     assert_close(rounded.program, in_integers(rounded), 4)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     plan=st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array),
     free=st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array),

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 
 from contract import sensors
@@ -31,6 +32,7 @@ def test_encode_all_is_the_encoder_window_by_window(small_recording: Dataset, sm
     assert int(latents[:, 0].isnan().sum()) == 2 * (window - 1)
 
 
+@pytest.mark.slow  # trains
 def test_the_student_follows_a_frozen_teacher(small_recording: Dataset, small_config: Config) -> None:
     episodes = small_recording.with_role("train")
     scaling = fit_scaling(episodes)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 
 from contract import sensors
@@ -39,6 +40,7 @@ def test_a_stream_is_one_cell_step_a_sample(small_recording: Dataset, small_conf
     assert int(latents[:, 0].isnan().sum()) == 2 * (window - 1)
 
 
+@pytest.mark.slow  # trains
 def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_from(
     make_episode, small_config: Config
 ) -> None:

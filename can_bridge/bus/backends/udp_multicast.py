@@ -15,11 +15,17 @@ from typing import Any, Final
 import can
 from can.interfaces.udp_multicast import UdpMulticastBus as PythonCanUdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message
-from msgpack import fallback  # type: ignore[import-untyped]  # ships none
 
 from can_bridge.bus.backends import kernel_queue
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
+
+try:
+    # The library's C parser (1.1.2) leaks what it had read of a map that is cut off: up to 4 KB a datagram.
+    from msgpack import fallback  # type: ignore[import-untyped]  # ships none
+except ModuleNotFoundError:
+    # Of extra `bus`. Without it python-can refuses to open this bus, so that nothing is ever parsed.
+    fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
 """Bytes asked of the kernel: about 5,000 datagrams, where its default holds 256 of them."""
@@ -56,7 +62,6 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
         timestamp: of the reception, in s; the sender's is dropped.
     """
     try:
-        # The library's C parser (1.1.2) leaks what it had read of a map that is cut off: up to 4 KB a datagram.
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
         return Rejection.GARBAGE

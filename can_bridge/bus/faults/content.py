@@ -61,10 +61,10 @@ class StuckAt(SidedFault, section="stuck_at"):
 
     def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
         """See `Fault.around`; with `counter_runs`, passing on an authenticated frame raises BusError."""
-        first: dict[int, bytes] = {}
+        first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:
-            data = first.setdefault(frame.frame_id, frame.data)
+            data = first.setdefault((frame.is_extended, frame.frame_id), frame.data)
             if not self.counter_runs:
                 return [replace(frame, data=data)]
             spec = spec_of(frame)

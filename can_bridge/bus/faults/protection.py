@@ -8,9 +8,6 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.errors import BusError
 
-_HEADER_BITS: Final = {2: 12, 5: 24}
-"""Bits of the E2E header by profile, at the start of the message, the least significant bit of a byte first."""
-
 _SPECS: Final = {spec.frame_id: spec for spec in SPECS}
 
 
@@ -21,7 +18,7 @@ def spec_of(frame: Frame) -> MessageSpec | None:
         BusError: for an authenticated one, which only the holder of the key could make anew.
     """
     spec = _SPECS.get(frame.frame_id)
-    if spec is None or frame.is_extended or len(frame.data) != spec.length:
+    if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
         raise BusError(f"{spec.name} is authenticated: a fault ahead of its protection would need the key")
@@ -30,7 +27,7 @@ def spec_of(frame: Frame) -> MessageSpec | None:
 
 def payload_bits(spec: MessageSpec) -> range:
     """The bits that the header leaves to the message, the least significant bit of a byte first."""
-    return range(_HEADER_BITS[spec.profile], 8 * spec.protected)
+    return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:

@@ -165,7 +165,7 @@ class SimulatedBus:
         return frame_ns(frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate)
 
     def under_way(self, frame_id: int) -> int:
-        """Frames of this identifier that were handed over and have not arrived."""
+        """Frames of this 11-bit identifier that were handed over and have not arrived."""
         return sum(port.queue.count(frame_id) for port in self._ports)
 
     def activity(self) -> BusActivity:

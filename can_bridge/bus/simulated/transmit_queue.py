@@ -78,5 +78,5 @@ class TransmitQueue:
         return count
 
     def count(self, frame_id: int) -> int:
-        """Frames of an identifier in it."""
-        return sum(item.frame.frame_id == frame_id for item in self._waiting)
+        """Frames of an 11-bit identifier in it."""
+        return sum(item.frame.frame_id == frame_id and not item.frame.is_extended for item in self._waiting)

@@ -14,6 +14,8 @@ from stillwake.settings import settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
+MOST_WAITING: Final = 10_000
+"""Frames that are still taken after a stop: more than the queues of the system and of interfaces hold, and an end."""
 LEAD_IN_NS: Final = 100_000_000
 """From the opening of the bus to a replay's first frame."""
 
@@ -65,6 +67,10 @@ def record(
 
             try:
                 recorder.run(bus.receive_message, is_over=is_over)
+                if is_stopped():
+                    recorder.drain(
+                        bus.receive_message, most=MOST_WAITING if frames is None else frames - recorder.frames
+                    )
             except BusError as error:
                 failure = str(error)
         rejected = bus.rejected

@@ -111,6 +111,8 @@ def _heading(state: MonitorState, view: View, source: str) -> Text:
     text.append(f"{state.frames} frames, {state.lost} lost, {state.refused} refused", style="bold")
     if state.others:
         text.append(f", {state.others} remote or error", style="bold")
+    if state.unlisted:
+        text.append(f", {state.unlisted} of more identifiers than are listed", style="bold")
     if view.is_paused:
         text.append("   paused", style="yellow")
     if view.matching or view.is_typing:

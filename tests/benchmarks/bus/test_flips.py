@@ -1,5 +1,6 @@
 """The measurement finds what a protection lets pass: checked on protections that were made weaker."""
 
+from dataclasses import replace
 from math import comb
 
 import pytest
@@ -62,9 +63,7 @@ def test_a_weaker_code_is_found_out(monkeypatch):
         sound = real.protect(data, data_id=data_id, counter=real.counter_of(data))
         return (sound[0] ^ data[0]) & 1 == 0
 
-    weakened = profiles.Profile(
-        protect=real.protect, check=weak, counter_of=real.counter_of, counter_period=real.counter_period
-    )
+    weakened = replace(real, check=weak)
     monkeypatch.setattr(profiles, "PROFILES", {**profiles.PROFILES, 2: weakened})
     found = flips.measure(SMALL, processes=1)
     assert found["flips"]["JetCommandClassic"]["one_bit"]["accepted"] > 20

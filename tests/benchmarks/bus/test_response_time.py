@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.bus import response_time
@@ -13,6 +13,7 @@ from can_bridge.timing.traffic import PeriodicMessage
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
+from tests.examples import examples
 
 BUS = BusConfig()
 
@@ -21,7 +22,7 @@ def length_ns(frame: Frame) -> int:
     return frame_ns(frame, nominal_bitrate=BUS.nominal_bitrate, data_bitrate=BUS.data_bitrate)
 
 
-@settings(deadline=None, max_examples=25)  # a set is some hundred frames, bit by bit
+@examples(25)  # a set is some hundred frames, bit by bit
 @given(seed=st.integers(0, 2**62))
 def test_no_message_is_later_than_the_analysis_says(seed):
     found = measure(sets=1, seed=seed)

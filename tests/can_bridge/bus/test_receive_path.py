@@ -4,7 +4,7 @@ import struct
 
 import can
 from can.interfaces.udp_multicast.utils import pack_message
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.bus.receive_path import KEY, MESSAGES, ReceivePath
@@ -16,6 +16,7 @@ from can_bridge.secoc.node import secured
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from contract.config.vehicle import E2eConfig
+from tests.examples import examples
 from tests.fuzz.receive_path import follow
 
 
@@ -51,7 +52,7 @@ RECORDS = st.builds(
 )
 
 
-@settings(max_examples=500)
+@examples(500)
 @given(
     st.binary(max_size=300)
     | st.builds(bytes.__add__, st.sampled_from([b"\x00", b"\x60"]), DAMAGED)

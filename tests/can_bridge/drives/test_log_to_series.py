@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.drives.log_periods import Scales
 from can_bridge.drives.log_to_series import LogSeries, series_of
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.errors import DatasetError
+from tests.can_bridge.drives import drive_log
 from tests.can_bridge.drives.drive_log import (
     FLOW,
     KEY,
@@ -29,7 +30,7 @@ from tests.can_bridge.drives.drive_log import (
     log_of,
     pressure,
 )
-from tests.can_bridge.drives import drive_log
+from tests.examples import examples
 
 SCALES = Scales(period_s=PERIOD, dynamic_pressure=PRESSURE, flow_rate=FLOW, action_limit=0.075)
 LOG = Path("drive.blf")
@@ -63,7 +64,7 @@ def test_a_sound_log_is_the_drive(kind: str) -> None:
     assert abs(report.drift) < 1e-9
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataObject, kind: str, seed: int) -> None:
     """Jitter of 0.3 periods, up to two rows lost in a row, copies, other nodes' frames and damaged frames."""
@@ -331,7 +332,7 @@ def test_one_of_two_sets_can_be_asked_for() -> None:
     assert drive_log.MODULUS["classic"] == 16
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
     """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""

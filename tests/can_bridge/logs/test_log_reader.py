@@ -10,13 +10,14 @@ from pathlib import Path
 import can
 import pytest
 from can.util import len2dlc
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from can_bridge.logs.frame_log import loss_of, recording_messages
 from can_bridge.logs.log_reader import read_messages
 from can_bridge.wire.frame import FD_LENGTHS
 from contract.errors import BusError
+from tests.examples import examples
 
 FORMATS = (".log", ".asc", ".blf", ".trc")
 RESOLUTION_S = 2e-6
@@ -101,7 +102,7 @@ MF4 = pytest.param(
 
 
 @pytest.mark.parametrize("suffix", [*FORMATS, MF4])
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(40, suppress_health_check=list(HealthCheck))
 @given(log=logs())
 def test_what_is_written_is_read_back(tmp_path_factory, suffix, log):
     path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
@@ -120,7 +121,7 @@ def test_what_is_written_is_read_back(tmp_path_factory, suffix, log):
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(30, suppress_health_check=list(HealthCheck))
 @given(log=logs())
 def test_python_can_alone_reads_the_same_data_frames(tmp_path_factory, suffix, log):
     """Its TRC reader leaves an FD frame's length code in place of the length; the bytes are right."""

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.timing.bus_load import bus_load, loop_messages, mean_ns
@@ -11,6 +11,7 @@ from can_bridge.timing.traffic import PeriodicMessage
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig
 from contract.errors import ConfigError
+from tests.examples import examples
 
 PERIOD_NS = Config().period_ns
 
@@ -74,7 +75,7 @@ def test_computing_for_a_whole_period_is_refused(compute_ms):
         bus_load(config(compute_ms=compute_ms))
 
 
-@settings(deadline=None, max_examples=25)  # a hundred messages each
+@examples(25)  # a hundred messages each
 @given(load=st.floats(0.05, 0.9), seed=st.integers(0, 1000), frames=st.sampled_from(["fd", "classic"]))
 def test_background_makes_nothing_of_ours_earlier(load, seed, frames):
     alone, beside = bus_load(config(frames=frames)), bus_load(config(load=load, seed=seed, frames=frames))

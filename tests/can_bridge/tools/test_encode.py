@@ -6,13 +6,14 @@ from typing import Any
 
 import cantools
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import contract
 from can_bridge.tools.encode import NAMES, encode
 from can_bridge.tools.signals import PROTECTION
 from contract.errors import BusError
+from tests.examples import examples
 
 DATABASE: Any = cantools.database.load_file(Path(contract.__file__).parent / "stillwake.dbc")
 
@@ -22,7 +23,7 @@ def test_every_message_of_the_dbc_has_a_name_here():
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(data=st.data())
 def test_any_value_of_the_dbc_is_sent_as_cantools_reads_it(name, data):
     message = DATABASE.get_message_by_name(name)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.tools.monitor import MonitorState, View, press, rows, split_keys
+from can_bridge.tools.monitor import MOST_MESSAGES, MonitorState, View, press, rows, split_keys
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from tests.can_bridge.tools.test_traffic import frame
@@ -131,3 +131,16 @@ def test_no_key_makes_it_fail(keys):
 @given(st.text())
 def test_no_key_is_lost(typed):
     assert "".join(split_keys(typed)) == typed
+
+
+def test_random_identifiers_fill_neither_memory_nor_table():
+    known = frame(PRESSURE, 0)
+    state = state_of(known)
+    for i in range(MOST_MESSAGES + 500):
+        state = state.seen(Frame(frame_id=0x1000 + i, data=b"", is_fd=False, is_extended=True))
+    state = state.seen(known)
+    assert (len(state.messages), state.unlisted) == (MOST_MESSAGES, 501)
+    # What is listed is still followed.
+    assert state.frames == MOST_MESSAGES + 502
+    assert state.messages[False, PRESSURE.frame_id].count == 2
+    assert state.reset() == MonitorState()

@@ -37,3 +37,22 @@ def test_a_bus_that_fails_leaves_the_count_of_what_was_written():
     with pytest.raises(BusError, match="unplugged"):
         recorder.run(receive, is_over=lambda frames: False)
     assert recorder.frames == len(written) == 2
+
+
+def test_what_waits_when_it_is_stopped_is_written_too_and_no_more():
+    waiting: list[can.Message | None] = [can.Message(arbitration_id=i) for i in range(5)]
+    written: list[can.Message] = []
+    recorder = Recorder(written.append, lambda message: "")
+    waits: list[float] = []
+
+    def receive(wait_s: float) -> can.Message | None:
+        waits.append(wait_s)
+        return waiting.pop(0) if waiting else None
+
+    recorder.run(receive, is_over=lambda frames: frames == 1)
+    recorder.drain(receive, most=2)
+    assert recorder.frames == 3
+    recorder.drain(receive, most=10)
+    assert [one.arbitration_id for one in written] == list(range(5))
+    # It does not wait for more.
+    assert waits[1:] == [0.0] * 5

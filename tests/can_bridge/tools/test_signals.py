@@ -5,20 +5,21 @@ from typing import Any
 
 import cantools
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import contract
 from can_bridge.tools.signals import PROTECTION, decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
+from tests.examples import examples
 
 DBC = Path(contract.__file__).parent / "stillwake.dbc"
 DATABASE: Any = cantools.database.load_file(DBC)
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(data=st.data())
 def test_any_bytes_mean_what_cantools_says(spec, data):
     content = data.draw(st.binary(min_size=spec.length, max_size=spec.length))

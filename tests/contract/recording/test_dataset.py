@@ -5,7 +5,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from contract import sensors
@@ -15,6 +15,7 @@ from contract.recording import dataset
 from contract.recording.dataset import REQUIRED, UNITS, Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
 from contract.sensor_layout import SensorLayout
+from tests.examples import examples
 
 
 def episode(name: str = "first", steps: int = 12, role: Role = "train", **changes: Any) -> Episode:
@@ -356,7 +357,7 @@ def test_missing_file_and_wrong_kind_of_file_are_named(tmp_path):
         dataset.read(tmp_path / "text.h5")
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0, 0.999))
 @example(share=0.999)
 def test_truncated_file_is_refused(tmp_path, written, share):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -10,7 +10,6 @@ FINEST, COARSEST = 2.0**-15, 2.0**-8
 LIMIT = 32767 * COARSEST
 
 
-@settings(deadline=None)
 @given(
     values=arrays(np.float64, array_shapes(max_dims=2, max_side=20), elements=st.floats(-LIMIT, LIMIT)),
     shrink=st.floats(1e-6, 1.0),
@@ -30,7 +29,6 @@ def test_every_value_comes_back_within_half_a_quantum(values, shrink):
     assert same == quantum and (again == integers).all()
 
 
-@settings(deadline=None)
 @given(
     values=arrays(np.float64, st.integers(1, 10), elements=st.floats(-1e9, 1e9)),
     place=st.integers(0, 9),

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
@@ -14,6 +14,7 @@ from contract.release import bundle, strict_json
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST, Manifest, Scaling
 from stillwake.shipped import BUNDLE
+from tests.examples import examples
 
 GRAPH = (BUNDLE / CONTROLLER).read_bytes()
 """Of the sizes that `manifest()` states."""
@@ -130,7 +131,7 @@ def test_added_directory_is_refused(directory):
         bundle.load(directory)
 
 
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@examples(50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.sampled_from(sorted(CONTENTS)), data=st.data())
 def test_any_changed_bit_of_a_file_is_found_and_named(directory, name, data):
     content = bytearray(CONTENTS[name])
@@ -143,7 +144,7 @@ def test_any_changed_bit_of_a_file_is_found_and_named(directory, name, data):
         (directory / name).write_bytes(CONTENTS[name])
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@examples(300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_zip_with_a_flipped_bit_is_refused_or_unharmed(tmp_path, data):
     """Some bits of a zip, such as a date, carry nothing; every other one must be noticed, by BundleError alone."""

@@ -46,6 +46,7 @@ def understated(path: Path, size: int, stated: int) -> Path:
     return path
 
 
+@pytest.mark.slow  # packs half a gigabyte
 def test_half_a_gigabyte_that_calls_itself_a_hundred_bytes(tmp_path):
     path = understated(tmp_path / "b.zip", 500 * 2**20, 100)
     assert path.stat().st_size < 600_000

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.errors import BundleManifestError
@@ -18,6 +18,7 @@ from contract.release import bundle
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
 from stillwake.shipped import BUNDLE
+from tests.examples import examples
 
 SHIPPED = json.loads((BUNDLE / MANIFEST).read_bytes())
 PATH = Path("planted")
@@ -188,7 +189,7 @@ def test_json_that_has_two_readings_is_refused(raw, named):
 
 
 @pytest.mark.slow  # 300 manifests
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused_in_one_line(data):
     """Numbers, texts and tables of every kind in the place of every field."""

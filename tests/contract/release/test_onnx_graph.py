@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from onnx import TensorProto, helper
 
@@ -20,6 +20,7 @@ from export.program.random_program import random_program
 from export.to_onnx.control_step import build_controller
 from stillwake.shipped import BUNDLE
 from tests.contract.controller.graphs import SIZES, constant, edited, endless, graph_of, outside, value
+from tests.examples import examples
 
 
 def nodes_of(graph: onnx.GraphProto) -> list[onnx.NodeProto]:
@@ -187,7 +188,7 @@ SOUND = graph_of().SerializeToString()
 
 
 @pytest.mark.slow  # hundreds of graphs
-@settings(max_examples=500, deadline=None)
+@examples(500)
 @given(data=st.data())
 def test_a_damaged_file_is_refused_or_is_the_graph_that_onnx_reads(data):
     """Whatever passes, the `onnx` package reads as a graph of allowed operators, too: no second reading."""

@@ -8,7 +8,7 @@ by more, where a gradient is small: by 1e-8 of the learning rate.
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes
 
@@ -19,6 +19,7 @@ from export.program.random_program import random_program, random_window
 from export.reference.cost import cost_gradient, cost_terms
 from export.reference.model import decode_adjoint, encode, encoder_layers, step_adjoint
 from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, predict, rollout, shift
+from tests.examples import examples
 
 HORIZON, LATENT = 6, 3
 SMALL = ModelConfig(window=5, latent=LATENT, lstm_width=5, dynamics_width=10, decoder_width=8)
@@ -41,7 +42,7 @@ def draw(seed: int, shape: tuple[int, ...]):
     )
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(shape=leading, seed=st.integers(0, 5))
 def test_every_function_acts_on_the_last_axes(shape, seed):
     program, (z, plan, before) = small(seed), draw(seed, shape)
@@ -75,7 +76,7 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
         np.testing.assert_allclose(moved[i], alone, rtol=0, atol=1e-10)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(shape=leading, seed=st.integers(0, 5))
 def test_cost_terms_and_their_gradient_are_those_of_each_plan(shape, seed):
     """Forces are rounded to tenths, so that extremes tie and lifts are zero."""
@@ -91,7 +92,7 @@ def test_cost_terms_and_their_gradient_are_those_of_each_plan(shape, seed):
         np.testing.assert_allclose(found.plan[i], one.plan, **CLOSE)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(shape=leading, seed=st.integers(0, 5))
 def test_adjoints_are_those_of_each_row(shape, seed):
     program, (z, plan, a) = small(seed), draw(seed, shape)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -16,6 +16,7 @@ from export.program.random_program import random_program, random_window
 from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, gradient, optimise, project, rollout, shift
+from tests.examples import examples
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 HORIZON = 6
@@ -31,7 +32,7 @@ def a_window(program: ControllerProgram, seed: int = 0) -> np.ndarray:
     return random_window(program, np.random.default_rng(seed))
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(plan=actions, free=masks, rate=st.floats(1e-4, 0.2), seed=st.integers(0, 5))
 def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, seed):
     program = small(seed, iterations=3, learning_rate=rate)

@@ -312,6 +312,27 @@ def test_frames_dropped_on_either_side_are_lost(harness, faults):
     assert sum(isnan(row.age_ms) for row in rows) >= only(ecu.dropped, JET_COMMAND)
 
 
+def test_another_nodes_29_bit_identifier_of_the_same_number_is_not_ours(harness):
+    """It neither makes the ECU step nor counts as a frame that arrived."""
+
+    def dropping(bus: Bus) -> Faulty:
+        return Faulty(bus, drop=0.15)
+
+    h, plain = (harness(8.0, vehicle=dropping, ecu=dropping) for _ in range(2))
+    other = h.bus.port("other")
+
+    def send_and_go_on() -> None:
+        for spec in (PRESSURE, JET_COMMAND):
+            other.send(Frame(frame_id=spec.frame_id, data=bytes(8), is_fd=False, is_extended=True))
+        h.bus.call_at(h.bus.now_ns + 3_000_000, send_and_go_on)
+
+    send_and_go_on()
+    rows = [[row.mode for row in item.run(60)] for item in (h, plain)]
+    assert rows[0] == rows[1]
+    assert h.loop.totals() == plain.loop.totals()
+    assert h.loop.totals().lost > 6
+
+
 def test_corrupted_frames_are_rejected_on_the_side_that_receives_them(harness, faults):
     def corrupting(bus: Bus) -> Faulty:
         faults.append(Faulty(bus, corrupt=0.15, seed=len(faults)))

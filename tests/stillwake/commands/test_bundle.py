@@ -43,6 +43,7 @@ def test_signing_does_not_change_the_digest(random_release, sound):
     assert bundle.load(random_release).digest == bundle.load(sound).digest
 
 
+@pytest.mark.slow  # whole runs with their reports
 def test_a_run_says_what_a_signature_is_worth_and_keeps_it(cli, signed, tmp_path):
     spans = ["--lead-in", 0.4, "--controlled", 0.4, "--no-averages"]
     outcome = cli("run", tmp_path / "run", "--bundle", signed, *spans)

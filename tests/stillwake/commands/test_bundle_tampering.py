@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contract import errors
@@ -20,6 +20,7 @@ from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from stillwake.shipped import BUNDLE
+from tests.examples import examples
 from tests.stillwake.commands.resealing import resealed
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
@@ -277,7 +278,7 @@ def test_tampering_is_refused_by_its_name(cli, signed, public_key_file, tamper, 
     assert any(line.startswith("FAILED") and named in line for line in verified.out.splitlines())
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(name=st.sampled_from([MANIFEST, SIGNATURE]), data=st.data())
 def test_no_bit_of_manifest_or_signature_can_change(sound, tmp_path_factory, name, data):
     folder = tmp_path_factory.getbasetemp() / "flipped"

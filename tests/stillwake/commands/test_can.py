@@ -267,7 +267,7 @@ def test_decode_prints_a_line_a_frame_and_a_summary(cli: Callable[..., Any], tmp
     assert lines[1].endswith("Flow=0 m2/s, PressureCounter=0  [E2E OK]")
     assert lines[3] == "(1700000000.012000) 18FEF100 unknown: 00 00 00 00 00 00 00 00"
     assert "130 JetCommand 3 50.00 0.008000 0.048000 0 OK 3" in flat(got.out)
-    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s; load of the bus by data frames " in got.out
+    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; load of the bus" in got.out
     assert cli("can", "decode", tmp_path / "a.log", "--summary").out.splitlines()[0].strip() == ""
 
 

@@ -130,8 +130,7 @@ def test_record_keeps_all_that_can_player_sends(tmp_path: Path, bus: Bus, suffix
         assert first_line(recorder).startswith("recording a")
         player = [sys.executable, "-m", "can.player", *bus.theirs, "--", str(tmp_path / "sent.asc")]
         subprocess.run(player, check=True, capture_output=True, timeout=PATIENCE_S)
-        # What was sent lies in the receiver's socket now, and a stop reads on for no longer than one poll.
-        time.sleep(1.0)
+        # What was sent lies in the receiver's socket now, and a stop takes all of it.
         code, out, err = ended(recorder, number)
     assert (code, err) == (0, "")
     assert f"wrote {output}: {len(made)} frames" in out
@@ -156,15 +155,19 @@ def test_can_logger_keeps_all_that_replay_sends(tmp_path: Path, bus: Bus) -> Non
     assert f"sent {len(made)} frames" in got.stdout
     received = list(read_messages(output))
     assert content(received) == content(made)
-    # Kept in step: the whole lasts as long as recorded, give or take a scheduler's pause at either end.
+    # Kept in step: the whole lasts as long as recorded, but for what it says itself of its lateness, and a scheduler's
+    # pause between its look at the clock and the sending at either end.
+    late = re.search(r"max ([0-9.]+) ms", got.stdout)
+    assert late is not None
     span = received[-1].timestamp - received[0].timestamp
-    assert span == pytest.approx(made[-1].timestamp - made[0].timestamp, abs=0.2)
+    assert span == pytest.approx(made[-1].timestamp - made[0].timestamp, abs=0.2 + float(late[1]) / 1e3)
 
 
 def test_a_stopped_replay_and_a_stopped_send_say_so(tmp_path: Path, bus: Bus) -> None:
-    write(tmp_path / "sent.log", 5000)
+    write(tmp_path / "sent.log", PERIODS)
     calls = [
-        ("replay", str(tmp_path / "sent.log")),
+        # A second of recording in a hundred: the stop comes first.
+        ("replay", str(tmp_path / "sent.log"), "--speed", "0.01"),
         ("send", "Pressure", "--count", "100000"),
     ]
     for call in calls:

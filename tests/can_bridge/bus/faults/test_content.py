@@ -1,5 +1,7 @@
 """Changed data, ahead of the end-to-end protection and behind it, and a node that is stuck."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,12 +9,15 @@ from hypothesis import strategies as st
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.protection import payload_bits
+from can_bridge.bus.faults.wrapping import wrap
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check, StreamState
 from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE, PRESSURE_SECURED, SPECS
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered, pressure
 
@@ -160,6 +165,17 @@ def test_identifiers_are_stuck_each_on_its_own(link):
         link.advance()
     received = link.other.receive_all()
     assert [(frame.frame_id, number_of(frame)) for frame in received] == [(0x120, 0), (0x130, 100)] * 4
+
+
+def test_a_29_bit_identifier_of_the_same_number_is_another_one():
+    bus = SimulatedBus(BusConfig())
+    faulty, other = wrap(bus.port(), (StuckAt(),), lambda: bus.now_ns), bus.port()
+    for number in range(2):
+        faulty.send(numbered(number, frame_id=0x120))
+        faulty.send(replace(numbered(100 + number, frame_id=0x120), is_extended=True))
+        bus.advance_to(bus.now_ns + 10_000_000)
+    received = [(frame.is_extended, number_of(frame)) for frame in other.receive_all()]
+    assert sorted(received) == [(False, 0)] * 2 + [(True, 100)] * 2
 
 
 @pytest.mark.parametrize("copies", [1, 3])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.faults.arrivals import Arrivals
@@ -19,6 +19,7 @@ from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered
+from tests.examples import examples
 
 NULL_FAULTS = (
     Drop(probability=0.0),
@@ -50,7 +51,7 @@ FAULTS = (
 )
 SPAN = {"start_s": 9.5 * PERIOD_S, "end_s": 19.5 * PERIOD_S}
 
-FEW = settings(max_examples=20)
+FEW = examples(20)
 """Each fault has its own tests; here every one is put to the same."""
 
 BURSTS = st.lists(st.integers(0, 4), max_size=12)

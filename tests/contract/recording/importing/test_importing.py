@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from contract.errors import DatasetError
@@ -18,6 +18,7 @@ from contract.recording.importing.assemble import Source, assemble
 from contract.recording.importing.sensor_table import read_sensors
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
+from tests.examples import examples
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS, WRITERS
 
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
@@ -62,7 +63,7 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
         assert np.abs(episode.series[name] - values[name]).max() <= half, name
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@examples(30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.tuples(st.floats(-LIMIT, LIMIT), st.floats(-100, 100), st.floats(-1, 1), *(st.floats(-4, 4) for _ in NAMES)),

@@ -1,0 +1,133 @@
+"""The tables of the bus: what was measured of codec and protection, and the closed loop on buses of different kinds."""
+
+from pathlib import Path
+from typing import Any, Final
+
+from benchmarks.bus.bus import HEADLINES
+from benchmarks.common.markdown import read, table
+
+RUNS: Final = {
+    "CAN FD": "demo",
+    "classic CAN": "bus_classic",
+    "CAN FD, authenticated": "bus_secured",
+    "CAN FD, 30 % other traffic": "bus_busy_30",
+    "CAN FD, 90 % other traffic": "bus_busy_90",
+}
+"""Files of closed loops, by what their bus is."""
+
+
+def tables(results: Path) -> dict[str, str]:
+    """Every table by its marker."""
+    found = read(results / "bus.json")
+    return {
+        "bus": bus(found),
+        "codec": codec(found),
+        "flips": flips(found),
+        "authentication": authentication(found),
+        "bus_runs": bus_runs(results),
+        "two_nodes": two_nodes(results),
+    }
+
+
+def bus(found: Any) -> str:
+    """The headline figures."""
+    rows = [(text, found["figures"][name]) for name, text in HEADLINES.items()]
+    played = found["figures"]["response_time"]
+    return (
+        f"{table(('measured', 'figure'), rows)}\n\n"
+        f"Measured on {found['date']}. Response times: {played['message_sets']} sets, {played['messages']} messages, "
+        f"{played['frames']}\nframes; at random they come up to {100 * played['largest_ratio']:.0f} % of the bound."
+    )
+
+
+def codec(found: Any) -> str:
+    """Times of both codecs; medians of one run."""
+    rows = [
+        (row["message"], row["direction"], row["stillwake_us"], row["cantools_us"], f"{row['ratio']:.1f}")
+        for row in found["figures"]["codec"]["rows"]
+    ]
+    return table(("message", "direction", "stillwake, us", "cantools, us", "times as fast"), rows)
+
+
+def flips(found: Any) -> str:
+    """Damaged frames and random bytes that one frame's check lets pass, and those that reach the node."""
+    rows = []
+    for name, row in found["figures"]["flips"]["flips"].items():
+        three = row["three_bit"]
+        among = row["random_among_genuine"]
+        rows.append(
+            (
+                name,
+                *(f"{row[key]['accepted']} of {row[key]['tried']:,}" for key in ("one_bit", "two_bit")),
+                f"{three['accepted']} of {three['tried']:,}{'' if three['exhaustive'] else ' (sampled)'}",
+                f"{row['random_per_million']:.1f}",
+                f"{row['expected_random_per_million']:.2g}",
+                f"{row['random']['live']} of {row['random']['tried']:,}",
+                f"{among['live']} of {among['tried']:,}",
+            )
+        )
+    heads = (
+        *("message", "1 bit", "2 bits", "3 bits", "random, per million", "expected"),
+        *("taken, random bytes alone", "taken, in place of every fifth frame"),
+    )
+    return table(heads, rows)
+
+
+def authentication(found: Any) -> str:
+    """What authentication costs."""
+    cost = found["figures"]["forgeries"]["authentication_cost"]
+    rows = [
+        (name, row["e2e_protect_us"], row["secure_us"], row["e2e_check_us"], row["verify_us"])
+        for name, row in cost["messages"].items()
+    ]
+    heads = ("message", "E2E protect, us", "and secure", "E2E check", "and verify")
+    loads = ", ".join(f"{name} {value:.1f} %" for name, value in cost["bus_load_percent"].items())
+    forged = found["figures"]["forgeries"]["forgeries"]
+    accepted = found["figures"]["authenticated_forgeries_accepted"]
+    return f"""{table(heads, rows)}
+
+Load of the bus by the three messages, at worst: {loads}.
+Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,} accepted. Genuine ones between them:
+{forged["genuine_refused"]} of {forged["genuine"]:,} refused."""
+
+
+def bus_runs(results: Path) -> str:
+    """The closed loop on each bus."""
+    rows = []
+    for name, file in RUNS.items():
+        figures = read(results / f"{file}.json")["figures"]
+        on_bus = figures["bus"]
+        waits = on_bus["longest_wait_ms"]
+        rows.append(
+            (
+                name,
+                figures["reduction_percent"],
+                figures["abs_Cl_controlled"],
+                f"{100 * on_bus['load']:.1f}",
+                " / ".join(f"{waits.get(message, 0.0):.2f}" for message in _names(waits)),
+                f"{on_bus['error_frames']}",
+            )
+        )
+    heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest wait, ms: pressure / command / status", "errors")
+    return table(heads, rows)
+
+
+def two_nodes(results: Path) -> str:
+    """Frames between two processes."""
+    found = read(results / "two_nodes.json")
+    figures, facts = found["figures"], found["facts"]
+    rows = [(name, figures[name]["sent"], figures[name]["good"]) for name in ("pressures", "commands")]
+    trip = figures["round_trip_ms"]
+    return f"""{table(("message", "sent", "received and good"), rows)}
+
+{facts["interface"]}, a period of {facts["period_ms"]:g} ms, {figures["garbage"]} pieces of garbage in between. Round
+trip p50/p99/max: {trip["p50"]:.1f}/{trip["p99"]:.1f}/{trip["max"]:.1f} ms, on a machine that did other work as well."""
+
+
+def _names(waits: dict[str, float]) -> list[str]:
+    """Pressure, command, status, whichever set they are of."""
+    return sorted(waits, key=lambda name: ("Pressure", "JetCommand", "EcuStatus").index(_base(name)))
+
+
+def _base(name: str) -> str:
+    return name.removesuffix("Classic").removesuffix("Secured")
