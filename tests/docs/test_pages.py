@@ -47,7 +47,8 @@ def _commands(page: Path) -> Iterator[list[str]]:
     blocks = re.findall(r"^    ((?:stillwake|python -m benchmarks|make)\b.*)$", text, re.MULTILINE)
     inline = re.findall(r"`((?:stillwake|python\s-m\sbenchmarks|make)\s[^`]+)`", text)
     for line in (*blocks, *inline):
-        yield shlex.split(line, comments=True)
+        for one in line.split(" && "):
+            yield shlex.split(one, comments=True)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_id)
