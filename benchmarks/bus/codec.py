@@ -7,6 +7,7 @@ numbers for choices, no checks for missing or superfluous signals.
 
 from collections.abc import Callable
 from importlib.resources import files
+from statistics import median
 from timeit import Timer
 from typing import Any, Final
 
@@ -34,7 +35,7 @@ _STATUS: Final = EcuStatus(
 
 
 def measure(*, repeats: int = 21, progress: Callable[[int, int], None] = lambda done, total: None) -> dict[str, Any]:
-    """The fastest of the repeats, ours and theirs in turn: what else runs on the machine makes the others slower.
+    """Medians over the repeats, ours and theirs in turn.
 
     Returns:
         codec_times_cantools: how many times faster, the smallest ratio over messages and directions.
@@ -61,9 +62,9 @@ def measure(*, repeats: int = 21, progress: Callable[[int, int], None] = lambda 
         {
             "message": name,
             "direction": direction,
-            "stillwake_us": min(our_times),
-            "cantools_us": min(their_times),
-            "ratio": min(their_times) / min(our_times),
+            "stillwake_us": median(our_times),
+            "cantools_us": median(their_times),
+            "ratio": median(their_times) / median(our_times),
         }
         for (name, direction, _, _), (our_times, their_times) in zip(pairs, times, strict=True)
     ]
