@@ -239,7 +239,8 @@ def _live(
                 shown, now_ns = frozen or (state, source.now_ns())
                 # No key may scroll past the end: the way back would be as long.
                 view = replace(view, top=min(view.top, max(0, _row_count(shown, now_ns, view.matching) - 1)))
-                heading = f"{title}, ended" if source.has_ended else title
+                # In front: a long path is cut off at its end.
+                heading = f"ended: {title}" if source.has_ended else title
                 drawing = screen(
                     shown, view, now_ns, source=heading, width=console.width, height=console.height, keys=has_keys
                 )
