@@ -66,6 +66,14 @@ def run(
     start: Annotated[
         Path | None, typer.Option(help="Flow state to begin from (`develop`); default: the shipped start.")
     ] = None,
+    fault: Annotated[
+        list[str],
+        typer.Option(
+            help="Fault on the bus, NODE:FAULT@START..END with the node vehicle or ecu and times in s of the run, e.g. "
+            "ecu:drop:probability=0.1@5..10 (repeatable; docs/reference/bus-faults.md has them all).",
+        ),
+    ] = [],  # noqa: B006
+    fault_seed: Annotated[int, typer.Option(help="Of what the faults draw.", min=0)] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a run that is in the folder.")] = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
@@ -78,6 +86,7 @@ def run(
     """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
+    from firmware_sim.bench.run_faults import parse_node_fault
     from firmware_sim.ecu.library_controller import open_library
     from firmware_sim.runs.metadata import RunOrigin
     from firmware_sim.runs.report import write_report
@@ -92,6 +101,7 @@ def run(
         raise ConfigError("--require-reduction needs averages: leave out --no-averages")
     if require_reduction is not None and not isfinite(require_reduction):
         raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
+    faults = [parse_node_fault(text) for text in fault]
     folder = RunFolder(output)
     folder.check_free(overwrite=overwrite)
     check_json(json_file)
@@ -154,6 +164,8 @@ def run(
             progress=show,
             plant=flow,
             controller=controller,
+            faults=faults,
+            fault_seed=fault_seed,
         )
     page = write_report(folder)
     if json_file is not None:
