@@ -97,7 +97,7 @@ class Traffic:
     def verdict(self) -> str:
         """Of the newest frame, in words: what refused it, or its end-to-end check; empty for other nodes' messages."""
         if self.mac is not None and self.mac in MAC_REFUSED:
-            return self.mac.value
+            return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
 
     @property

@@ -105,7 +105,7 @@ def run_closed_loop(
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         check_sensors(bundle, wake.layout)
         node = VehicleNode(bundle.manifest.sensors, config, wake.layout, authentication)
-        injecting = NodeFaults(faults, lambda: bus.now_ns, fault_seed)
+        injecting = NodeFaults(faults, bus, fault_seed)
         connected = BusPorts(
             vehicle=injecting.around("vehicle", ports["vehicle"]),
             ecu=injecting.around("ecu", ports["ECU"]),

@@ -6,21 +6,27 @@
 NODE is the node whose port the fault is in, FAULT as `can_bridge.bus.faults.text` has it. Times are in s of the run.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.connection import Disconnect
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 from firmware_sim.runs.metadata import InjectedFault
 
 NODES: Final = ("vehicle", "ecu")
+
+LOOK_NS: Final = 1_000_000
+"""Between two looks at the bus while there are faults: what a fault keeps becomes due without a frame on the bus."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,15 +75,18 @@ class NodeFaults:
 
     Args:
         faults: of all nodes; those of one node from the wire to the node.
-        clock: time of the run in ns.
+        bus: the run's, at time 0.
         seed: of everything that they draw.
     """
 
-    def __init__(self, faults: Sequence[NodeFault], clock: Callable[[], int], seed: int) -> None:
+    def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int) -> None:
         self._faults = faults
-        self._clock = clock
+        self._bus = bus
         self._seed = seed
         self._ports: dict[str, FaultyBus] = {}
+        self._babbling: list[_Babbling] = []
+        if faults:
+            self._look()
 
     def around(self, node: str, port: Bus) -> Bus:
         """The node's port with its faults; the port itself if it has none."""
@@ -86,10 +95,39 @@ class NodeFaults:
             return port
         # The same fault in both nodes must not strike at the same frames.
         seed = len(NODES) * self._seed + NODES.index(node)
-        self._ports[node] = wrap(port, mine, self._clock, seed=seed)
-        return self._ports[node]
+        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed)
+        if not any(isinstance(one, Babble) for one in mine):
+            return faulty
+        self._babbling.append(_Babbling(faulty))
+        return self._babbling[-1]
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """What each has done so far, in the order given."""
         injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
         return tuple(InjectedFault(text=one.text, acted=next(injectors[one.node]).acted) for one in self._faults)
+
+    def _look(self) -> None:
+        # Each look is also an event of the bus, after which the loop asks whether the ECU has its pressures.
+        for port in self._babbling:
+            port.look()
+        self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
+
+
+class _Babbling:
+    """A port that is looked at between its node's calls, so that it babbles on; keeps what came for the node."""
+
+    def __init__(self, port: Bus) -> None:
+        self._port = port
+        self._kept: list[Frame] = []
+
+    def look(self) -> None:
+        self._kept += self._port.receive_all()
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`."""
+        self._port.send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        frames, self._kept = [*self._kept, *self._port.receive_all()], []
+        return frames

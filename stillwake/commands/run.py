@@ -68,10 +68,7 @@ def run(
     ] = None,
     fault: Annotated[
         list[str],
-        typer.Option(
-            help="Fault on the bus, NODE:FAULT@START..END with the node vehicle or ecu and times in s of the run, e.g. "
-            "ecu:drop:probability=0.1@5..10 (repeatable; docs/reference/bus-faults.md has them all).",
-        ),
+        typer.Option(metavar="TEXT", help="Fault on the bus, as NODE:FAULT@START..END (repeatable); see above."),
     ] = [],  # noqa: B006
     fault_seed: Annotated[int, typer.Option(help="Of what the faults draw.", min=0)] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a run that is in the folder.")] = False,
@@ -83,6 +80,11 @@ def run(
 
     Exit status 3: the ECU latched a fault, or control was not held while it was requested. Status 4: the reduction
     that --require-reduction asks for was not reached. The run folder is whole in both cases.
+
+    --fault puts a fault on the bus: the node in whose port it is (vehicle or ecu), the fault, and when it acts, in s of
+    the run; ecu:drop:probability=0.1@5..10 loses a tenth of what the ECU sends. The faults are drop, burst_loss,
+    duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift; their parameters
+    are in docs/reference/bus-faults.md.
     """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop

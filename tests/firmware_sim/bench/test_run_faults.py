@@ -3,9 +3,11 @@
 import pytest
 
 from can_bridge.bus.faults.loss import Drop
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
-from firmware_sim.bench.run_faults import NodeFaults, check_faults, parse_node_fault
+from firmware_sim.bench.run_faults import LOOK_NS, NodeFaults, check_faults, parse_node_fault
 
 
 def test_a_fault_names_its_node_and_what_follows():
@@ -42,8 +44,35 @@ def test_a_fault_must_begin_before_the_run_ends():
 
 
 def test_a_node_without_faults_keeps_its_port():
-    port = object()
-    faults = NodeFaults([parse_node_fault("ecu:disconnect")], lambda: 0, 0)
-    assert faults.around("vehicle", port) is port
-    assert faults.around("ecu", port) is not port
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    faults = NodeFaults([parse_node_fault("ecu:disconnect")], bus, 0)
+    assert faults.around("vehicle", vehicle) is vehicle
+    assert faults.around("ecu", ecu) is not ecu
     assert [(one.text, one.acted) for one in faults.injected()] == [("ecu:disconnect", 0)]
+
+
+def test_a_delayed_frame_is_there_when_it_is_due_on_a_bus_that_is_quiet():
+    """No other event would let the loop look: within one look of the 2 ms."""
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    port = NodeFaults([parse_node_fault("ecu:delay:delay_s=0.002")], bus, 0).around("ecu", ecu)
+    vehicle.send(Frame(frame_id=1, data=b"", is_fd=True))
+    assert bus.advance_until(10_000_000, lambda: bool(port.receive_all()))
+    assert 2_000_000 < bus.now_ns <= 2_000_000 + 200_000 + LOOK_NS
+
+
+def test_a_babbling_node_babbles_between_its_calls_and_hears_all():
+    """4,504 classic frames of eight bytes a second are the most that 500 kbit/s carry, and the others wait for ever."""
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    port = NodeFaults([parse_node_fault("vehicle:babble@0..0.1")], bus, 0).around("vehicle", vehicle)
+    bus.advance_to(1_000_000)
+    ecu.send(Frame(frame_id=1, data=b"", is_fd=True))
+    bus.advance_to(100_000_000)
+    babbled = ecu.receive_all()
+    assert 0.1 * 3_500 < len(babbled) < 0.1 * 4_504
+    assert {frame.frame_id for frame in babbled} == {0}
+    assert port.receive_all() == []
+    bus.advance_to(200_000_000)
+    assert [frame.frame_id for frame in port.receive_all()] == [1]

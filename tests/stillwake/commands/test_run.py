@@ -11,13 +11,14 @@ from pathlib import Path
 
 import pytest
 
+from can_bridge.bus.faults.text import KINDS
 from contract.config.controller import CostWeights
 from contract.config.loading import load
 from contract.errors import ConfigError
 from contract.release import bundle
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
-from stillwake.commands.run import cost_weights
+from stillwake.commands.run import cost_weights, run
 
 QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
 """Long enough for a window of four rows."""
@@ -206,6 +207,10 @@ def test_a_fault_is_said_first_kept_and_ends_with_status_3(cli, tmp_path, short_
     assert found["counters"]["overruns"] > 0
     assert 'role="alert">ECU FAULT: DEADLINE' in (tmp_path / "run" / "report.html").read_text()
     assert cli("report", tmp_path / "run").code == 0
+
+
+def test_the_help_names_every_fault():
+    assert all(kind in (run.__doc__ or "") for kind in KINDS)
 
 
 @pytest.mark.slow
