@@ -119,8 +119,13 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def _injected(run: RunMetadata) -> list[tuple[str, str]]:
-    drawn = f", seed {run.fault_seed}"
-    return [("fault put on the bus", f"{one.text}: acted {one.acted} times{drawn}") for one in run.faults]
+    return [
+        (
+            "fault put on the bus",
+            f"{one.text}: acted {one.acted} time{'' if one.acted == 1 else 's'}, seed {run.fault_seed}",
+        )
+        for one in run.faults
+    ]
 
 
 def _authentication(run: RunMetadata) -> list[tuple[str, str]]:
