@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from can_bridge.e2e.receiver import Check
+from can_bridge.secoc.key import Key as MacKey
 from can_bridge.tools import signals
 from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.signals import PROTECTION, Decoder
-from can_bridge.tools.traffic import CHECK_TEXT, Traffic, observe
+from can_bridge.tools.traffic import Mac, Traffic, observe
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig
 
@@ -28,8 +28,8 @@ class Row:
         rate_hz: of the message.
         lost: frames missing by their counters.
         refused: frames that a receiver would not have used.
-        e2e: the newest frame's check, empty without protection.
-        is_good: whether that check lets a receiver use it.
+        e2e: what the checks say of the newest frame, empty without protection.
+        is_good: whether they let a receiver use it.
     """
 
     message: str
@@ -54,6 +54,7 @@ class MonitorState:
     Attributes:
         decoder: what frames are read with.
         e2e: how their counters are judged.
+        key: of secured messages; without it their authentication is not checked.
         messages: by identifier.
         unlisted: frames of identifiers beyond the first MOST_MESSAGES.
         others: remote and error frames.
@@ -62,6 +63,7 @@ class MonitorState:
 
     decoder: Decoder = signals.decode
     e2e: E2eConfig = field(default_factory=E2eConfig)
+    key: MacKey | None = field(default=None, repr=False)
     messages: Mapping[Key, Traffic] = field(default_factory=dict)
     unlisted: int = 0
     others: int = 0
@@ -72,7 +74,7 @@ class MonitorState:
         key = (frame.is_extended, frame.frame_id)
         if key not in self.messages and len(self.messages) >= MOST_MESSAGES:
             return replace(self, unlisted=self.unlisted + 1, frames=self.frames + 1)
-        traffic = observe(self.messages.get(key), frame, decoder=self.decoder, e2e=self.e2e)
+        traffic = observe(self.messages.get(key), frame, decoder=self.decoder, e2e=self.e2e, key=self.key)
         return replace(self, messages={**self.messages, key: traffic}, frames=self.frames + 1)
 
     def seen_other(self) -> "MonitorState":
@@ -92,6 +94,11 @@ class MonitorState:
     def refused(self) -> int:
         """Frames of all messages that a receiver would not have used."""
         return sum(one.refused for one in self.messages.values())
+
+    @property
+    def has_unchecked_macs(self) -> bool:
+        """Whether there are secured messages, and no key to check them with."""
+        return any(one.mac is Mac.NOT_CHECKED for one in self.messages.values())
 
 
 def rows(state: MonitorState, now_ns: int, *, matching: str = "") -> list[Row]:
@@ -122,7 +129,6 @@ def _rows_of(traffic: Traffic, now_ns: int) -> list[Row]:
     if not cells:
         what = "data" if decoded is None else "not readable"
         cells = [(what, traffic.latest.data.hex(" ") or "empty", "")]
-    check = traffic.check
     return [
         Row(
             message=traffic.name or "unknown",
@@ -136,8 +142,8 @@ def _rows_of(traffic: Traffic, now_ns: int) -> list[Row]:
             count=traffic.count,
             lost=traffic.lost,
             refused=traffic.refused,
-            e2e="" if check is None else CHECK_TEXT[check],
-            is_good=check in (None, Check.OK, Check.OK_SOME_LOST),
+            e2e=traffic.verdict,
+            is_good=traffic.is_good,
         )
         for signal, value, unit in cells
     ]

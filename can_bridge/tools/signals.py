@@ -29,7 +29,7 @@ class Signal:
 
     Attributes:
         value: in `unit`.
-        text: its name in the signal's table of values; empty without one.
+        text: what people know it by: its name in the table of values, or a hash's digits; empty without one.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Signal:
     @property
     def shown(self) -> str:
         """The value for people: its name where it has one, no digits that the wire does not carry."""
-        return self.text or f"{self.value:.10g}"
+        return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ def decode(frame: Frame) -> Decoded | None:
         mac, freshness = data[-MAC_LENGTH:], data[-MAC_LENGTH - FRESHNESS_LENGTH : -MAC_LENGTH]
         tail = (
             Signal(name="Freshness", value=int.from_bytes(freshness, "big")),
-            Signal(name="MAC", value=int.from_bytes(mac, "big")),
+            Signal(name="MAC", value=int.from_bytes(mac, "big"), text=f"0x{mac.hex()}"),
         )
     return Decoded(name=spec.name, signals=(*head, *_signals(value, spec), *tail), spec=spec)
 
@@ -145,7 +145,7 @@ def _of_classic_status(value: EcuStatus) -> tuple[Signal, ...]:
         Signal(name="Missed", value=value.missed),
         Signal(name="CrcErrors", value=value.crc_errors),
         Signal(name="Refused", value=value.refused),
-        Signal(name="BundleHash", value=value.bundle_hash >> 16),
+        Signal(name="BundleHash", value=value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}"),
     )
 
 
@@ -157,7 +157,7 @@ def _of_status(value: EcuStatus) -> tuple[Signal, ...]:
         Signal(name="Overruns", value=value.overruns),
         Signal(name="Missed", value=value.missed),
         Signal(name="CrcErrors", value=value.crc_errors),
-        Signal(name="BundleHash", value=value.bundle_hash),
+        Signal(name="BundleHash", value=value.bundle_hash, text=f"{value.bundle_hash:#010x}"),
         Signal(name="Refused", value=value.refused),
         Signal(name="NotAuthentic", value=value.not_authentic),
         Signal(name="TxErrors", value=value.tx_errors),

@@ -6,9 +6,10 @@ from typing import Any
 
 import can
 
+from can_bridge.secoc.key import Key
 from can_bridge.tools.raw_bus import frame_of, id_text
 from can_bridge.tools.signals import Decoder
-from can_bridge.tools.traffic import CHECK_TEXT, Traffic, observe
+from can_bridge.tools.traffic import Mac, Traffic, observe
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
@@ -38,6 +39,11 @@ class Summary:
         return sum(one.count for one in self.messages.values())
 
     @property
+    def unchecked_macs(self) -> int:
+        """Frames of secured messages, if there was no key to check them with."""
+        return sum(one.count for one in self.messages.values() if one.mac is Mac.NOT_CHECKED)
+
+    @property
     def span_s(self) -> float:
         """From the first to the last frame; 0 without any."""
         return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
@@ -65,17 +71,13 @@ class Summary:
                     "rate_hz": one.mean_rate_hz,
                     "first_s": one.first_ns / 1e9,
                     "last_s": one.last_ns / 1e9,
-                    "lost": one.lost if one.check is not None else None,
-                    "e2e": checks_of(one) if one.check is not None else None,
+                    "lost": one.lost if one.is_protected else None,
+                    "checks": one.verdicts if one.is_protected else None,
+                    "mac_checked": None if one.mac is None else one.mac is not Mac.NOT_CHECKED,
                 }
                 for _, one in sorted(self.messages.items())
             ],
         }
-
-
-def checks_of(traffic: Traffic) -> dict[str, int]:
-    """How often each end-to-end check came out, those that did."""
-    return {CHECK_TEXT[check]: count for check in CHECK_TEXT if (count := traffic.receiver.count(check))}
 
 
 def summarise(
@@ -83,6 +85,7 @@ def summarise(
     *,
     decoder: Decoder,
     config: BusConfig,
+    key: Key | None = None,
     seen: Callable[[Traffic], None] = lambda traffic: None,
 ) -> Summary:
     """Go through a log.
@@ -92,6 +95,7 @@ def summarise(
         decoder: what frames are read with.
         config: bit rates, for the load, and how counters are judged. A frame without bit-rate switch is charged the
             nominal rate throughout.
+        key: of secured messages; without it their authentication is not checked.
         seen: called after each data frame with what is known of its message then.
     """
     found = Summary()
@@ -113,7 +117,7 @@ def summarise(
             nominal_bitrate=config.nominal_bitrate,
             data_bitrate=config.data_bitrate if message.bitrate_switch else config.nominal_bitrate,
         )
-        key = (frame.is_extended, frame.frame_id)
-        found.messages[key] = observe(found.messages.get(key), frame, decoder=decoder, e2e=config.e2e)
-        seen(found.messages[key])
+        place = (frame.is_extended, frame.frame_id)
+        found.messages[place] = observe(found.messages.get(place), frame, decoder=decoder, e2e=config.e2e, key=key)
+        seen(found.messages[place])
     return found

@@ -1,10 +1,17 @@
-"""What is known of one message on a bus from the frames seen so far: count, rate, losses, end-to-end checks."""
+"""What is known of one message on a bus from the frames seen so far: count, rate, losses, end-to-end checks.
+
+Of a secured message the authentication is checked first, as a node does it: what it refuses, the end-to-end check never
+sees. Without a key there is the end-to-end check alone.
+"""
 
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import Final
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import GOOD, Check, ReceiverState, receive
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.tools.signals import Decoded, Decoder
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
@@ -24,6 +31,19 @@ CHECK_TEXT: Final = {
 }
 
 
+class Mac(Enum):
+    """What the authentication of a secured frame says; the value is for people."""
+
+    OK = "OK"
+    NOT_AUTHENTIC = "not authentic"
+    NOT_FRESH = "not fresh"
+    NOT_CHECKED = "not checked"
+    """There is no key."""
+
+
+MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Traffic:
     """One message, by the frames so far.
@@ -34,10 +54,12 @@ class Traffic:
         count: frames.
         first_ns: time of the first.
         recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
-        check: of the newest, against the ones before it; None without end-to-end protection.
+        check: of the newest, against the ones before it; None without end-to-end protection, or if its MAC was refused.
+        mac: of the newest; None for a message without authentication.
         lost: frames missing by their counters, which cannot tell a loss of a whole counter period or more; a sender
             that starts again counts as one.
         receiver: what the checks must remember, and how often each came out.
+        verifier: the same of the authentication; its freshness begins with the first authentic frame.
     """
 
     latest: Frame
@@ -46,8 +68,10 @@ class Traffic:
     first_ns: int
     recent_ns: tuple[int, ...]
     check: Check | None = None
+    mac: Mac | None = None
     lost: int = 0
     receiver: ReceiverState = field(default_factory=ReceiverState)
+    verifier: VerifierState = field(default_factory=VerifierState)
 
     @property
     def name(self) -> str:
@@ -57,7 +81,32 @@ class Traffic:
     @property
     def refused(self) -> int:
         """Frames that a receiver would not have used."""
-        return self.receiver.frames_rejected
+        return self.receiver.frames_rejected + self.verifier.refused
+
+    @property
+    def is_protected(self) -> bool:
+        """Whether it is one of our messages, which all have an end-to-end check."""
+        return self.decoded is not None and self.decoded.spec is not None
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing speaks against using the newest frame."""
+        return self.mac not in MAC_REFUSED and self.check in (None, *GOOD)
+
+    @property
+    def verdict(self) -> str:
+        """Of the newest frame, in words: what refused it, or its end-to-end check; empty for other nodes' messages."""
+        if self.mac is not None and self.mac in MAC_REFUSED:
+            return str(self.mac.value)
+        return "" if self.check is None else CHECK_TEXT[self.check]
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """How often each verdict came out; those that never did are left out."""
+        counts = {CHECK_TEXT[check]: self.receiver.count(check) for check in CHECK_TEXT}
+        counts[Mac.NOT_AUTHENTIC.value] = self.verifier.not_authentic
+        counts[Mac.NOT_FRESH.value] = self.verifier.not_fresh
+        return {text: count for text, count in counts.items() if count}
 
     @property
     def last_ns(self) -> int:
@@ -83,7 +132,9 @@ class Traffic:
         return (self.count - 1) * 1e9 / span if span > 0 else 0.0
 
 
-def observe(before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eConfig) -> Traffic:
+def observe(
+    before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eConfig, key: Key | None = None
+) -> Traffic:
     """What is known after one more frame of the message.
 
     Args:
@@ -91,13 +142,21 @@ def observe(before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eC
         frame: stamped with the time it came.
         decoder: what to read it with.
         e2e: which steps of the counter still count as a loss, and not as a wrong sequence.
+        key: of secured messages; without it their authentication is not checked.
     """
     decoded = decoder(frame)
     receiver = ReceiverState() if before is None else before.receiver
+    verifier = VerifierState() if before is None else before.verifier
     check: Check | None = None
+    mac: Mac | None = None
     lost = 0
     if decoded is not None and decoded.spec is not None:
-        receiver, check, lost = _checked(receiver, frame, decoded.spec, e2e)
+        spec = decoded.spec
+        # A frame of the other kind has nothing that could be checked.
+        whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
+        verifier, mac = _verified(verifier, whole, spec, key)
+        if mac not in MAC_REFUSED:
+            receiver, check, lost = _checked(receiver, whole, spec, e2e)
     if before is None:
         return Traffic(
             latest=frame,
@@ -105,8 +164,10 @@ def observe(before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eC
             first_ns=frame.timestamp_ns,
             recent_ns=(frame.timestamp_ns,),
             check=check,
+            mac=mac,
             lost=lost,
             receiver=receiver,
+            verifier=verifier,
         )
     return replace(
         before,
@@ -115,16 +176,30 @@ def observe(before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eC
         count=before.count + 1,
         recent_ns=(*before.recent_ns[-RATE_OVER:], frame.timestamp_ns),
         check=check,
+        mac=mac,
         lost=before.lost + lost,
         receiver=receiver,
+        verifier=verifier,
     )
+
+
+def _verified(
+    state: VerifierState, frame: Frame, spec: MessageSpec, key: Key | None
+) -> tuple[VerifierState, Mac | None]:
+    """The state after this frame, and what its authentication says."""
+    if not spec.is_secured:
+        return state, None
+    if key is None:
+        return state, Mac.NOT_CHECKED
+    after = verified(state, (frame,), spec=spec, key=key).state
+    if after.not_authentic > state.not_authentic:
+        return after, Mac.NOT_AUTHENTIC
+    return after, Mac.NOT_FRESH if after.not_fresh > state.not_fresh else Mac.OK
 
 
 def _checked(state: ReceiverState, frame: Frame, spec: MessageSpec, e2e: E2eConfig) -> tuple[ReceiverState, Check, int]:
     """The receiver's state after this frame, its check, and how many were lost before it."""
-    # A frame of the other kind has nothing that could be checked.
-    whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
-    after, reception = receive(state, (whole,), spec=spec, config=e2e)
+    after, reception = receive(state, (frame,), spec=spec, config=e2e)
     (check,) = reception.checks
     last = state.last_counter
     if last is None or check not in (*GOOD, Check.WRONG_SEQUENCE):

@@ -1,7 +1,7 @@
 """One closed-loop run from bundle to run folder."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from datetime import date
 from pathlib import Path
@@ -21,6 +21,7 @@ from contract.controller.interface import RunnableController
 from contract.controller.onnx_session import OnnxController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
+from firmware_sim.bench.run_faults import NodeFault, NodeFaults, check_faults
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rates
@@ -55,6 +56,8 @@ def run_closed_loop(
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
     plant: AbstractContextManager[LivePlant] | None = None,
     controller: RunnableController | None = None,
+    faults: Sequence[NodeFault] = (),
+    fault_seed: int = 0,
 ) -> RunLog:
     """Run a wake under the bundle's controller and keep the results in `output`.
 
@@ -70,14 +73,17 @@ def run_closed_loop(
         progress: called with (row, periods done, periods in all) after every period.
         plant: the wake, opened here; the own solver from its shipped start without one.
         controller: what computes the bundle's control step; ONNX Runtime without one.
+        faults: put on the bus; their times are in s of the run.
+        fault_seed: of what they draw.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
-            virtual time, the jets could never move, or a span is too short.
+            virtual time, the jets could never move, a span is too short, or a fault could not act.
     """
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
     lead_in_periods, total = spans.periods(config.flow.control_period)
     _check_vehicle(config, total - lead_in_periods)
+    check_faults(faults, config.bus, duration_s=total * config.period_ns / 1e9)
     authentication = authentication_in_virtual_time(config.bus)
     messages = message_set(config.bus)
     others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs])
@@ -100,7 +106,12 @@ def run_closed_loop(
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         check_sensors(bundle, wake.layout)
         node = VehicleNode(bundle.manifest.sensors, config, wake.layout, authentication)
-        connected = BusPorts(vehicle=ports["vehicle"], ecu=ports["ECU"], ecu_health=ports["ECU"].health)
+        injecting = NodeFaults(faults, bus, fault_seed)
+        connected = BusPorts(
+            vehicle=injecting.around("vehicle", ports["vehicle"]),
+            ecu=injecting.around("ecu", ports["ECU"]),
+            ecu_health=ports["ECU"].health,
+        )
         loop = VirtualLoop(wake, node, ecu, bus, connected, config)
         ready(total)
         for k in range(total):
@@ -119,6 +130,8 @@ def run_closed_loop(
             computed_by=controller.description,
             origin=RunOrigin.on(date.today()) if origin is None else origin,
             weights=weights,
+            faults=injecting.injected(),
+            fault_seed=fault_seed,
         )
         nodes = {name: NodeErrors.of(port.health(), port.refused) for name, port in ports.items()}
         traffic = waits.traffic(bus.activity(), nodes)

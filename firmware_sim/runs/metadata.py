@@ -40,6 +40,19 @@ class RunOrigin:
 
 
 @dataclass(frozen=True, kw_only=True)
+class InjectedFault:
+    """A fault that was put on the bus of a run.
+
+    Attributes:
+        text: node and fault, as the command line has them.
+        acted: how often it did; what counts is the fault's to say.
+    """
+
+    text: str
+    acted: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunMetadata:
     """Kept beside the series of a run, and the facts of its results.
 
@@ -59,6 +72,8 @@ class RunMetadata:
         config: the vehicle, bus and ECU.
         origin: day, command and start.
         versions: Python, machine and packages.
+        faults: put on the bus, in the order given; none in an ordinary run.
+        fault_seed: of what they drew.
     """
 
     controller: str
@@ -76,6 +91,8 @@ class RunMetadata:
     config: Config
     origin: RunOrigin
     versions: Mapping[str, str]
+    faults: tuple[InjectedFault, ...] = ()
+    fault_seed: int = 0
 
     @classmethod
     def of(
@@ -90,6 +107,8 @@ class RunMetadata:
         computed_by: str,
         origin: RunOrigin,
         weights: CostWeights | None = None,
+        faults: tuple[InjectedFault, ...] = (),
+        fault_seed: int = 0,
     ) -> "RunMetadata":
         """Of a run in this process; arguments as the attributes, the bundle's weights if none are given."""
         manifest = bundle.manifest
@@ -113,6 +132,8 @@ class RunMetadata:
                 "machine": platform.machine(),
                 **{name: version(name) for name in _PACKAGES},
             },
+            faults=faults,
+            fault_seed=fault_seed,
         )
 
     @property
@@ -132,6 +153,7 @@ class RunMetadata:
             "config": loading.to_tree(self.config),
             "origin": {**asdict(self.origin), "command": list(self.origin.command)},
             "versions": dict(self.versions),
+            "faults": [asdict(one) for one in self.faults],
         }
 
     @classmethod
@@ -150,5 +172,7 @@ class RunMetadata:
             "status": EcuStatus(**{**status, "state": Mode(status["state"]), "reason": Reason(status["reason"])}),
             "config": loading.from_tree(tree["config"]),
             "origin": RunOrigin(**{**origin, "command": tuple(origin["command"])}),
+            # Not in a run of an earlier version, which could have none.
+            "faults": tuple(InjectedFault(**one) for one in tree.get("faults", ())),
         }
         return cls(**{**tree, **typed})

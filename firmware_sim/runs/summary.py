@@ -28,6 +28,8 @@ def summary(log: RunLog) -> dict[str, Any]:
         **_timed(log),
         "counters": _counters(log),
         "bus": _bus(log),
+        "injected_faults": [asdict(one) for one in metadata.faults],
+        "fault_seed": metadata.fault_seed,
         "frames_sent": log.bus.sent,
         "frames_lost": log.bus.lost,
         "frames_rejected": log.bus.rejected,

@@ -51,6 +51,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
     run, timing = log.metadata, latency(log)
     return [
         *_control_rows(log),
+        *_injected(run),
         ("plant", run.plant),
         ("control step computed by", run.computed_by),
         ("cost weights", _weights(run)),
@@ -74,7 +75,16 @@ def headline(log: RunLog) -> str:
     """What came of the run: what went wrong comes first, and a reduction is claimed only where it counts."""
     warning, found = trouble(log), averages(log)
     text = found.why if isinstance(found, NoAverages) else _judged(log, found)
-    return text if warning is None else f"{warning} {text}"
+    parts = [part for part in (warning, injected(log), text) if part is not None]
+    return " ".join(parts)
+
+
+def injected(log: RunLog) -> str | None:
+    """That faults were put on the bus, as a sentence; None for an ordinary run."""
+    faults = log.metadata.faults
+    if not faults:
+        return None
+    return f"With faults put on the bus: {'; '.join(one.text for one in faults)}."
 
 
 def _judged(log: RunLog, found: Averages) -> str:
@@ -105,6 +115,16 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
         ("ECU fault", fault),
         ("periods in control / requested", f"{found.in_control} / {found.requested}{filling}"),
         ("periods by mode while requested", ", ".join(f"{name} {count}" for name, count in found.modes.items())),
+    ]
+
+
+def _injected(run: RunMetadata) -> list[tuple[str, str]]:
+    return [
+        (
+            "fault put on the bus",
+            f"{one.text}: acted {one.acted} time{'' if one.acted == 1 else 's'}, seed {run.fault_seed}",
+        )
+        for one in run.faults
     ]
 
 

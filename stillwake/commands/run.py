@@ -66,6 +66,11 @@ def run(
     start: Annotated[
         Path | None, typer.Option(help="Flow state to begin from (`develop`); default: the shipped start.")
     ] = None,
+    fault: Annotated[
+        list[str],
+        typer.Option(metavar="TEXT", help="Fault on the bus, as NODE:FAULT@START..END (repeatable); see above."),
+    ] = [],  # noqa: B006
+    fault_seed: Annotated[int, typer.Option(help="Of what the faults draw.", min=0)] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a run that is in the folder.")] = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
@@ -75,9 +80,15 @@ def run(
 
     Exit status 3: the ECU latched a fault, or control was not held while it was requested. Status 4: the reduction
     that --require-reduction asks for was not reached. The run folder is whole in both cases.
+
+    --fault puts a fault on the bus: the node in whose port it is (vehicle or ecu), the fault, and when it acts, in s of
+    the run; ecu:drop:probability=0.1@5..10 loses a tenth of what the ECU sends. The faults are drop, burst_loss,
+    duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift; their parameters
+    are in docs/reference/bus-faults.md.
     """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
+    from firmware_sim.bench.run_faults import parse_node_fault
     from firmware_sim.ecu.library_controller import open_library
     from firmware_sim.runs.metadata import RunOrigin
     from firmware_sim.runs.report import write_report
@@ -92,6 +103,7 @@ def run(
         raise ConfigError("--require-reduction needs averages: leave out --no-averages")
     if require_reduction is not None and not isfinite(require_reduction):
         raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
+    faults = [parse_node_fault(text) for text in fault]
     folder = RunFolder(output)
     folder.check_free(overwrite=overwrite)
     check_json(json_file)
@@ -154,6 +166,8 @@ def run(
             progress=show,
             plant=flow,
             controller=controller,
+            faults=faults,
+            fault_seed=fault_seed,
         )
     page = write_report(folder)
     if json_file is not None:

@@ -14,6 +14,8 @@ import typer
 import benchmarks.__main__ as door
 import stillwake.__main__ as command_line
 from contract.config.loading import load_config
+from contract.config.vehicle import BusConfig
+from firmware_sim.bench.run_faults import check_faults, parse_node_fault
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -139,3 +141,10 @@ def _found(words: list[str]) -> tuple[set[str], list[str]]:
         assert rest and rest[0] in groups, f"{shlex.join(words)}: one of {', '.join(groups)}"
         command, rest = groups[rest[0]], rest[1:]
     return {name for parameter in command.params for name in parameter.opts}, rest
+
+
+def test_faults_in_examples_can_be_put_on_the_bus_of_a_run():
+    texts = [text for page in NOW for text in re.findall(r"--fault (\w+:\S+)", page.read_text(encoding="utf-8"))]
+    assert len(texts) >= 3
+    for text in texts:
+        check_faults([parse_node_fault(text)], BusConfig(), duration_s=12.5)

@@ -16,7 +16,7 @@ from rich.table import Table
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
 from contract.results import versions, write_result
-from stillwake.commands.can.options import BUS, Dbc, positive
+from stillwake.commands.can.options import BUS, UNCHECKED, Dbc, key_of, positive
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.settings import settings
 from stillwake.stopping import until_stopped
@@ -45,13 +45,25 @@ def send(
     count: Annotated[int, typer.Option(help="Send it so often.", min=1)] = 1,
     period: Annotated[float, typer.Option(help="Seconds between two.")] = 0.02,
     counter: Annotated[int, typer.Option(help="E2E counter of the first one.", min=0, max=255)] = 0,
+    trip: Annotated[
+        int | None,
+        typer.Option(
+            help="Power cycle to sign a message of the secured set with: larger than all that this key has been used "
+            "with, by the node that it stands in for and by this command.",
+            min=1,
+            max=0xFFFFFFFF,
+            show_default=False,
+        ),
+    ] = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Send one of stillwake's messages, with its E2E header, or any frame.
 
     The codec refuses what the wire cannot carry. A receiver trusts a stream
-    after some good frames, not after one: see --count.
+    after some good frames, not after one: see --count. Messages of the secured set
+    are signed with bus.key and --trip; whoever has accepted them refuses the
+    node whose place they took, until that one's power cycles are ahead again.
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --set bus.interface=socketcan --set bus.channel=can0
     """
@@ -59,9 +71,11 @@ def send(
 
     config = settings("can send", config_file, overrides, uses=(*BUS, "bus.key")).config.bus
     positive("--period", period)
+    if message is None and trip is not None:
+        raise ConfigError("--trip: goes with a message of the secured set; frames of --raw are sent as they are")
     if (message is None) == (not raw):
         raise ConfigError("can send: name a message and its values, or give --raw, one of the two")
-    frames = _raw_frames(raw) if message is None else _own_frames(message, values or [], counter, config)
+    frames = _raw_frames(raw) if message is None else _own_frames(message, values or [], counter, trip, config)
     sent = 0
     with open_bus(config) as bus, until_stopped() as is_stopped:
         begin = time.monotonic()
@@ -92,19 +106,27 @@ def _raw_frames(texts: list[str]) -> "Callable[[float], list[can.Message]]":
 
 
 def _own_frames(
-    name: str, values: list[str], counter: int, config: "BusConfig"
+    name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], list[can.Message]]":
     from can_bridge.bus.python_can import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
+    from can_bridge.secoc.freshness import Freshness
+    from can_bridge.secoc.node import secured
     from can_bridge.tools.encode import encode
 
     spec, data = encode(name, values)
     if spec.is_secured:
         if not config.key:
             raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
-        raise BusError(f"{name}: this command cannot sign frames with {config.key}; send the plain set's message")
-    if config.key:
+        if trip is None:
+            raise ConfigError(
+                f"{name}: is signed with a freshness value; name its power cycle with --trip, larger than all that the "
+                "key has been used with"
+            )
+    elif trip is not None:
+        raise ConfigError(f"--trip {trip}: {name} has no freshness value; the message that has ends in Secured")
+    elif config.key:
         raise ConfigError(
             f"bus.key: {name} is sent without authentication; the message to go with a key ends in Secured"
         )
@@ -113,7 +135,17 @@ def _own_frames(
         raise ConfigError(f"--counter {counter}: must be in 0..{last} for {name}")
     sender = E2eSender(spec)
     sender.state = SenderState(counter=counter)
-    return lambda now_s: [to_message(sender.frame(data, now_ns=round(now_s * 1e9)))]
+    key = key_of(config.key)
+    freshness = Freshness(trip=trip or 1)
+
+    def made(now_s: float) -> "list[can.Message]":
+        nonlocal freshness
+        frame = sender.frame(data, now_ns=round(now_s * 1e9))
+        frame = secured(frame, spec=spec, key=key, freshness=freshness)
+        freshness = freshness.next()
+        return [to_message(frame)]
+
+    return made
 
 
 def decode(
@@ -132,14 +164,15 @@ def decode(
 
     A line for each frame, then a table of the messages: counts, rates, losses,
     checks and the load of the bus, whose bit rates are settings. A counter is
-    compared with the frame before it. stillwake's own messages are known;
-    --dbc brings others, with cantools.
+    compared with the frame before it. With --set bus.key=FILE the MAC and
+    freshness of secured messages are checked first. stillwake's own messages
+    are known; --dbc brings others, with cantools.
     """
     from can_bridge.logs.log_reader import check_suffix, read_messages
     from can_bridge.tools.dbc_decoder import decoder_of
     from can_bridge.tools.summary import summarise
 
-    uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e")
+    uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key")
     config = settings("can decode", config_file, overrides, uses=uses).config.bus
     check_suffix(file)
     check_json(json_file)
@@ -147,7 +180,7 @@ def decode(
         if csv_file.resolve() in (file.resolve(), None if dbc is None else dbc.resolve()):
             raise BusError(f"{csv_file}: is one of the files to read; give another name")
         check_output(csv_file, overwrite=overwrite)
-    decoder = decoder_of(dbc)
+    decoder, key = decoder_of(dbc), key_of(config.key)
     with _csv_rows(csv_file) as write_row:
 
         def seen(traffic: "Traffic") -> None:
@@ -155,7 +188,7 @@ def decode(
             if not summary:
                 console.print(_line(traffic), soft_wrap=True, highlight=False)
 
-        found = summarise(read_messages(file), decoder=decoder, config=config, seen=seen)
+        found = summarise(read_messages(file), decoder=decoder, config=config, key=key, seen=seen)
         if found.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     if json_file is not None:
@@ -174,7 +207,6 @@ def decode(
 
 def _line(traffic: "Traffic") -> str:
     from can_bridge.tools.raw_bus import id_text
-    from can_bridge.tools.traffic import CHECK_TEXT
 
     frame, decoded = traffic.latest, traffic.decoded
     head = f"({frame.timestamp_ns / 1e9:.6f}) {id_text(frame)}"
@@ -184,7 +216,9 @@ def _line(traffic: "Traffic") -> str:
     else:
         named = (f"{one.name}={one.shown}{f' {one.unit}' if one.unit else ''}" for one in decoded.signals)
         body = f"{decoded.name}: {', '.join(named)}"
-    return f"{head} {body}" + ("" if traffic.check is None else f"  [E2E {CHECK_TEXT[traffic.check]}]")
+    found = [] if traffic.check is None else [f"E2E {traffic.verdict}"]
+    found += [] if traffic.mac is None else [f"MAC {traffic.mac.value}"]
+    return f"{head} {body}" + (f"  [{', '.join(found)}]" if found else "")
 
 
 @contextmanager
@@ -198,15 +232,16 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(("time_s", "id", "message", "e2e", "signal", "value", "unit", "text"))
+        writer.writerow(("time_s", "id", "message", "e2e", "mac", "signal", "value", "unit", "text"))
 
         def write(traffic: "Traffic") -> None:
-            frame, check = traffic.latest, traffic.check
+            frame, check, mac = traffic.latest, traffic.check, traffic.mac
             head = (
                 f"{frame.timestamp_ns / 1e9:.6f}",
                 id_text(frame),
                 traffic.name,
                 "" if check is None else CHECK_TEXT[check],
+                "" if mac is None else mac.value,
             )
             signals = () if traffic.decoded is None else traffic.decoded.signals
             for one in signals:
@@ -219,7 +254,6 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 
 def _print_summary(found: "Summary") -> None:
     from can_bridge.tools.raw_bus import id_text
-    from can_bridge.tools.summary import checks_of
 
     # Times count from the first frame, so that all columns fit into 80.
     begin_ns = min((one.first_ns for one in found.messages.values()), default=0)
@@ -228,9 +262,8 @@ def _print_summary(found: "Summary") -> None:
         table.add_column(name, overflow="fold")
     for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"):
         table.add_column(name, justify="right")
-    table.add_column("E2E")
+    table.add_column("checks")
     for _, one in sorted(found.messages.items()):
-        is_checked = one.check is not None
         table.add_row(
             id_text(one.latest),
             one.name or "unknown",
@@ -238,10 +271,12 @@ def _print_summary(found: "Summary") -> None:
             f"{one.mean_rate_hz:.2f}",
             f"{(one.first_ns - begin_ns) / 1e9:.6f}",
             f"{(one.last_ns - begin_ns) / 1e9:.6f}",
-            str(one.lost) if is_checked else "-",
-            ", ".join(f"{text} {count}" for text, count in checks_of(one).items()) or "-",
+            str(one.lost) if one.is_protected else "-",
+            ", ".join(f"{text} {count}" for text, count in one.verdicts.items()) or "-",
         )
     console.print(table)
+    if found.unchecked_macs:
+        console.print(f"{found.unchecked_macs} secured frames, {UNCHECKED}", soft_wrap=True, highlight=False)
     load = "-" if found.load is None else f"{100 * found.load:.2f} %"
     console.print(
         f"{found.frames} data frames, {found.remote} remote, {found.errors} error frames"

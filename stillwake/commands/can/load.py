@@ -34,7 +34,7 @@ USES: Final = (
 )
 NAMED: Final = 5
 """Messages that are named below the table; it shows all."""
-HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "in time")
+HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
 
 
 def load(
@@ -125,7 +125,7 @@ def _table(found: "BusLoad") -> Table:
     # Without lines between columns, and one space, a terminal of 80 columns shows all of it.
     table = Table(title="worst cases, in ms; ours are bold", box=SIMPLE_HEAD, padding=0)
     for head in HEADS:
-        table.add_column(head, justify="left" if head in ("message", "in time") else "right", overflow="fold")
+        table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
     for one in found.messages:
         message, response = one.message, one.response
         late = not response.in_time

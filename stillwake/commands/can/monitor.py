@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 import typer
 
 from contract.errors import BusError, ConfigError
-from stillwake.commands.can.options import BUS, Dbc, Duration, positive
+from stillwake.commands.can.options import BUS, Dbc, Duration, key_of, positive
 from stillwake.settings import settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, console
@@ -53,13 +53,15 @@ def monitor(
     Without a terminal there is a line a second and the table at the end.
 
     lost counts frames that are missing by their counters, refused those that
-    a receiver would not have used; E2E is the newest frame's check. stillwake's
-    own messages are known; --dbc brings others, with cantools.
+    a receiver would not have used; E2E is the newest frame's check. With
+    --set bus.key=FILE the MAC and freshness of secured messages are checked
+    first. stillwake's own messages are known; --dbc brings others, with
+    cantools.
     """
     from can_bridge.tools.dbc_decoder import decoder_of
     from can_bridge.tools.monitor import MonitorState
 
-    uses = ("bus.e2e",) if log is not None else (*BUS, "bus.e2e")
+    uses = ("bus.e2e", "bus.key") if log is not None else (*BUS, "bus.e2e", "bus.key")
     config = settings("can monitor", config_file, overrides, uses=uses).config.bus
     if speed is not None:
         positive("--speed", speed)
@@ -67,7 +69,7 @@ def monitor(
             raise ConfigError("--speed: goes with --log; a bus has its own time")
     if seconds is not None:
         positive("--for", seconds)
-    state = MonitorState(decoder=decoder_of(dbc), e2e=config.e2e)
+    state = MonitorState(decoder=decoder_of(dbc), e2e=config.e2e, key=key_of(config.key))
     is_live = not once and console.is_interactive
     with ExitStack() as stack:
         if log is not None:

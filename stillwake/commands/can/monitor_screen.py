@@ -60,7 +60,7 @@ def line(state: MonitorState, seconds: float) -> str:
     """The same in a line, where no terminal is."""
     return (
         f"{seconds:.0f} s: {state.frames} data frames of {len(state.messages)} messages, {state.lost} lost, "
-        f"{state.refused} refused by E2E, {state.others} remote or error frames"
+        f"{state.refused} refused, {state.others} remote or error frames"
     )
 
 
@@ -117,6 +117,8 @@ def _heading(state: MonitorState, view: View, source: str) -> Text:
         text.append("   paused", style="yellow")
     if view.matching or view.is_typing:
         text.append(f"   filter: {view.matching}{'_' if view.is_typing else ''}", style="cyan")
+    if state.has_unchecked_macs:
+        text.append(", MAC not checked", style="yellow")
     # Last, because a path may be longer than the line.
     text.append(f"   {source}")
     return text

@@ -4,7 +4,7 @@ import can
 import pytest
 
 from can_bridge.tools.signals import decode
-from can_bridge.tools.summary import checks_of, summarise
+from can_bridge.tools.summary import summarise
 from can_bridge.wire.message_specs import JET_COMMAND
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.tools.test_traffic import frame
@@ -56,11 +56,11 @@ def test_kinds_are_counted_apart():
     assert (found.frames, found.errors, found.remote, found.unsound, found.span_s) == (2, 1, 1, 1, 2.0)
     assert seen == [1, 2]
     (traffic,) = found.messages.values()
-    assert checks_of(traffic) == {"OK": 1, "CRC wrong": 1}
+    assert traffic.verdicts == {"OK": 1, "CRC wrong": 1}
     (message,) = found.figures()["messages"]
     assert message["message"] == "JetCommand"
     assert message["rate_hz"] == pytest.approx(1 / 1.5)
-    assert (message["lost"], message["e2e"]) == (0, {"OK": 1, "CRC wrong": 1})
+    assert (message["lost"], message["checks"], message["mac_checked"]) == (0, {"OK": 1, "CRC wrong": 1}, None)
 
 
 def test_an_empty_log_has_no_load():

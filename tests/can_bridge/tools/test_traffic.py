@@ -8,8 +8,11 @@ from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.securing import secure
 from can_bridge.tools.signals import decode
-from can_bridge.tools.traffic import RATE_OVER, SILENT_AFTER, Traffic, observe
+from can_bridge.tools.traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic, observe
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_CLASSIC, PRESSURE_SECURED, SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
@@ -103,3 +106,50 @@ def test_a_secured_message_of_another_length_fails_its_check():
 def test_messages_that_are_not_ours_have_no_check():
     traffic = after([Frame(frame_id=1, data=b"abc")])
     assert (traffic.check, traffic.name, traffic.decoded, traffic.lost) == (None, "", None, 0)
+
+
+KEY, OTHER_KEY = Key(bytes(range(16))), Key(bytes(range(1, 17)))
+
+
+def signed(counter: int, *, count: int, key: Key = KEY, trip: int = 1) -> Frame:
+    whole = frame(PRESSURE_SECURED, counter)
+    part = Frame(frame_id=whole.frame_id, data=whole.data[: PRESSURE_SECURED.protected], is_fd=True)
+    return secure(part, PRESSURE_SECURED, key, Freshness(trip=trip, count=count))
+
+
+def test_a_forged_or_replayed_frame_is_told_from_the_genuine_ones_around_it():
+    """The forgery has the counter that comes next, so that without a key it takes the genuine frame's place."""
+    frames = [signed(0, count=0), signed(1, count=1, key=OTHER_KEY), signed(1, count=1), signed(0, count=0)]
+    traffic, told = None, []
+    for one in frames:
+        traffic = observe(traffic, one, decoder=decode, e2e=E2E, key=KEY)
+        told.append((traffic.verdict, traffic.mac, traffic.is_good))
+    assert traffic is not None
+    assert told == [
+        ("OK", Mac.OK, True),
+        ("not authentic", Mac.NOT_AUTHENTIC, False),
+        ("OK", Mac.OK, True),
+        ("not fresh", Mac.NOT_FRESH, False),
+    ]
+    assert traffic.verdicts == {"OK": 2, "not authentic": 1, "not fresh": 1}
+    assert (traffic.refused, traffic.lost) == (2, 0)
+    unaware = after(frames)
+    assert unaware.mac is Mac.NOT_CHECKED
+    assert unaware.verdicts == {"OK": 2, "repeated": 1, "wrong sequence": 1}
+
+
+def test_a_new_power_cycle_is_fresh_and_an_old_one_is_not():
+    traffic = None
+    for one, mac in (
+        (signed(9, count=9), Mac.OK),
+        (signed(0, count=0, trip=2), Mac.OK),
+        (signed(9, count=9), Mac.NOT_FRESH),
+    ):
+        traffic = observe(traffic, one, decoder=decode, e2e=E2E, key=KEY)
+        assert traffic.mac is mac
+
+
+def test_a_key_changes_nothing_for_messages_without_authentication():
+    one = frame(JET_COMMAND, 0)
+    assert observe(None, one, decoder=decode, e2e=E2E, key=KEY) == after([one])
+    assert after([one]).mac is None

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -16,9 +17,12 @@ from contract.errors import BusError, StillwakeError
 from contract.release import bundle
 from export.program.random_program import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.bench.run_faults import parse_node_fault
+from firmware_sim.runs import run_log
 from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.summary import summary
+from firmware_sim.runs.tables import service_rows
 
 pytestmark = pytest.mark.slow  # whole runs of the loop
 
@@ -191,9 +195,18 @@ def test_only_the_virtual_bus_carries_virtual_time(release, tmp_path):
         run_closed_loop(tmp_path / "run", release, config, **SHORT)
 
 
-def short_run(release, folder, *, lead_in: float = 1.0, **bus):
-    config = Config(bus=BusConfig(channel="closed-loop", **bus))
-    log = run_closed_loop(folder, release, config, lead_in=lead_in, controlled=1.0, settle=0.0, averages=False)
+def short_run(release, folder, *, lead_in: float = 1.0, faults: tuple[str, ...] = (), fault_seed: int = 0, **bus):
+    log = run_closed_loop(
+        folder,
+        release,
+        Config(bus=BusConfig(channel="closed-loop", **bus)),
+        lead_in=lead_in,
+        controlled=1.0,
+        settle=0.0,
+        averages=False,
+        faults=[parse_node_fault(text) for text in faults],
+        fault_seed=fault_seed,
+    )
     return log, (folder / "frames.log").read_bytes(), json.loads((folder / "summary.json").read_text())
 
 
@@ -225,6 +238,32 @@ def test_the_same_run_has_the_same_frames_to_the_byte_also_with_other_traffic(re
     assert quiet.traffic.longest_wait_ms["Pressure"] == quiet.traffic.longest_wait_ms["JetCommand"] == 0.0
     assert 0.01 < quiet.traffic.load < 0.04
     assert np.nanmax(first.series["age_ms"]) > np.nanmax(quiet.series["age_ms"]) + 0.1
+
+
+def identifiers(frames: bytes) -> Counter[str]:
+    """Of a candump log, how often each came."""
+    return Counter(line.split()[2].partition("#")[0] for line in frames.decode().splitlines())
+
+
+def test_a_fault_acts_in_its_span_and_is_counted(release, tmp_path):
+    """Ten periods of 20 ms; the commands of the last five are lost, the status is not."""
+    text = "ecu:drop:probability=1,frame_ids=0x130@0.1.."
+    log, frames, found = short_run(release, tmp_path / "a", faults=(text,))
+    assert identifiers(frames) == {"120": 10, "130": 5, "140": 10}
+    assert found["injected_faults"] == [{"text": text, "acted": 5}]
+    assert found["frames_lost"] == 5
+    assert dict(service_rows(log))["fault put on the bus"] == f"{text}: acted 5 times, seed 0"
+    assert run_log.load(tmp_path / "a" / "series.npz").metadata == log.metadata
+
+
+def test_the_seed_decides_which_frames_are_hit_in_each_node_for_itself(release, tmp_path):
+    faults = ("ecu:drop:probability=0.5", "vehicle:drop:probability=0.5")
+    _, frames, found = short_run(release, tmp_path / "a", faults=faults)
+    _, same, _ = short_run(release, tmp_path / "b", faults=faults)
+    _, other, _ = short_run(release, tmp_path / "c", faults=faults, fault_seed=1)
+    assert frames == same != other
+    left = identifiers(frames)
+    assert [one["acted"] for one in found["injected_faults"]] == [20 - left["130"] - left["140"], 10 - left["120"]]
 
 
 def test_classic_can_closes_the_loop(release, tmp_path):

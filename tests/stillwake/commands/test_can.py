@@ -10,9 +10,12 @@ from typing import Any
 
 import can
 import pytest
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.cmac import CMAC
 
 import contract
 from can_bridge.e2e import profile5
+from can_bridge.logs.frame_log import recording_messages
 from can_bridge.logs.log_reader import read_messages
 from stillwake.stopping import until_stopped
 from tests.stillwake.commands.bus_traffic import PER_PERIOD, write
@@ -48,6 +51,79 @@ def test_send_puts_protected_frames_on_the_bus(cli: Callable[..., Any], peer: ca
     assert all(profile5.check(bytes(one.data), data_id=0x5702) for one in frames)
 
 
+def cmac(key: bytes, message: bytes) -> bytes:
+    computing = CMAC(AES(key))
+    computing.update(message)
+    return computing.finalize()
+
+
+def test_send_signs_messages_of_the_secured_set(cli: Callable[..., Any], peer: can.BusABC, tmp_path: Path) -> None:
+    """Against the layout in the DBC's comments: CMAC over data ID, bytes in front of the freshness, and freshness."""
+    key = tmp_path / "bus.key"
+    assert cli("can", "keygen", key).code == 0
+    words = ("PressureSecured", "Pressure0=-12.5", "Valid0=1", "--count", 2, "--trip", 7, "--set", f"bus.key={key}")
+    got = cli("can", "send", *words, *VIRTUAL)
+    assert (got.code, got.out) == (0, "sent 2 frames\n")
+    frames = [bytes(one.data) for one in taken(peer)]
+    assert [int.from_bytes(data[16:24], "big") for data in frames] == [7 << 32, 7 << 32 | 1]
+    secret = bytes.fromhex(key.read_text().strip())
+    assert [cmac(secret, (0x5704).to_bytes(2, "big") + data[:24])[:8] for data in frames] == [x[24:] for x in frames]
+    assert [profile5.check(data[:16], data_id=0x5704) for data in frames] == [True, True]
+
+
+@pytest.fixture
+def signed_log(cli: Callable[..., Any], peer: can.BusABC, tmp_path: Path) -> Path:
+    """Three genuine frames, and the first again; beside it `bus.key` and another one, `other.key`."""
+    for name in ("bus.key", "other.key"):
+        assert cli("can", "keygen", tmp_path / name).code == 0
+    setting = ("--set", f"bus.key={tmp_path / 'bus.key'}")
+    assert cli("can", "send", "PressureSecured", "--count", 3, "--trip", 1, *setting, *VIRTUAL).code == 0
+    frames = taken(peer)
+    with recording_messages(tmp_path / "signed.log") as append:
+        for i, one in enumerate([*frames, frames[0]]):
+            one.timestamp = 100.0 + 0.02 * i
+            append(one)
+    return tmp_path / "signed.log"
+
+
+@pytest.mark.parametrize(
+    ("key", "counts", "is_checked"),
+    [
+        ("bus.key", {"OK": 3, "not fresh": 1}, True),
+        ("other.key", {"not authentic": 4}, True),
+        (None, {"OK": 3, "wrong sequence": 1}, False),
+    ],
+)
+def test_decode_and_monitor_check_the_mac_with_a_key_and_say_so_without_one(
+    cli: Callable[..., Any], signed_log: Path, key: str | None, counts: dict[str, int], is_checked: bool
+) -> None:
+    setting = () if key is None else ("--set", f"bus.key={signed_log.parent / key}")
+    made = signed_log.with_suffix(".json")
+    got = cli("can", "decode", signed_log, "--json", made, "--csv", signed_log.with_suffix(".csv"), *setting)
+    assert got.code == 0, got.err
+    (message,) = json.loads(made.read_text())["figures"]["messages"]
+    assert (message["checks"], message["mac_checked"]) == (counts, is_checked)
+    assert ("MAC not checked: name the key" in got.out) is not is_checked
+    ends = [line.rpartition("[")[2] for line in got.out.splitlines() if "PressureSecured:" in line]
+    with signed_log.with_suffix(".csv").open(newline="") as file:
+        macs = [row["mac"] for row in csv.DictReader(file) if row["signal"] == "Pressure0"]
+    if key == "bus.key":
+        assert ends == ["E2E OK, MAC OK]"] * 3 + ["MAC not fresh]"]
+        assert macs == ["OK"] * 3 + ["not fresh"]
+    elif key is None:
+        assert ends == ["E2E OK, MAC not checked]"] * 3 + ["E2E wrong sequence, MAC not checked]"]
+        assert macs == ["not checked"] * 4
+    else:
+        assert ends == ["MAC not authentic]"] * 4
+        assert macs == ["not authentic"] * 4
+    seen = cli("can", "monitor", "--log", signed_log, "--once", *setting)
+    assert seen.code == 0, seen.err
+    assert f" lost, {4 - counts.get('OK', 0)} refused" in seen.out
+    assert (", MAC not checked" in seen.out) is not is_checked
+    newest = {"bus.key": "not fresh", "other.key": "not authentic", None: "wrong sequence"}[key]
+    assert newest in flat(seen.out)
+
+
 def test_send_raw_frames_of_every_kind(cli: Callable[..., Any], peer: can.BusABC) -> None:
     words = ("123#1122", "1ABCDEF0##1AABBCC", "7FF#R4")
     got = cli("can", "send", *(word for one in words for word in ("--raw", one)), "--count", 2, *VIRTUAL)
@@ -70,6 +146,10 @@ def test_send_raw_frames_of_every_kind(cli: Callable[..., Any], peer: can.BusABC
         (["Pressure", "--raw", "123#"], "one of the two"),
         (["--raw", "12#"], "must be ID#DATA"),
         (["PressureSecured"], "name its key with --set bus.key=FILE"),
+        (["PressureSecured", "--set", "bus.key=key.bin"], "name its power cycle with --trip"),
+        (["PressureSecured", "--trip", "2", "--set", "bus.key=no.bin"], "no.bin: cannot read the key"),
+        (["Pressure", "--trip", "2"], "Pressure has no freshness value"),
+        (["--raw", "123#", "--trip", "2"], "--trip: goes with a message of the secured set"),
         (["Pressure", "--set", "bus.key=key.bin"], "is sent without authentication"),
         (["PressureClassic", "--counter", "16"], "--counter 16: must be in 0..15 for PressureClassic"),
         (["Pressure", "--period", "nan"], "--period nan: must be a number above 0"),
@@ -281,7 +361,7 @@ def test_decode_finds_what_was_lost_repeated_and_damaged(cli: Callable[..., Any]
     got = cli("can", "decode", path, "--json", tmp_path / "a.json")
     assert got.code == 0, got.err
     (message,) = json.loads((tmp_path / "a.json").read_text())["figures"]["messages"]
-    assert message["e2e"] == {"OK": 1, "some lost": 2, "repeated": 1, "CRC wrong": 1}
+    assert message["checks"] == {"OK": 1, "some lost": 2, "repeated": 1, "CRC wrong": 1}
     assert message["lost"] == 2
 
 
@@ -370,7 +450,7 @@ def test_monitor_of_a_bus_prints_lines_and_a_table(cli: Callable[..., Any], peer
     got = cli("can", "monitor", "--for", 1.5, *VIRTUAL)
     thread.join()
     assert got.code == 0, got.err
-    assert "1 s: 20 data frames of 4 messages, 0 lost, 0 refused by E2E, 0 remote or error frames" in got.out
+    assert "1 s: 20 data frames of 4 messages, 0 lost, 0 refused, 0 remote or error frames" in got.out
     assert "20 frames, 0 lost, 0 refused   virtual test-can" in got.out
 
 

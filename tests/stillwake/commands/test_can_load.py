@@ -2,8 +2,11 @@
 
 import hashlib
 import json
+import sys
+from io import StringIO
 
 import pytest
+from rich.console import Console
 
 from stillwake.commands.can.load import CAN_BE_LATE
 
@@ -101,3 +104,17 @@ def test_what_cannot_be_shown_is_one_line(cli, arguments, error):
     assert outcome.code == 1
     assert error in outcome.err
     assert outcome.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("given", [(), ("--set", "bus.frames=classic")])
+def test_a_terminal_of_80_columns_shows_whole_names(cli, monkeypatch, given):
+    written = StringIO()
+    page = Console(width=80, file=written)
+    # The package has the function under the module's name.
+    monkeypatch.setattr(sys.modules["stillwake.commands.can.load"], "console", page)
+    assert cli("can", "load", *given, "--set", "bus.background.load=0.5").code == 0
+    lines = written.getvalue().splitlines()
+    # A name that was folded would leave a line of its own, without an identifier.
+    rows = [line for line in lines if " yes" in line]
+    assert len(rows) > 30
+    assert len(lines) == len(rows) + 6

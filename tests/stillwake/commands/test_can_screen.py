@@ -104,6 +104,4 @@ def test_no_rows_are_no_page():
 def test_a_line_says_the_same():
     state = replace(everything(), others=3)
     # Nine messages that each lost six and had one out of sequence, and an unknown one.
-    assert line(state, 2.0) == (
-        "2 s: 28 data frames of 10 messages, 54 lost, 9 refused by E2E, 3 remote or error frames"
-    )
+    assert line(state, 2.0) == ("2 s: 28 data frames of 10 messages, 54 lost, 9 refused, 3 remote or error frames")

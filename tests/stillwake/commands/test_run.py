@@ -11,13 +11,14 @@ from pathlib import Path
 
 import pytest
 
+from can_bridge.bus.faults.text import KINDS
 from contract.config.controller import CostWeights
 from contract.config.loading import load
 from contract.errors import ConfigError
 from contract.release import bundle
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
-from stillwake.commands.run import cost_weights
+from stillwake.commands.run import cost_weights, run
 
 QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
 """Long enough for a window of four rows."""
@@ -71,6 +72,12 @@ def refused(cli, tmp_path) -> Callable[..., str]:
             "the shipped start is of 500; `stillwake develop start_re400.npz --set flow.reynolds=400` makes one, to be "
             "given with `--start start_re400.npz --set flow.reynolds=400`",
         ),
+        # Faults on the bus.
+        ([*QUICK, "--fault", "drop:probability=0.1"], "must begin with the node whose port it is in, vehicle: or ecu:"),
+        ([*QUICK, "--fault", "ecu:drip"], "fault 'drip': no fault 'drip'; there are drop, burst_loss"),
+        ([*QUICK, "--fault", "ecu:drop:probability=2"], "probability"),
+        ([*QUICK, "--fault", "ecu:disconnect:kind=device_gone"], "an open wire is `ecu:disconnect`"),
+        ([*QUICK, "--fault", "ecu:disconnect@5..10"], "begins when the run has ended, after 0.22 s"),
         ([*QUICK, "--start", "nowhere.npz"], "nowhere.npz: not a flow state"),
         (["--plant", "water-tunnel"], "--plant water-tunnel: must be stillwake or openfoam"),
     ],
@@ -199,6 +206,28 @@ def test_a_fault_is_said_first_kept_and_ends_with_status_3(cli, tmp_path, short_
     assert found["fault"]["reason"] == "DEADLINE"
     assert found["counters"]["overruns"] > 0
     assert 'role="alert">ECU FAULT: DEADLINE' in (tmp_path / "run" / "report.html").read_text()
+    assert cli("report", tmp_path / "run").code == 0
+
+
+def test_the_help_names_every_fault():
+    assert all(kind in (run.__doc__ or "") for kind in KINDS)
+
+
+@pytest.mark.slow
+def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_release):
+    faults = ("vehicle:disconnect@0.14..", "ecu:duplicate")
+    words = [word for one in faults for word in ("--fault", one)]
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *words, "--fault-seed", 7)
+    assert (outcome.code, outcome.err) == (3, "")
+    said = f"With faults put on the bus: {'; '.join(faults)}."
+    assert said in " ".join(outcome.out.split())
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert said in found["headline"]
+    # An open wire loses what the vehicle sends, and what it would have received, in the last four of eleven periods: a
+    # command and a status each, twice.
+    assert found["injected_faults"] == [{"text": faults[0], "acted": 4 + 16}, {"text": faults[1], "acted": 22}]
+    assert found["fault_seed"] == 7
+    assert said in (tmp_path / "run" / "report.html").read_text()
     assert cli("report", tmp_path / "run").code == 0
 
 

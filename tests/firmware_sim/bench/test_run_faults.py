@@ -1,0 +1,78 @@
+"""Faults of a run as text, and what of them cannot be."""
+
+import pytest
+
+from can_bridge.bus.faults.loss import Drop
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import ConfigError
+from firmware_sim.bench.run_faults import LOOK_NS, NodeFaults, check_faults, parse_node_fault
+
+
+def test_a_fault_names_its_node_and_what_follows():
+    text = "vehicle:drop:probability=0.1,frame_ids=0x120@5..10"
+    found = parse_node_fault(text)
+    assert (found.text, found.node) == (text, "vehicle")
+    assert found.fault == Drop(probability=0.1, frame_ids=(0x120,), start_s=5.0, end_s=10.0)
+
+
+@pytest.mark.parametrize("text", ["", "drop:probability=0.1", "drop", "background:drop:probability=1", "ECU:babble"])
+def test_a_fault_without_a_node_is_refused(text):
+    with pytest.raises(ConfigError, match="must begin with the node whose port it is in"):
+        parse_node_fault(text)
+
+
+@pytest.mark.parametrize("text", ["ecu:flip_bits:before_crc=true", "vehicle:stuck_at:counter_runs=true"])
+def test_frames_cannot_be_made_anew_without_the_key(text):
+    faults = [parse_node_fault(text)]
+    check_faults(faults, BusConfig(), duration_s=1.0)
+    with pytest.raises(ConfigError, match="makes frames anew"):
+        check_faults(faults, BusConfig(key="bus.key"), duration_s=1.0)
+
+
+@pytest.mark.parametrize("text", ["ecu:flip_bits", "vehicle:stuck_at"])
+def test_faults_behind_the_protection_need_no_key(text):
+    check_faults([parse_node_fault(text)], BusConfig(key="bus.key"), duration_s=1.0)
+
+
+def test_a_fault_must_begin_before_the_run_ends():
+    faults = [parse_node_fault("ecu:babble@0.5..")]
+    check_faults(faults, BusConfig(), duration_s=0.6)
+    with pytest.raises(ConfigError, match=r"begins when the run has ended, after 0\.5 s"):
+        check_faults(faults, BusConfig(), duration_s=0.5)
+
+
+def test_a_node_without_faults_keeps_its_port():
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    faults = NodeFaults([parse_node_fault("ecu:disconnect")], bus, 0)
+    assert faults.around("vehicle", vehicle) is vehicle
+    assert faults.around("ecu", ecu) is not ecu
+    assert [(one.text, one.acted) for one in faults.injected()] == [("ecu:disconnect", 0)]
+
+
+def test_a_delayed_frame_is_there_when_it_is_due_on_a_bus_that_is_quiet():
+    """No other event would let the loop look: within one look of the 2 ms."""
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    port = NodeFaults([parse_node_fault("ecu:delay:delay_s=0.002")], bus, 0).around("ecu", ecu)
+    vehicle.send(Frame(frame_id=1, data=b"", is_fd=True))
+    assert bus.advance_until(10_000_000, lambda: bool(port.receive_all()))
+    assert 2_000_000 < bus.now_ns <= 2_000_000 + 200_000 + LOOK_NS
+
+
+def test_a_babbling_node_babbles_between_its_calls_and_hears_all():
+    """4,504 classic frames of eight bytes a second are the most that 500 kbit/s carry, and the others wait for ever."""
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    port = NodeFaults([parse_node_fault("vehicle:babble@0..0.1")], bus, 0).around("vehicle", vehicle)
+    bus.advance_to(1_000_000)
+    ecu.send(Frame(frame_id=1, data=b"", is_fd=True))
+    bus.advance_to(100_000_000)
+    babbled = ecu.receive_all()
+    assert 0.1 * 3_500 < len(babbled) < 0.1 * 4_504
+    assert {frame.frame_id for frame in babbled} == {0}
+    assert port.receive_all() == []
+    bus.advance_to(200_000_000)
+    assert [frame.frame_id for frame in port.receive_all()] == [1]
