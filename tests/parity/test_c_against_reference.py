@@ -23,6 +23,8 @@ from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
 from tests.examples import examples
 
+pytestmark = pytest.mark.slow  # a library is compiled for each size
+
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 HORIZON = 8
 FAST_BUILD = ("-O1",)

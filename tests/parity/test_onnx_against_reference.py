@@ -20,6 +20,8 @@ from export.program.random_program import random_program, random_window, random_
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
 
+pytestmark = pytest.mark.slow  # seconds of graphs built and run, one for each size
+
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 
 

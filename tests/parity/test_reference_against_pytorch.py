@@ -21,6 +21,8 @@ from export.reference.cost import cost_gradient
 from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
 from export.reference.mpc import control_step, gradient
 
+pytestmark = pytest.mark.slow  # seconds of whole control steps by autograd
+
 TOLERANCE = 1e-9
 
 

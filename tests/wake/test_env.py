@@ -15,6 +15,8 @@ from wake.env import TruckWakeEnv
 from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # seconds of flow
+
 WATCHED = ("base_0", "upper_39")
 
 

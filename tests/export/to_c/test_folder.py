@@ -12,6 +12,8 @@ from contract.controller.compiler import host_compiler, zig_compiler
 from export.program.random_program import random_program
 from export.to_c.__main__ import MODEL, MPC, main
 
+pytestmark = pytest.mark.slow  # builds the folder as a stranger would
+
 PRECISIONS = ["float32", "int8"]
 CPP = """
 #include "stillwake.h"

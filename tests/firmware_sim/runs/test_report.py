@@ -13,6 +13,8 @@ from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.report import write_picture, write_report
 from firmware_sim.runs.run_folder import RunFolder
 
+pytestmark = pytest.mark.slow  # draws a page for each case
+
 ONE_PIXEL = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de"
     "0000000c4944415408d763f8ffff3f0005fe02fea7350180000000000049454e44ae426082"

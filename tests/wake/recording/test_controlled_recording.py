@@ -25,6 +25,8 @@ from wake.recording.episode_plan import EpisodePlan
 from wake.recording.feedback import Policy
 from wake.recording.forcing import exploration
 
+pytestmark = pytest.mark.slow  # records episodes under a controller
+
 ROOT = Path(__file__).resolve().parents[3]
 FLOW = FlowConfig()
 LIMIT = FLOW.action_limit

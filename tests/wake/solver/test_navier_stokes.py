@@ -10,6 +10,8 @@ from wake.solver.navier_stokes import FlowSolver
 from wake.truck.body import signed_distance
 from wake.truck.truck_wake import TruckWake
 
+pytestmark = pytest.mark.slow  # seconds of flow
+
 RE = 40.0
 DECAY = RE / 2 - np.sqrt(RE**2 / 4 + 4 * np.pi**2)
 
