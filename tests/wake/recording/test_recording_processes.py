@@ -74,6 +74,12 @@ def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path: Path, w
     assert equal(read(output), whole)
 
 
+def is_worker(process: psutil.Process) -> bool:
+    """By its command line; where setproctitle is installed, a worker of dask names itself."""
+    title = " ".join(process.cmdline())
+    return "spawn_main" in title or "dask worker" in title
+
+
 def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path: Path, whole: Dataset) -> None:
     output = tmp_path / "a.h5"
     notices: list[str] = []
@@ -81,9 +87,7 @@ def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path: Path, whole:
 
     def kill_one(name: str, done: int, total: int) -> None:
         if done and not victims:
-            # Where setproctitle is installed, a worker of dask names itself.
-            titles = {p: " ".join(p.cmdline()) for p in psutil.Process().children(recursive=True)}
-            victims.append(next(p for p, title in titles.items() if "spawn_main" in title or "dask worker" in title))
+            victims.append(next(filter(is_worker, psutil.Process().children(recursive=True))))
             victims[0].kill()
 
     record(output, PLANS, Config(), block_steps=BLOCK_STEPS, workers=2, progress=kill_one, notice=notices.append)
@@ -109,7 +113,7 @@ def test_a_signal_to_the_group_ends_the_workers_too(tmp_path: Path, number: int,
         while len(workers) < 2 and process.poll() is None:
             time.sleep(0.1)
             children = psutil.Process(process.pid).children(recursive=True)
-            workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+            workers = [child for child in children if is_worker(child)]
         os.killpg(process.pid, number)
         out, err = process.communicate()
     # No warning of leaked semaphores, and nothing recorded yet that could be continued.
