@@ -82,11 +82,6 @@ class ReceivePath:
         refused = {reason: sum(bus.rejected[reason] for bus in self.buses) for reason in Rejection}
         return sum(bus.accepted for bus in self.buses), refused
 
-    @property
-    def unauthentic(self) -> int:
-        """Frames of secured messages that were refused: not by the key's holder, or not new."""
-        return sum(state.refused for state in self._verifiers.values())
-
     def _followed(self, bus: PythonCanBus) -> list[Frame]:
         """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance."""
         before = bus.accepted

@@ -23,12 +23,17 @@ def classified(message: can.Message) -> Frame | Rejection:
 
     Whether an FD frame switched its bit rate is not kept.
     """
+    if message.is_extended_id and not (message.is_error_frame or message.is_remote_frame):
+        return Rejection.EXTENDED
+    return frame_of(message)
+
+
+def frame_of(message: can.Message) -> Frame | Rejection:
+    """The same for identifiers of either length."""
     if message.is_error_frame:
         return Rejection.ERROR_FRAME
     if message.is_remote_frame:
         return Rejection.REMOTE
-    if message.is_extended_id:
-        return Rejection.EXTENDED
     is_fd = bool(message.is_fd)
     # A backend shows a cut-off line only by the two lengths.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
@@ -42,6 +47,7 @@ def classified(message: can.Message) -> Frame | Rejection:
             data=bytes(message.data),
             timestamp_ns=round(message.timestamp * 1e9),
             is_fd=is_fd,
+            is_extended=bool(message.is_extended_id),
         )
     except (ValueError, OverflowError, TypeError):
         return Rejection.GARBAGE

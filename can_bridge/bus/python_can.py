@@ -8,14 +8,13 @@ Here sending always ends, and every reception is either handed over or counted u
 import struct
 import time
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 from typing import Final, Self
 
 import can
 
 from can_bridge.bus.backends import kernel_queue
+from can_bridge.bus.backends.closing import ClosingBus
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
 from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, one_line, open_backend
 from can_bridge.bus.backends.stumbles import GARBAGE_LIMIT, Stumbles
@@ -38,7 +37,7 @@ _STUMBLES: Final = (can.CanError, OSError, ValueError, TypeError, LookupError, A
 _IS_FD: Final = {spec.frame_id: spec.is_fd for spec in SPECS}
 
 
-class PythonCanBus:
+class PythonCanBus(ClosingBus):
     """One node's connection. Use as a context manager, or `close` it.
 
     One thread may send while another receives.
@@ -65,7 +64,7 @@ class PythonCanBus:
             is_classic: send and receive no CAN FD frames.
             linux_error_frames: error frames are as in `linux/can/error.h`, and about this node's controller.
         """
-        self._bus = bus
+        super().__init__(bus)
         self._accept = None if accept is None else frozenset(accept)
         self._is_classic = is_classic
         self._linux_error_frames = linux_error_frames
@@ -187,20 +186,6 @@ class PythonCanBus:
                 if len(frames) == QUEUE_SIZE:
                     break
         return frames
-
-    def close(self) -> None:
-        """Disconnect; closing twice does nothing more, nor does closing what has vanished."""
-        # Where the backend's farewell does not get out, what it held is free all the same.
-        with suppress(can.CanError, OSError):
-            self._bus.shutdown()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _poll(self, timeout_s: float) -> tuple[Frame | None, bool]:
         """One reception: the frame if an accepted one came, and whether nothing came at all."""

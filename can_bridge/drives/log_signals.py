@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import can
 import numpy as np
 
-from can_bridge.tools.dbc_decoder import load_dbc
+from can_bridge.wire.network_file import load_network
 from contract.arrays import Array
 from contract.errors import DatasetError
 
@@ -45,7 +45,7 @@ def signals_of(
         BusError: the DBC cannot be read, or cantools is not installed.
     """
     places = {name: _place(dbc, name, text) for name, text in wanted.items()}
-    described = {message.name: message for message in load_dbc(dbc).messages}
+    described = {message.name: message for message in load_network(dbc).messages}
     specs: dict[tuple[int, bool], Message] = {}
     for name, (message_name, signal) in places.items():
         spec = described.get(message_name)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from can_bridge.timing.traffic import NS_PER_MS, OUR_IDS, PeriodicMessage
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 from can_bridge.wire.message_specs import SPECS
+from can_bridge.wire.network_file import load_network
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from cantools.database.can.message import Message
 
 _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
-_DAMAGED: Final = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError, SyntaxError)
-"""What cantools and the parsers below it raise for files that are not what their names say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +49,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
         BusError: cantools is missing; the file is missing or damaged; no message can be sent; two have one
             identifier; or one does not go with this bus.
     """
-    database = _load(path)
+    database = load_network(path)
     random = Random(seed)
     messages: list[PeriodicMessage] = []
     left_out: list[str] = []
@@ -81,28 +80,6 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
         if one.priority == other.priority:
             raise BusError(f"{path}: {one.name} and {other.name} have one identifier, {one.frame_id:#x}")
     return FileTraffic(messages=tuple(messages), left_out=tuple(left_out))
-
-
-def _load(path: Path) -> "Database":
-    try:
-        from cantools.database import load_file
-        from cantools.database.can.database import Database
-        from cantools.database.errors import Error
-    except ModuleNotFoundError as error:
-        raise BusError(f"{path}: reading it needs cantools: pip install 'stillwake[bus]'") from error
-    # A device may have no end, and a pipe no writer.
-    if path.exists() and not path.is_file():
-        raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
-    try:
-        database = load_file(path)
-    except OSError as error:
-        raise BusError(f"{path}: {error.strerror or error}") from error
-    except (Error, *_DAMAGED) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise BusError(f"{path}: no description of a CAN bus that cantools can read: {reason}") from error
-    if not isinstance(database, Database):
-        raise BusError(f"{path}: describes diagnostics, not the messages of a bus")
-    return database
 
 
 def _why_not(message: "Message", database: "Database") -> str | None:

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING
 from can_bridge.tools import signals
 from can_bridge.tools.signals import Decoded, Decoder, Signal
 from can_bridge.wire.frame import Frame
-from contract.errors import BusError
+from can_bridge.wire.network_file import load_network
 
 if TYPE_CHECKING:
-    from cantools.database.can import Database, Message
-
-NEEDS_CANTOOLS = "a DBC file needs cantools: pip install 'stillwake[bus]'"
+    from cantools.database.can import Message
 
 
 def decoder_of(dbc: Path | None) -> Decoder:
@@ -22,7 +20,7 @@ def decoder_of(dbc: Path | None) -> Decoder:
     """
     if dbc is None:
         return signals.decode
-    messages = {(one.frame_id, bool(one.is_extended_frame)): one for one in load_dbc(dbc).messages}
+    messages = {(one.frame_id, bool(one.is_extended_frame)): one for one in load_network(dbc).messages}
 
     def decode(frame: Frame) -> Decoded | None:
         own = signals.decode(frame)
@@ -33,23 +31,6 @@ def decoder_of(dbc: Path | None) -> Decoder:
         return Decoded(name=message.name, signals=_signals(message, frame.data))
 
     return decode
-
-
-def load_dbc(dbc: Path) -> "Database":
-    """What a DBC file describes; raises BusError if it cannot be read, or cantools is not installed."""
-    try:
-        import cantools
-    except ModuleNotFoundError as error:
-        raise BusError(f"{dbc}: {NEEDS_CANTOOLS}") from error
-    if not dbc.is_file():
-        raise BusError(f"{dbc}: {'is a directory, must be a DBC file' if dbc.is_dir() else 'there is no such file'}")
-    try:
-        # The file may be of any age and encoding; what it says wrongly is its author's to hear from stricter tools.
-        database: Database = cantools.database.load_file(dbc, database_format="dbc", strict=False)  # type: ignore[assignment]
-    except Exception as error:
-        reason = str(error).splitlines()
-        raise BusError(f"{dbc}: cannot be read as a DBC ({reason[0] if reason else type(error).__name__})") from error
-    return database
 
 
 def _signals(message: "Message", data: bytes) -> tuple[Signal, ...]:

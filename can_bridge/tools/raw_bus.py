@@ -3,12 +3,10 @@
 A node wants `can_bridge.bus.python_can`, which lets nothing through but sound data frames with 11-bit identifiers.
 """
 
-from contextlib import suppress
-from types import TracebackType
-from typing import Self
-
 import can
 
+from can_bridge.bus import conversion
+from can_bridge.bus.backends.closing import ClosingBus
 from can_bridge.bus.backends.opening import SIMULATED, one_line, open_backend
 from can_bridge.bus.backends.stumbles import Stumbles
 from can_bridge.bus.rejection import UnusableReceptionError
@@ -17,7 +15,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
 
 
-class RawBus:
+class RawBus(ClosingBus):
     """One connection. Use as a context manager, or `close` it.
 
     Attributes:
@@ -26,7 +24,7 @@ class RawBus:
 
     def __init__(self, bus: can.BusABC) -> None:
         """Take over an open python-can bus, which is closed together with this object."""
-        self._bus = bus
+        super().__init__(bus)
         self._stumbles = Stumbles()
         self.rejected = 0
 
@@ -62,20 +60,6 @@ class RawBus:
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f"frame {id_text(message)} was not sent: {one_line(error)}") from error
 
-    def close(self) -> None:
-        """Disconnect; closing twice, or what has vanished, does nothing."""
-        # An adapter that was unplugged cannot be told; its error would hide the one that ended the work.
-        with suppress(can.CanError, OSError):
-            self._bus.shutdown()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
 
 def open_bus(config: BusConfig) -> RawBus:
     """Connect to a bus that others are on.
@@ -99,18 +83,8 @@ def is_sound(message: can.Message) -> bool:
 
 def frame_of(message: can.Message) -> Frame | None:
     """The frame in a message, its identifier of either length; None for remote, error and unsound frames."""
-    if message.is_remote_frame or message.is_error_frame or message.dlc != len(message.data):
-        return None
-    try:
-        return Frame(
-            frame_id=message.arbitration_id,
-            data=bytes(message.data),
-            timestamp_ns=round(message.timestamp * 1e9),
-            is_fd=message.is_fd,
-            is_extended=message.is_extended_id,
-        )
-    except (ValueError, OverflowError, TypeError):
-        return None
+    found = conversion.frame_of(message)
+    return found if isinstance(found, Frame) else None
 
 
 def id_text(message: can.Message | Frame) -> str:

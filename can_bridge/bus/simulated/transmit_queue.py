@@ -5,7 +5,6 @@ from typing import Final, NamedTuple
 
 from can_bridge.wire.frame import Frame
 
-BASE_BITS: Final = 11
 EXTENSION_BITS: Final = 18
 
 Priority = tuple[int, bool, int]

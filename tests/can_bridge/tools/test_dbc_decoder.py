@@ -77,7 +77,9 @@ def test_our_messages_stay_known_and_keep_their_check(other):
     assert ours.spec is not None
 
 
-@pytest.mark.parametrize(("content", "words"), [("BO_ nonsense", "cannot be read as a DBC"), (None, "no such file")])
+@pytest.mark.parametrize(
+    ("content", "words"), [("BO_ nonsense", "no description of a CAN bus"), (None, "No such file")]
+)
 def test_bad_files_are_one_line(tmp_path, content, words):
     path = tmp_path / "x.dbc"
     if content is not None:
@@ -88,7 +90,7 @@ def test_bad_files_are_one_line(tmp_path, content, words):
 
 
 def test_without_cantools_it_says_what_to_install(other, monkeypatch):
-    monkeypatch.setitem(sys.modules, "cantools", None)
-    with pytest.raises(BusError, match=r"other\.dbc: a DBC file needs cantools: pip install 'stillwake\[bus\]'"):
+    monkeypatch.setitem(sys.modules, "cantools.database", None)
+    with pytest.raises(BusError, match=r"other\.dbc: reading it needs cantools: pip install 'stillwake\[bus\]'"):
         decoder_of(other)
     assert decoder_of(None) is signals.decode

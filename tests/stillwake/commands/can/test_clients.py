@@ -26,7 +26,7 @@ import pytest
 
 import contract
 from can_bridge.logs.log_reader import read_messages
-from tests.stillwake.commands.bus_traffic import PER_PERIOD, write
+from tests.stillwake.commands.can.bus_traffic import PER_PERIOD, write
 
 pytestmark = pytest.mark.processes
 

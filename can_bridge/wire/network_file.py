@@ -1,0 +1,42 @@
+"""What a file says of the messages of a bus: DBC, or what else cantools reads (ARXML, KCD, SYM).
+
+cantools comes with the extra `bus`; a node needs none of it.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contract.errors import BusError
+
+if TYPE_CHECKING:
+    from cantools.database.can.database import Database
+
+NEEDS_CANTOOLS = "reading it needs cantools: pip install 'stillwake[bus]'"
+
+
+def load_network(path: Path) -> "Database":
+    """The description in a file, whose ending tells its format.
+
+    Raises:
+        BusError: in one line, if cantools or the file is missing, or the file is not what its name says.
+    """
+    try:
+        from cantools.database import load_file
+        from cantools.database.can.database import Database
+    except ModuleNotFoundError as error:
+        raise BusError(f"{path}: {NEEDS_CANTOOLS}") from error
+    # A device may have no end, and a pipe no writer.
+    if path.exists() and not path.is_file():
+        raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
+    try:
+        # The file may be of any age and encoding; what it says wrongly is its author's to hear from stricter tools.
+        database = load_file(path, strict=False)
+    except OSError as error:
+        raise BusError(f"{path}: {error.strerror or error}") from error
+    except Exception as error:
+        # cantools and the parsers below it raise errors of many kinds.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise BusError(f"{path}: no description of a CAN bus that cantools can read: {reason}") from error
+    if not isinstance(database, Database):
+        raise BusError(f"{path}: describes diagnostics, not the messages of a bus")
+    return database

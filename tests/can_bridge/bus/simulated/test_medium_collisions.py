@@ -1,0 +1,159 @@
+"""Two nodes with one identifier, a bus that is held dominant, and disturbances at random."""
+
+from contextlib import suppress
+from dataclasses import replace
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.interface import BusState
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import frame_bits
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+from tests.can_bridge.bus.simulated.disturbing import (
+    BIT,
+    INTERMISSION,
+    RATES,
+    SENT,
+    bus_with,
+    counts,
+    two,
+)
+
+
+@pytest.fixture
+def doubled():
+    """Two nodes with the same identifier, and one that listens."""
+    seen: list[Transmission] = []
+    bus = bus_with(seen)
+    return bus, bus.port("one"), bus.port("other"), bus.port("listener"), seen
+
+
+def test_two_nodes_that_send_the_same_frame_at_once_do_not_notice(doubled):
+    bus, one, other, listener, seen = doubled
+    one.send(SENT)
+    other.send(SENT)
+    bus.advance_to(10**7)
+    assert len(listener.receive_all()) == 1
+    assert {item.sender for item in seen} == {"one", "other"}
+    assert bus.activity().frames == 1
+    assert counts(one, other, listener) == [(0, 0)] * 3
+    assert one.receive_all() == other.receive_all() == []
+
+
+def test_a_doubled_identifier_shows_as_bit_errors_in_both(doubled):
+    bus, one, other, listener, seen = doubled
+    one.send(SENT)
+    other.send(replace(SENT, data=b"\x55\x55\x55\x57"))  # differs in bit 1 of the last byte
+    differs = 1 + 11 + 3 + 4 + 3 * 8 + 6
+    bus.advance_to(differs * BIT)
+    assert counts(one, other, listener) == [(0, 0)] * 3
+    bus.advance_to((differs + 1) * BIT)
+    assert counts(one, other, listener) == [(8, 0), (8, 0), (0, 1)]
+    assert bus.activity().error_frames == 1
+    bus.advance_to(10**8)
+    # Sixteen times both, then the one that sends the recessive bit is too passive to destroy the other's frame.
+    assert [item.sender for item in seen] == ["one", "other"]
+    assert bus.activity().error_frames == 16
+    assert counts(one, other) == [(127, 0), (128 + 8 - 1, 0)]
+
+
+def test_a_doubled_identifier_drives_a_node_off_the_bus_in_the_end(doubled):
+    bus, one, other, listener, _ = doubled
+    for k in range(400):  # 1 kHz
+        bus.call_at(k * 10**6, lambda: sends(one, SENT))
+        bus.call_at(k * 10**6, lambda: sends(other, replace(SENT, data=b"\x55\x55\x55\x57")))
+    bus.advance_to(4 * 10**8)
+    assert max(one.health().bus_off, other.health().bus_off) >= 1
+    # The frames of both are still heard.
+    assert {frame.data[3] for frame in listener.receive_all()} == {0x55, 0x57}
+
+
+def sends(port, frame: Frame) -> None:
+    try:
+        port.send(frame)
+    except BusError:
+        assert port.health().state is BusState.BUS_OFF
+
+
+def test_classic_and_can_fd_frames_of_one_identifier_collide_in_fdf(doubled):
+    bus, one, other, listener, _ = doubled
+    one.send(Frame(frame_id=0x155, data=b"", is_fd=False))
+    other.send(Frame(frame_id=0x155, data=b"", is_fd=True))
+    bus.advance_to((1 + 11 + 2 + 1) * BIT)
+    assert counts(one, other, listener) == [(8, 0), (8, 0), (0, 1)]
+
+
+def test_a_bus_held_dominant_drives_the_sender_off_and_receivers_passive():
+    """Rule 6: 256 needs 8 for the error and 31 times 8: bit 14 of the flag, and 30 times eight bits."""
+    least = 14 + 30 * 8
+    for held, state in ((least - 1, BusState.ERROR_PASSIVE), (least, BusState.BUS_OFF)):
+        bus, sender, receiver = two()
+        sender.send(SENT)
+        bus.advance_to(20 * BIT)
+        bus.hold_dominant(held * BIT)
+        assert sender.health().state is state
+        assert receiver.health().state is BusState.ERROR_PASSIVE
+        bus.advance_to(10**8)
+        assert sender.health().state is not BusState.BUS_OFF  # recovered by itself
+        assert len(receiver.receive_all()) == (1 if state is BusState.ERROR_PASSIVE else 0)
+
+
+@pytest.mark.parametrize(("held", "counted"), [(6, 0), (7, 1), (19, 1), (20, 9), (28, 17)])
+def test_on_an_idle_bus_a_dominant_level_is_an_error_from_the_sixth_bit_on(held, counted):
+    """Six bits until the rule of stuff bits is broken; then rules 1 and 6."""
+    bus, one, other = two()
+    bus.hold_dominant(held * BIT)
+    bus.advance_to(10**6)
+    assert counts(one, other) == [(0, counted)] * 2
+
+
+def test_a_bus_held_dominant_for_no_time_is_refused():
+    with pytest.raises(ValueError, match="dominant for 0 ns: must be positive"):
+        SimulatedBus(RATES).hold_dominant(0)
+
+
+@given(seed=st.integers(0, 2**32), share=st.floats(0.0, 0.3), rates=st.sampled_from([RATES, BusConfig()]))
+def test_whatever_is_disturbed_every_frame_arrives_once_in_order_or_is_counted(seed, share, rates):
+    """Random disturbances of the bus and of single receivers, in any bit but the very last."""
+    random = Random(seed)
+
+    def wrong(frame: Frame, name: str, begin_ns: int) -> int | None:
+        return random.randrange(sum(frame_bits(frame)) - INTERMISSION - 1) if random.random() < share else None
+
+    seen: list[Transmission] = []
+    bus = SimulatedBus(rates, observe=seen.append, corrupts=wrong, mishears=wrong)
+    ports = [bus.port(f"node {k}") for k in range(3)]
+    handed_over, heard = [list[bytes]() for _ in ports], [list[Frame]() for _ in ports]
+    for k in range(60):
+        sender = random.randrange(3)
+        data = bytes([k])
+        with suppress(BusError):
+            ports[sender].send(Frame(frame_id=0x100 + sender, data=data, is_fd=random.random() < 0.5))
+            handed_over[sender].append(data)
+        bus.advance_to(bus.now_ns + random.randrange(600_000))
+        for port, frames in zip(ports, heard, strict=True):
+            frames.extend(port.receive_all())
+    bus.advance_to(bus.now_ns + 10**10)
+    for port, frames in zip(ports, heard, strict=True):
+        frames.extend(port.receive_all())
+    for k, port in enumerate(ports):
+        sent = [item.frame.data for item in seen if item.sender == port.name]
+        assert len(sent) + port.discarded == len(handed_over[k])
+        assert [data for data in handed_over[k] if data in sent] == sent
+        # Some receivers miss some: they were bus-off, or heard it wrong and were too passive to say so.
+        for other, frames in zip(ports, heard, strict=True):
+            if other is not port:
+                got = [frame.data for frame in frames if frame.frame_id == 0x100 + k]
+                assert [data for data in sent if data in got] == got
+                assert share > 0.0 or got == sent
+    ends = [item.end_ns for item in seen]
+    assert ends == sorted(set(ends))
+    activity = bus.activity()
+    assert activity.frames == len(seen)
+    assert activity.busy_ns <= activity.now_ns
+    assert share > 0.0 or activity.error_frames == 0

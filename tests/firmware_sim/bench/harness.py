@@ -1,0 +1,112 @@
+"""A plant of two numbers, and everything around one loop in virtual time on a simulated bus."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from contract import sensors
+from contract.config.tree import Config
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
+from firmware_sim.ecu.ecu import Ecu
+from wake.truck.sample import Sample
+
+NAMES = ("upper_39", "lower_39", "base_0", "base_9")
+BIT_NS = 2000
+"""At 500 kbit/s."""
+INTERMISSION_NS = 3 * BIT_NS
+FRAME_IDS = (PRESSURE.frame_id, JET_COMMAND.frame_id, ECU_STATUS.frame_id)
+WARM = 6
+"""Periods with a request until the window of four is full and both ends trust each other."""
+
+
+class Oscillator:
+    """x'' + x = a, seen as Cd, Cl and pressures; `asked` keeps every advance as (period, substep, action)."""
+
+    def __init__(self, substeps: int) -> None:
+        self.substeps, self.substep, self.period = substeps, 0, 0
+        self.x, self.v, self.action = 1.0, 0.0, 0.0
+        self.asked: list[tuple[int, int, float | None]] = []
+
+    def sample(self) -> Sample:
+        phase = np.linspace(0.0, 3.0, sensors.COUNT)
+        return Sample(
+            t=0.2 * (self.period + self.substep / self.substeps),
+            Cp=self.x * np.cos(phase) + self.v * np.sin(phase),
+            Cd=1.0 + self.x**2,
+            Cl=self.v,
+            Cd_slot_pressure=0.1 * self.x,
+            Cd_slot_viscous=-0.01 * self.v,
+            Cd_momentum=-(self.action**2),
+            jet_power=0.0,
+            Uy_probe=self.x - self.v,
+            action=self.action,
+        )
+
+    def advance_to(self, substep: int, action: float | None = None) -> None:
+        assert self.substep < substep <= self.substeps
+        self.asked.append((self.period, substep, action))
+        target, left = self.action if action is None else action, self.substeps - self.substep
+        for _ in range(substep - self.substep):
+            self.action += (target - self.action) / left
+            left -= 1
+            self.v += 0.2 / self.substeps * (self.action - self.x)
+            self.x += 0.2 / self.substeps * self.v
+        self.substep = substep % self.substeps
+        if self.substep == 0:
+            self.period += 1
+            self.action = target
+
+
+class Harness:
+    """Everything around one loop."""
+
+    def __init__(
+        self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]], corrupts: Corrupts | None
+    ) -> None:
+        self.config = config
+        self.plant = Oscillator(config.flow.substeps)
+        self.ecu = Ecu(bundle, controller, config)
+        self.captured: list[Frame] = []
+        self.bus = bus = SimulatedBus(config.bus, self.captured.append, corrupts=corrupts)
+        self.ports = {name: bus.port(name) for name in wrapped}
+        ports = BusPorts(
+            **{name: wrap(self.ports[name]) for name, wrap in wrapped.items()}, ecu_health=self.ports["ecu"].health
+        )
+        ticks = iter(range(10**6))
+        self.loop = VirtualLoop(
+            self.plant,
+            VehicleNode(NAMES, config),
+            self.ecu,
+            bus,
+            ports,
+            config,
+            clock=lambda: 0.001 * next(ticks),
+        )
+
+    def run(self, periods: int) -> list:
+        # Raised once: a request that stands at power-on is none.
+        return [self.loop.period(enable_request=self.plant.period > 0) for _ in range(periods)]
+
+    def targets(self) -> list[float | None]:
+        """What the plant was to reach at the end of each period."""
+        return [action for _, substep, action in self.plant.asked if substep == self.config.flow.substeps]
+
+    def ends(self, spec) -> list[int]:
+        """When each frame of a message was through, ns."""
+        return [frame.timestamp_ns for frame in self.captured if frame.frame_id == spec.frame_id]
+
+    def taken(self, spec) -> list[int]:
+        """How long each was on the bus up to its end of frame, ns."""
+        frames = [replace(frame, timestamp_ns=0) for frame in self.captured if frame.frame_id == spec.frame_id]
+        return [self.bus.frame_ns(frame) - INTERMISSION_NS for frame in frames]
+
+    def starts(self) -> dict[int, int]:
+        """The substep in which the ramp began, by period; 0 where it began at once."""
+        late = {period: substep for period, substep, action in self.plant.asked if action is None}
+        return {period: late.get(period, 0) for period in range(self.plant.period)}
