@@ -79,6 +79,11 @@ full: test
 	$(BIN)/stillwake run runs/secured --overwrite --set bus.key=bus.key --json results/bus_secured.json
 	$(BIN)/stillwake run runs/busy_30 --overwrite --set bus.background.load=0.3 --json results/bus_busy_30.json
 	$(BIN)/stillwake run runs/busy_90 --overwrite --set bus.background.load=0.9 --json results/bus_busy_90.json
+	# These end with status 3, because control is not held throughout.
+	-for ms in 20 40 60; do $(BIN)/stillwake run runs/late_$$ms --overwrite --fault ecu:delay:delay_s=0.0$$ms \
+		--json results/bus_late_$$ms.json; done
+	-for share in 05 10 25 50; do $(BIN)/stillwake run runs/loss_$$share --overwrite \
+		--fault vehicle:drop:probability=0.$$share --json results/bus_loss_$$share.json; done
 	$(BIN)/stillwake can load --json results/can_load_fd.json
 	$(BIN)/stillwake can load --set bus.frames=classic --json results/can_load_classic.json
 	# Beside so much traffic a message of ours can be late: status 3 is a figure here, not a failure.

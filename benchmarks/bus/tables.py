@@ -15,6 +15,13 @@ RUNS: Final = {
 }
 """Files of closed loops, by what their bus is."""
 
+FAULTED: Final = {
+    "as they are": "demo",
+    **{f"{late} ms late": f"bus_late_{late}" for late in (20, 40, 60)},
+    **{f"{share} % lost": f"bus_loss_{share:02}" for share in (5, 10, 25, 50)},
+}
+"""Files of closed loops, by what is wrong with the pressures."""
+
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
@@ -25,6 +32,7 @@ def tables(results: Path) -> dict[str, str]:
         "flips": flips(found),
         "authentication": authentication(found),
         "bus_runs": bus_runs(results),
+        "bus_faults": bus_faults(results),
         "two_nodes": two_nodes(results),
     }
 
@@ -110,6 +118,18 @@ def bus_runs(results: Path) -> str:
         )
     heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest wait, ms: pressure / command / status", "errors")
     return table(heads, rows)
+
+
+def bus_faults(results: Path) -> str:
+    """The closed loop with late and with lost pressures."""
+    rows = []
+    for name, file in FAULTED.items():
+        figures = read(results / f"{file}.json")["figures"]
+        held = f"{figures['periods_in_control']} of {figures['periods_requested']}"
+        fault = figures["fault"]
+        latched = "no" if fault is None else f"{fault['reason']}, {fault['after_enable']} periods after the request"
+        rows.append((name, figures["reduction_percent"], figures["abs_Cl_controlled"], held, latched))
+    return table(("pressures", "less drag, %", "mean abs Cl", "periods in control", "latched"), rows)
 
 
 def two_nodes(results: Path) -> str:

@@ -121,12 +121,12 @@ class EcuConfig(Settings):
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Oldest pressures, from sampling to control step, that may be planned on: one period of waiting for the step, and
-    half a one for the way. Pressures 40 ms old did the loop no harm, 60 ms ruined it."""
+    half a one for the way. Pressures 20 ms late cost the loop nothing, 40 ms a part of the gain."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
     """Latest periods under control that are judged together by `ecu.loss_limit`: a second."""
     loss_limit: Annotated[int, PERIODS] = 25
     """Periods without usable pressures among them, in a row or not, from which on the jets go to zero and the fault
-    latches: with half of the pressures lost, most of the gain is lost too."""
+    latches: a controller that sees every other pressure at best is not in control."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
     """Steps that came a period or more late, or too early by half a one, among the latest `ecu.deadline_window`, from
     which on the ECU switches itself off. More than the window: never."""
