@@ -132,6 +132,7 @@ def _command(values: Mapping[str, float]) -> JetCommand:
         mode=Mode(_whole(values, "Mode")),
         enable=_flag(values, "Enable"),
         pressure_counter=_whole(values, "PressureCounter") if has_counter else None,
+        next_period=_flag(values, "NextPeriod"),
     )
 
 
@@ -146,6 +147,7 @@ def _status(values: Mapping[str, float]) -> EcuStatus:
         not_authentic=_whole(values, "NotAuthentic"),
         tx_errors=_whole(values, "TxErrors"),
         rx_errors=_whole(values, "RxErrors"),
+        set_aside=sum(_flag(values, f"SetAside{i}") << i for i in range(SENSORS)),
     )
 
 

@@ -12,7 +12,7 @@ from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, Message
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, INT12_MAX, MAC_LENGTH, MessageSpec
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Pressure
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 """Signals that say nothing but whether to trust the others."""
@@ -131,6 +131,7 @@ def _of_command(value: JetCommand) -> tuple[Signal, ...]:
         Signal(name="Mode", value=int(value.mode), text=value.mode.name),
         Signal(name="Enable", value=int(value.enable)),
         Signal(name="PressureCounterValid", value=int(value.pressure_counter is not None)),
+        Signal(name="NextPeriod", value=int(value.next_period)),
         Signal(name="Flow", value=value.flow_m2_per_s, unit="m2/s"),
         Signal(name="PressureCounter", value=value.pressure_counter or 0),
     )
@@ -162,4 +163,5 @@ def _of_status(value: EcuStatus) -> tuple[Signal, ...]:
         Signal(name="NotAuthentic", value=value.not_authentic),
         Signal(name="TxErrors", value=value.tx_errors),
         Signal(name="RxErrors", value=value.rx_errors),
+        *(Signal(name=f"SetAside{i}", value=value.set_aside >> i & 1) for i in range(SENSORS)),
     )

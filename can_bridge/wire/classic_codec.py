@@ -6,7 +6,7 @@ Like `can_bridge.wire.codec`, with what eight bytes cost:
 - an age in steps of 10 ms, rounded up, so that no frame looks fresher than it is; the last step, 70 ms or more, is
   read as `STALE_NS`, on which nothing may rest;
 - a status whose counts stay at 63, whose bundle hash has two bytes, and that has no count of frames that are not
-  authentic (this set has no authentication) and no error counters.
+  authentic (this set has no authentication), no error counters and no pressures set aside.
 """
 
 import struct
@@ -44,11 +44,12 @@ _AGE_LIMIT: Final = 7
 _INVALID: Final = -INT12_MAX - 1
 _INVALID_FIELD: Final = _INVALID & 0xFFF
 _ALL_VALID: Final = (True, True, True, True)
+_NEXT_PERIOD: Final = 1 << 1
 
 # "x" is the CRC; the byte behind it holds the counter and what shares it. Fields that cross bytes are put together from
 # pieces: numbers that fit one machine word are faster than one of 64 bits.
 _PRESSURE: Final = struct.Struct("<x B 3H")  # wish and age, pressures
-_JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echoed counter
+_JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
 _ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state, reason and bus-off, counts, hash
 
 # By the field's bits and back: a lookup is faster than sign, scale and comparison.
@@ -105,10 +106,11 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 def emit_jet_command(message: JetCommand) -> bytes:
     """8 bytes. Raises ValueError for a flow that is not finite or out of the wire's range, or a bad counter."""
-    flow, mode, enable, counter = message
+    flow, mode, enable, counter, next_period = message
     try:
         head = mode_of(mode) << 4 | (0x80 if enable else 0)
         echo = 0 if counter is None else 1 | unsigned("JetCommand.pressure_counter", counter, 0xF) << 4
+        echo |= _NEXT_PERIOD if next_period else 0
         return _JET_COMMAND.pack(head, round(flow / FLOW_RESOLUTION_M2_PER_S), echo)
     except UNPACKABLE:
         signed("JetCommand.flow_m2_per_s", flow, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
@@ -124,7 +126,7 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
     if mode is None:
         return None
     echoed = echo >> 4 if echo & 1 else None
-    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, head & 0x80 != 0, echoed))
+    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, head & 0x80 != 0, echoed, echo & _NEXT_PERIOD != 0))
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
@@ -167,6 +169,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
             why >> 4,
             bundle_hash << 16,
             high >> 2,
+            0,
             0,
             0,
             0,

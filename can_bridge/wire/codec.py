@@ -17,7 +17,16 @@ from can_bridge.wire.message_specs import (
     INT16_MAX,
     PRESSURE_RESOLUTION_PA,
 )
-from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, JetCommand, Mode, Pressure
+from can_bridge.wire.messages import (
+    BUS_OFF_LIMIT,
+    COUNT_LIMIT,
+    ERROR_LIMIT,
+    SET_ASIDE_LIMIT,
+    EcuStatus,
+    JetCommand,
+    Mode,
+    Pressure,
+)
 from can_bridge.wire.packing import (
     MODES,
     REASONS,
@@ -34,8 +43,9 @@ from can_bridge.wire.packing import (
 # "3x" is the E2E header: CRC-16 and counter.
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
 _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counter
-# State, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit and receive errors.
-_ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B 2x")
+# State, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit and receive errors,
+# pressures set aside.
+_ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B B x")
 
 _VALID: Final = 0b1111
 _ENABLE_REQUEST: Final = 1 << 4
@@ -43,6 +53,7 @@ _ENABLE_REQUEST: Final = 1 << 4
 _MODE_MASK: Final = 0b111
 _ENABLE: Final = 1 << 3
 _COUNTER_VALID: Final = 1 << 4
+_NEXT_PERIOD: Final = 1 << 5
 
 _STATE_MASK: Final = 0b1111
 
@@ -92,9 +103,9 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 def emit_jet_command(message: JetCommand) -> bytes:
     """8 bytes. Raises ValueError for a flow that is not finite or out of the wire's range, or a bad counter."""
-    flow, mode, enable, counter = message
+    flow, mode, enable, counter, next_period = message
     try:
-        flags = mode_of(mode) | (_ENABLE if enable else 0)
+        flags = mode_of(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
         if counter is None:
             return _JET_COMMAND.pack(flags, round(flow / FLOW_RESOLUTION_M2_PER_S), 0)
         return _JET_COMMAND.pack(flags | _COUNTER_VALID, round(flow / FLOW_RESOLUTION_M2_PER_S), counter)
@@ -119,13 +130,16 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
             mode,
             flags & _ENABLE != 0,
             counter if flags & _COUNTER_VALID else None,
+            flags & _NEXT_PERIOD != 0,
         ),
     )
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """24 bytes. Raises ValueError for a count or hash that does not fit."""
-    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors = message
+    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors, aside = (
+        message
+    )
     try:
         return _ECU_STATUS.pack(
             mode_of(state),
@@ -139,6 +153,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
             not_authentic,
             tx_errors,
             rx_errors,
+            aside if 0 <= aside <= SET_ASIDE_LIMIT else -1,  # which no byte takes
         )
     except UNPACKABLE:
         limits = {
@@ -146,6 +161,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
             "bundle_hash": 0xFFFFFFFF,
             "tx_errors": ERROR_LIMIT,
             "rx_errors": ERROR_LIMIT,
+            "set_aside": SET_ASIDE_LIMIT,
         }
         for name in message._fields[2:]:
             unsigned(f"EcuStatus.{name}", getattr(message, name), limits.get(name, COUNT_LIMIT))
@@ -156,12 +172,14 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     """The message in 24 bytes, or None if there are not 24 or state or reason is not in its table."""
     if len(data) != 24:
         return None
-    state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx = _ECU_STATUS.unpack(data)
+    state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside = _ECU_STATUS.unpack(
+        data
+    )
     known_state, known_reason = MODES[state & _STATE_MASK], REASONS[reason]
     if known_state is None or known_reason is None:
         return None
     counts = overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx
-    return made(EcuStatus, (known_state, known_reason, *counts))
+    return made(EcuStatus, (known_state, known_reason, *counts, aside & SET_ASIDE_LIMIT))
 
 
 def _age_steps(age_ns: int) -> int:

@@ -20,6 +20,10 @@ ERROR_LIMIT: Final = 0xFF
 """Largest value of the CAN controller's error counters on the wire; 256, which is bus-off, shows as this."""
 
 
+SET_ASIDE_LIMIT: Final = 0b1111
+"""All four pressures."""
+
+
 class Mode(IntEnum):
     """State of the control loop on the wire, and how a jet command came about."""
 
@@ -44,6 +48,8 @@ class Reason(IntEnum):
     STALE = 7
     NOT_AUTHENTIC = 8
     CLOCK = 9
+    IMPLAUSIBLE = 10
+    NOT_ARMED = 11
 
 
 class Pressure(NamedTuple):
@@ -63,19 +69,21 @@ class Pressure(NamedTuple):
 
 
 class JetCommand(NamedTuple):
-    """The jets' flow rate to be reached at the end of the coming control period.
+    """The jets' flow rate to be reached by the end of a control period.
 
     Attributes:
         flow_m2_per_s: out of the upper slot and into the lower, per unit span.
         mode: how the command came about.
         enable: False shuts the jets whatever the flow is.
         pressure_counter: E2E counter of the newest pressure frame behind it; None before the first.
+        next_period: the jets begin to move at the next sampling instant, and not when the command arrives.
     """
 
     flow_m2_per_s: float
     mode: Mode
     enable: bool
     pressure_counter: int | None
+    next_period: bool = False
 
 
 class EcuStatus(NamedTuple):
@@ -88,6 +96,7 @@ class EcuStatus(NamedTuple):
         refused: pressure frames with a right CRC that were repeated or out of sequence; up to COUNT_LIMIT.
         not_authentic: pressure frames refused by their MAC or freshness; up to COUNT_LIMIT.
         tx_errors, rx_errors: the CAN controller's error counters, up to ERROR_LIMIT.
+        set_aside: the pressures that the controller does without, bit i for Pressure i; up to SET_ASIDE_LIMIT.
     """
 
     state: Mode
@@ -101,3 +110,4 @@ class EcuStatus(NamedTuple):
     not_authentic: int = 0
     tx_errors: int = 0
     rx_errors: int = 0
+    set_aside: int = 0

@@ -132,6 +132,9 @@ class EcuConfig(Settings):
     which on the ECU switches itself off. More than the window: never."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Latest steps that are judged together by `ecu.deadline_misses`."""
+    plan_ahead: bool = True
+    """Plan for the next control period: the jets begin to move at its start, wherever in this one the command arrives,
+    and computing may take all of this one. Without, they move as soon as the command is there."""
     delay_steps: Annotated[NonNegative[int], PERIODS] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     command_step: Annotated[Positive[float], FLOW_RATE] = 0.075
@@ -141,6 +144,11 @@ class EcuConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")
+
+    @property
+    def frozen_actions(self) -> int:
+        """Periods whose action is settled when the ECU plans: the actuator's delay, and this one if it plans ahead."""
+        return self.delay_steps + self.plan_ahead
 
 
 @dataclass(frozen=True, kw_only=True)

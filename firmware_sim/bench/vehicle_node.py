@@ -35,13 +35,15 @@ class Actuation:
 
     Attributes:
         action: to be reached at the period's end, U_inf W.
-        command: the frame it follows; None if no valid one came.
+        command: the valid frame of the period; None if none came.
+        next_period: the jets follow that frame in the next period, and in this one the frame before it.
         sampled_ns: when the pressures behind that command were sampled; None without one.
     """
 
     action: float
     command: Frame | None
     sampled_ns: int | None
+    next_period: bool = False
 
 
 class VehicleNode:
@@ -78,6 +80,7 @@ class VehicleNode:
         self._misses = 0
         self._requested = False  # in the latest Pressure frame
         self._action = 0.0  # commanded last, U_inf W
+        self._next_period = False  # by the command before
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
         # As old as the ECU's gate lets pressures be, and a period for computing and the way.
@@ -109,8 +112,9 @@ class VehicleNode:
         """What the jets do after one control period's frames.
 
         Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut. They
-        shut at once when the vehicle no longer wants control.
+        shut at once when the vehicle no longer wants control. Commands for the next period act in it, one by one.
         """
+        before = self._action
         spec = self._receiver.spec
         self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
         frame = self._receiver.tick(frames).live
@@ -125,12 +129,14 @@ class VehicleNode:
             echoed = command.pressure_counter
             self._echo = self._echo.interrupted() if echoed is None else self._echo.received(echoed)
             self._action = self._driven(command)
+            self._next_period = command.next_period
         if not self._requested:
-            self._action = 0.0
+            self._action = before = 0.0
         return Actuation(
-            action=self._delayed_action(),
+            action=self._delayed(before if self._next_period else self._action),
             command=None if command is None else frame,
             sampled_ns=None if command is None else self._echo.sampled_ns,
+            next_period=self._next_period,
         )
 
     def _driven(self, command: JetCommand) -> float:
@@ -144,9 +150,9 @@ class VehicleNode:
         in_reach = np.clip(wanted, self._action - step, self._action + step)
         return float(np.clip(in_reach, -limit, limit))
 
-    def _delayed_action(self) -> float:
-        """The action of `actuator_delay` periods ago, the one commanded now being the newest."""
-        self._commanded = self._commanded.pushed(self._action)
+    def _delayed(self, action: float) -> float:
+        """The action of `actuator_delay` periods ago, this one being the newest."""
+        self._commanded = self._commanded.pushed(action)
         return self._commanded.in_force
 
     @property

@@ -176,8 +176,8 @@ class VirtualLoop:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance to the period's end, with the jets as they were until the command arrives."""
-        if actuation.command is not None:
+        """Advance to the period's end; a command for this period finds the jets as they were until it arrives."""
+        if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
             # One substep is left for the ramp.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))

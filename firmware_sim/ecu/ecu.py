@@ -131,7 +131,7 @@ class Ecu:
             window=manifest.window,
             sensors=len(manifest.sensors),
             horizon=manifest.mpc.horizon,
-            delay=config.ecu.delay_steps,
+            delay=config.ecu.frozen_actions,
         )
         if authentication is not None:
             verifier = authentication.verifier(self._messages.pressure.spec)
@@ -230,6 +230,7 @@ class Ecu:
             enable=passed.enable,
             # Of the frame the command rests on: this period's, or the one behind the command that is held.
             pressure_counter=pressure_counter if usable or fail_safe.mode.drives_jets else None,
+            next_period=config.plan_ahead,
         )
         trace = Trace(
             mode=fail_safe.mode.on_wire, action=action, forces=decision.forces, interventions=passed.interventions
@@ -292,7 +293,7 @@ class Ecu:
             except ControllerError:
                 return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
             return _Decision(
-                memory=planned, action=float(answer.plan[self._config.ecu.delay_steps]), forces=answer.forces
+                memory=planned, action=float(answer.plan[self._config.ecu.frozen_actions]), forces=answer.forces
             )
         if mode is OperatingMode.HOLD:
             return _Decision(memory=memory, action=latest)

@@ -28,9 +28,12 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
         raise BundleError(
             f"bundle {manifest.name!r} has {len(manifest.sensors)} sensors: the Pressure message carries {SENSORS}"
         )
-    if config.ecu.delay_steps >= manifest.mpc.horizon:
+    if config.ecu.frozen_actions >= manifest.mpc.horizon:
+        most = manifest.mpc.horizon - 1 - config.ecu.plan_ahead
+        ahead = ", with ecu.plan_ahead" if config.ecu.plan_ahead else ""
         raise BundleError(
-            f"ecu.delay_steps = {config.ecu.delay_steps}: must be below the horizon {manifest.mpc.horizon}"
+            f"ecu.delay_steps = {config.ecu.delay_steps}: must be at most {most} for the horizon of "
+            f"{manifest.mpc.horizon}{ahead}"
         )
 
 

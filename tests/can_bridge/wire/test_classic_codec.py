@@ -77,16 +77,23 @@ def test_pressure_encoded_by_cantools_is_parsed(data):
     assert (parsed.enable_request, parsed.age_ns) == (enable, STALE_NS if age == 7 else age * 10_000_000)
 
 
-@given(flow=st.integers(-0x8000, 0x7FFF), mode=st.sampled_from(Mode), enable=st.booleans(), echo=st.none() | U4, crc=U4)
-def test_jet_command_is_the_same_to_cantools_in_both_directions(flow, mode, enable, echo, crc):
+@given(
+    flow=st.integers(-0x8000, 0x7FFF),
+    mode=st.sampled_from(Mode),
+    enable=st.booleans(),
+    echo=st.none() | U4,
+    crc=U4,
+    later=st.booleans(),
+)
+def test_jet_command_is_the_same_to_cantools_in_both_directions(flow, mode, enable, echo, crc, later):
     signals = {
         "Flow": flow * 0.0002, "Mode": mode.value, "Enable": int(enable), "PressureCounterValid": int(echo is not None),
-        "PressureCounter": echo or 0, "E2E_CRC": crc, "E2E_Counter": 7,
+        "PressureCounter": echo or 0, "E2E_CRC": crc, "E2E_Counter": 7, "NextPeriod": int(later),
     }  # fmt: skip
     parsed = classic_codec.parse_jet_command(DBC.encode_message("JetCommandClassic", signals, strict=False))
     assert parsed is not None
     assert parsed.flow_m2_per_s == pytest.approx(flow / 5000)
-    assert (parsed.mode, parsed.enable, parsed.pressure_counter) == (mode, enable, echo)
+    assert parsed[1:] == (mode, enable, echo, later)
     back = decoded("JetCommandClassic", classic_codec.emit_jet_command(parsed))
     assert back == pytest.approx(signals | {"E2E_CRC": 0, "E2E_Counter": 0})
 
@@ -120,7 +127,7 @@ def test_status_is_the_same_to_cantools_in_both_directions(message):
 def test_counts_stay_at_their_largest_values_and_the_hash_loses_its_lower_half():
     full = EcuStatus(
         state=Mode.FAULT, reason=Reason.CLOCK, overruns=65535, missed=64, crc_errors=1000, refused=63, bus_off=255,
-        bundle_hash=0xD3061D50, not_authentic=5, tx_errors=255, rx_errors=127,
+        bundle_hash=0xD3061D50, not_authentic=5, tx_errors=255, rx_errors=127, set_aside=0b1010,
     )  # fmt: skip
     parsed = classic_codec.parse_ecu_status(classic_codec.emit_ecu_status(full))
     assert parsed == EcuStatus(
@@ -136,6 +143,7 @@ def test_counts_stay_at_their_largest_values_and_the_hash_loses_its_lower_half()
         mode=st.sampled_from(Mode),
         enable=st.booleans(),
         pressure_counter=st.none() | U4,
+        next_period=st.booleans(),
     )
 )
 def test_a_command_has_the_same_flow_in_both_sets(message):
@@ -163,7 +171,7 @@ def test_only_eight_bytes_parse(parse, spec):
 
 @pytest.mark.parametrize(
     ("parse", "shift", "bad"),
-    [(PARSERS[1], 12, (6, 7)), (PARSERS[2], 12, range(6, 16)), (PARSERS[2], 16, range(10, 16))],
+    [(PARSERS[1], 12, (6, 7)), (PARSERS[2], 12, range(6, 16)), (PARSERS[2], 16, range(12, 16))],
 )
 def test_values_outside_a_table_are_malformed(parse, shift, bad):
     for value in bad:
@@ -171,7 +179,7 @@ def test_values_outside_a_table_are_malformed(parse, shift, bad):
 
 
 def test_bits_without_a_signal_are_ignored():
-    spare = (0b111 << 33 | 0xFF_FFFF << 40).to_bytes(8, "little")
+    spare = (0b11 << 34 | 0xFF_FFFF << 40).to_bytes(8, "little")
     assert PARSERS[1](spare) == PARSERS[1](bytes(8))
 
 

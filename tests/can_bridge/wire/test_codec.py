@@ -34,6 +34,7 @@ JET_COMMANDS = st.builds(
     mode=st.sampled_from(Mode),
     enable=st.booleans(),
     pressure_counter=st.none() | U8,
+    next_period=st.booleans(),
 )
 STATUSES = st.builds(
     EcuStatus,
@@ -48,6 +49,7 @@ STATUSES = st.builds(
     tx_errors=U8,
     rx_errors=U8,
     bundle_hash=U32,
+    set_aside=st.integers(0, 15),
 )
 
 
@@ -80,6 +82,7 @@ def test_emitted_jet_command_means_the_same_to_cantools(message):
     assert (signals["Mode"], signals["Enable"]) == (message.mode, message.enable)
     assert signals["PressureCounterValid"] == (message.pressure_counter is not None)
     assert signals["PressureCounter"] == (message.pressure_counter or 0)
+    assert signals["NextPeriod"] == message.next_period
 
 
 @given(STATUSES)
@@ -90,6 +93,7 @@ def test_emitted_status_means_the_same_to_cantools(message):
         "Overruns": message.overruns, "Missed": message.missed, "CrcErrors": message.crc_errors,
         "BundleHash": message.bundle_hash, "Refused": message.refused, "NotAuthentic": message.not_authentic,
         "TxErrors": message.tx_errors, "RxErrors": message.rx_errors,
+        **{f"SetAside{i}": message.set_aside >> i & 1 for i in range(4)},
     }  # fmt: skip
 
 
@@ -107,17 +111,22 @@ def test_pressure_encoded_by_cantools_is_parsed(data):
 
 
 @given(
-    flow=st.integers(-0x8000, 0x7FFF), mode=st.sampled_from(Mode), enable=st.booleans(), echo=st.none() | U8, crc=U16
+    flow=st.integers(-0x8000, 0x7FFF),
+    mode=st.sampled_from(Mode),
+    enable=st.booleans(),
+    echo=st.none() | U8,
+    crc=U16,
+    later=st.booleans(),
 )
-def test_jet_command_encoded_by_cantools_is_parsed(flow, mode, enable, echo, crc):
+def test_jet_command_encoded_by_cantools_is_parsed(flow, mode, enable, echo, crc, later):
     signals = {
         "Flow": flow * 0.0002, "Mode": mode.value, "Enable": enable, "PressureCounterValid": echo is not None,
-        "PressureCounter": echo or 0, "E2E_CRC": crc, "E2E_Counter": 7,
+        "PressureCounter": echo or 0, "E2E_CRC": crc, "E2E_Counter": 7, "NextPeriod": later,
     }  # fmt: skip
     parsed = codec.parse_jet_command(DBC.encode_message("JetCommand", signals, strict=False))
     assert parsed is not None
     assert parsed.flow_m2_per_s == pytest.approx(flow / 5000)
-    assert (parsed.mode, parsed.enable, parsed.pressure_counter) == (mode, enable, echo)
+    assert parsed[1:] == (mode, enable, echo, later)
 
 
 @given(STATUSES)
@@ -127,6 +136,7 @@ def test_status_encoded_by_cantools_is_parsed(message):
         "BusOff": message.bus_off, "Overruns": message.overruns, "Missed": message.missed,
         "CrcErrors": message.crc_errors, "BundleHash": message.bundle_hash, "Refused": message.refused,
         "NotAuthentic": message.not_authentic, "TxErrors": message.tx_errors, "RxErrors": message.rx_errors,
+        **{f"SetAside{i}": message.set_aside >> i & 1 for i in range(4)},
     }  # fmt: skip
     assert codec.parse_ecu_status(DBC.encode_message("EcuStatus", signals)) == message
 
@@ -176,8 +186,8 @@ def test_bits_without_a_signal_are_ignored():
     pressure, jet, status = bytearray(16), bytearray(8), bytearray(24)
     expected = [parse(bytes(data)) for (parse, _), data in zip(ROUND_TRIPS, (pressure, jet, status), strict=True)]
     pressure[3], pressure[14], pressure[15] = 0b1110_0000, 0xFF, 0xFF
-    jet[3], jet[6], jet[7] = 0b1110_0000, 0xFF, 0xFF  # byte 6 echoes a counter that is flagged as not valid
-    status[3], status[22], status[23] = 0b1111_0000, 0xFF, 0xFF
+    jet[3], jet[6], jet[7] = 0b1100_0000, 0xFF, 0xFF  # byte 6 echoes a counter that is flagged as not valid
+    status[3], status[22], status[23] = 0b1111_0000, 0xF0, 0xFF
     got = [parse(bytes(data)) for (parse, _), data in zip(ROUND_TRIPS, (pressure, jet, status), strict=True)]
     assert got == expected
 
@@ -222,6 +232,7 @@ def status(**changes: Any) -> EcuStatus:
         (codec.emit_jet_command, jet(pressure_counter=256), "pressure_counter = 256"),
         (codec.emit_jet_command, jet(pressure_counter=-1), "pressure_counter = -1"),
         (codec.emit_jet_command, jet(mode=6), "6 is not a valid Mode"),
+        (codec.emit_ecu_status, status(set_aside=16), "set_aside = 16: must be in 0..15"),
         (codec.emit_ecu_status, status(overruns=65536), "overruns = 65536"),
         (codec.emit_ecu_status, status(missed=-1), "missed = -1"),
         (codec.emit_ecu_status, status(crc_errors=65536), "crc_errors = 65536"),
