@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import dacite
 
-from contract.config.names import check_names, takes_text
+from contract.config.names import check_names, is_switch, takes_text
 from contract.config.tree import Config
 from contract.errors import ConfigError
 
@@ -26,7 +26,7 @@ LARGEST_FILE = 2**20
 LONGEST_SHOWN = 60
 """Characters of a value in an error."""
 
-_KINDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "text", type(None): "left out"}
+_KINDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "text", bool: "true or false", type(None): "left out"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,9 +122,9 @@ def as_float(value: object) -> object:
 
 
 def _refuse_booleans(tree: Mapping[str, Any], above: str = "") -> None:
-    # No setting is a boolean, and Python would take true for the number 1.
+    # Python would take true for the number 1.
     for key, value in tree.items():
-        if isinstance(value, bool):
+        if isinstance(value, bool) and not is_switch(f"{above}{key}"):
             raise ConfigError(f"{above}{key} = {str(value).lower()}: must not be a boolean")
         if isinstance(value, Mapping):
             _refuse_booleans(value, f"{above}{key}.")

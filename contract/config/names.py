@@ -25,6 +25,11 @@ def takes_text(name: str) -> bool:
     return hint is str or (get_origin(hint) is Literal and all(isinstance(word, str) for word in get_args(hint)))
 
 
+def is_switch(name: str) -> bool:
+    """Whether the setting of that dotted name is true or false."""
+    return _settings().get(name) is bool
+
+
 def _check(tree: Mapping[str, Any], above: str) -> None:
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
