@@ -10,8 +10,8 @@ On the bus, for every JetCommand that the ECU hands over:
 
 At the jets, for the action that is reached at the end of every period:
 
-    jets_shut       0, unless the vehicle heard a command that drives jets, resting on pressures of its own that were not
-                    too old, in the period that decides (below), or as long before it as it holds the last command
+    jets_shut       0, unless the vehicle heard a command that drives jets, which rests on pressures of its own that
+                    are not too old, in the period that decides (below), or as long before it as it holds the last command
                     when it hears none
     jets_request    0 where the vehicle did not request control
     jets_bounds     within the action limit
