@@ -91,7 +91,7 @@ def run(
     are in docs/reference/bus-faults.md.
 
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
-    reset:node=ecu@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
+    reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
     wire_errors, reset, clock, no_request, reynolds, gust, operating_point and action_limit; their parameters are in
     docs/reference/disturbances.md.
     """
