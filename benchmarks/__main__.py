@@ -53,6 +53,9 @@ MEASUREMENTS: Final = {
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
+    "soak": Measurement(
+        "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"
+    ),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }
 PAGES: Final = {
