@@ -15,6 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.table import Column
 from rich.text import Text
 
+from stillwake.stopping import still_wanted
+
 INTERVAL: Final = 30.0
 """Seconds between two lines at most, before whoever waits takes the silence for a failure."""
 
@@ -39,7 +41,8 @@ class ProgressBar(Progress):
         """Wait for the first update: an error before it stands alone."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's; the first one shows the bars."""
+        """As rich's; the first one shows the bars. Raises KeyboardInterrupt if a stop was lost."""
+        still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
             super().start()
@@ -83,7 +86,8 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's; prints a line if one is due or the task is done."""
+        """As rich's; prints a line if one is due or the task is done. Raises KeyboardInterrupt if a stop was lost."""
+        still_wanted()
         super().update(task_id, **changes)
         with self._lock:
             task, last = self._tasks[task_id], self._lines.get(task_id)
