@@ -27,6 +27,8 @@ def ends_like_ctrl_c() -> None:
     """
     if current_thread() is not main_thread():
         return
+    _asked.clear()
+    _advice.clear()
 
     def stop(number: int, _frame: Any) -> None:
         _asked.append(signal.Signals(number).name)
