@@ -1,6 +1,7 @@
 """A disk that is full in the middle of the work: one line that names the file, and nothing half-written.
 
-A limit on the size of files stands in for it: writing then fails as on a full disk, and needs no file system of its own.
+A limit on the size of files stands in for it: writing then fails as on a full disk, without a file
+system of its own.
 """
 
 import os
