@@ -78,7 +78,7 @@ class Witness(Injector):
         dbc = stillwake_dbc()
         self._pressure, self._command, self._status = map(dbc.get_message_by_name, _MESSAGES)
         self._data_id = _data_id(dbc)
-        self._limits = {name: self._status.get_signal_by_name(name).maximum for name in COUNTERS}
+        self._limits = {name: int(self._status.get_signal_by_name(name).maximum or 0) for name in COUNTERS}
         self._now_ns = now_ns
         self._max_delta = max_delta
         self._waiting: list[tuple[int, Frame]] = []

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.ecu import soak
 from benchmarks.ecu.replay import ReplayedPlant
+from benchmarks.ecu.witness import Passed
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE
 from contract.arrays import Array
@@ -92,10 +93,10 @@ def test_a_counter_that_forgets_one_is_found(release: Bundle, counter: str, monk
 @pytest.mark.slow
 def test_a_frame_that_nobody_took_is_missed(release: Bundle, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through 500 periods."""
-    honest, taken = soak.Passed.receive_all, False
-    nearest: list[soak.Passed] = []
+    honest, taken = Passed.receive_all, False
+    nearest: list[Passed] = []
 
-    def loses(port: soak.Passed) -> list[Frame]:
+    def loses(port: Passed) -> list[Frame]:
         nonlocal taken
         frames = honest(port)
         if any(map(PRESSURE.names, frames)) and not nearest:
@@ -105,7 +106,7 @@ def test_a_frame_that_nobody_took_is_missed(release: Bundle, monkeypatch: pytest
         taken = True
         return [frame for frame in frames if not PRESSURE.names(frame)]
 
-    monkeypatch.setattr(soak.Passed, "receive_all", loses)
+    monkeypatch.setattr(Passed, "receive_all", loses)
     found = soaked(release, 500)
     assert taken
     assert found.figures["frames_unaccounted"] == 1
