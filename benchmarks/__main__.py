@@ -18,6 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from contract.errors import StillwakeError
+from stillwake.endings import status_of
+from stillwake.stopping import ends_like_ctrl_c
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,9 @@ MEASUREMENTS: Final = {
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
+    "soak": Measurement(
+        "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"
+    ),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }
 PAGES: Final = {
@@ -60,20 +65,22 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the others as its options."""
+    """Run the measurement that the first argument names, with the others as its options; ends as `stillwake` does."""
+    ends_like_ctrl_c()
+    sys.exit(status_of(lambda: _run(arguments)))
+
+
+def _run(arguments: list[str]) -> None:
     name, *options = arguments or ["--help"]
     if name == "--help":
         _list()
         return
     found = (MEASUREMENTS | PAGES).get(name)
     if found is None:
-        sys.exit(f"error: no measurement {name!r}: one of {', '.join(MEASUREMENTS | PAGES)}")
+        raise StillwakeError(f"no measurement {name!r}: one of {', '.join(MEASUREMENTS | PAGES)}")
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(import_module(f"benchmarks.{found.module}").main)
-    try:
-        app(options, prog_name=f"python -m benchmarks {name}")
-    except StillwakeError as error:
-        sys.exit(f"error: {error}")
+    app(options, prog_name=f"python -m benchmarks {name}")
 
 
 def _list() -> None:

@@ -3,6 +3,7 @@
 Both are rich's `Progress`, which counts and estimates.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
@@ -13,6 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TimeRemainingColumn
 from rich.table import Column
 from rich.text import Text
+
+from stillwake.stopping import still_wanted
 
 INTERVAL: Final = 30.0
 """Seconds between two lines at most, before whoever waits takes the silence for a failure."""
@@ -38,7 +41,8 @@ class ProgressBar(Progress):
         """Wait for the first update: an error before it stands alone."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's; the first one shows the bars."""
+        """As rich's; the first one shows the bars. Raises KeyboardInterrupt if a stop was lost."""
+        still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
             super().start()
@@ -48,7 +52,8 @@ class ProgressLines(Progress):
     """Lines of text: one at the first update, at least one every `interval` seconds, and one at the end of each task.
 
     A task has a line only where it has moved since its last one. If none has moved for an interval, the latest task
-    has another line, which shows that the work goes on.
+    has another line, which shows that the work goes on. So does one whose work begins with a long step, before its
+    first update.
     """
 
     def __init__(
@@ -81,7 +86,8 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's; prints a line if one is due or the task is done."""
+        """As rich's; prints a line if one is due or the task is done. Raises KeyboardInterrupt if a stop was lost."""
+        still_wanted()
         super().update(task_id, **changes)
         with self._lock:
             task, last = self._tasks[task_id], self._lines.get(task_id)
@@ -97,14 +103,34 @@ class ProgressLines(Progress):
     def _beat(self) -> None:
         while not self._ended.wait(self._interval / 4.0):
             with self._lock:
-                at = max((line.at for line in self._lines.values()), default=inf)
-                if self._latest is not None and self.get_time() - at >= self._interval:
-                    self._print(self._tasks[self._latest])
+                shown = self._latest if self._latest is not None else next(reversed(self._tasks), None)
+                if shown is not None and self.get_time() - self._silent_since(shown) >= self._interval:
+                    self._print(self._tasks[shown])
+
+    def _silent_since(self, shown: TaskID) -> float:
+        began = self._tasks[shown].start_time
+        return max((line.at for line in self._lines.values()), default=inf if began is None else began)
 
     def _print(self, task: Task) -> None:
         self._latest = task.id
         self._lines[task.id] = _Line(self.get_time(), task.completed)
         self.console.print(line_of(task, self._unit), markup=False, highlight=False, soft_wrap=True)
+
+
+def now_and_then(
+    show: Callable[..., object], interval: float = 0.5, clock: Callable[[], float] = time.monotonic
+) -> Callable[..., None]:
+    """Calls `show` at most once in `interval` seconds, and not in the first: drawing may cost more than the work."""
+    last = clock()
+
+    def shown(*arguments: Any) -> None:
+        nonlocal last
+        now = clock()
+        if now - last >= interval:
+            last = now
+            show(*arguments)
+
+    return shown
 
 
 def line_of(task: Task, unit: str) -> str:

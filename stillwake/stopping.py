@@ -12,17 +12,23 @@ TERMINATED: Final = 143
 """Exit status after SIGTERM, as shells have it."""
 
 _asked: list[str] = []
+"""Signals that came, by name."""
 _advice: list[str] = []
+_is_left_to_work = False
+"""Within `until_stopped`, which nothing interrupts."""
 
 
 def ends_like_ctrl_c() -> None:
     """Let SIGTERM raise what Ctrl-C raises, so that everything half-written is cleared away; a second one kills.
 
-    Python sees a signal between two of its own steps: compiled code and an import end first. Outside the main thread,
-    which alone may take signals, nothing is changed.
+    Python sees a signal between two of its own steps: compiled code and an import end first. Some of that takes the
+    exception for an error of its own and goes on; `until_stopped` and `still_wanted` then know. Outside the main
+    thread, which alone may take signals, nothing is changed.
     """
     if current_thread() is not main_thread():
         return
+    _asked.clear()
+    _advice.clear()
 
     def stop(number: int, _frame: Any) -> None:
         _asked.append(signal.Signals(number).name)
@@ -38,10 +44,14 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     Nothing is interrupted, so that whatever is being written is written to its end. Outside the main thread, which
     alone may take signals, nothing ever stops it.
+
+    Raises:
+        KeyboardInterrupt: a stop came before, and was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
         return
+    still_wanted()
     came: list[int] = []
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -51,13 +61,22 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
+    global _is_left_to_work
     for number in before:
         signal.signal(number, stop)
+    _is_left_to_work = True
     try:
         yield lambda: bool(came)
     finally:
+        _is_left_to_work = False
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def still_wanted() -> None:
+    """Raises KeyboardInterrupt in the main thread if SIGTERM came and what it raised was lost on its way."""
+    if _asked and not _is_left_to_work and current_thread() is main_thread():
+        raise KeyboardInterrupt
 
 
 @contextmanager

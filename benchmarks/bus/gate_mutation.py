@@ -6,8 +6,10 @@ run. Copies of the packages and of the one test file lie in a folder of their ow
 suite reaches them.
 """
 
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -91,13 +93,20 @@ def _run(folder: Path, progress: Callable[[int, int], None]) -> None:
     """Test all mutants; mutmut writes its counts over each other on one line."""
     command = [sys.executable, "-m", "mutmut", "run", "--max-children", "2"]
     said = ""
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+    # A group of its own, so that a stop ends its children, too.
+    with subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    ) as process:
         assert process.stdout is not None
-        while piece := process.stdout.read(200):
-            said = said[-4000:] + piece
-            if counts := _COUNT.findall(said):
-                done, total = map(int, counts[-1])
-                progress(min(done, total), total)
+        try:
+            while piece := process.stdout.read(200):
+                said = said[-4000:] + piece
+                if counts := _COUNT.findall(said):
+                    done, total = map(int, counts[-1])
+                    progress(min(done, total), total)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
     if process.returncode != 0:
         raise StillwakeError(f"mutmut ended with status {process.returncode}: {' '.join(said.split())[-300:]}")
 

@@ -8,6 +8,7 @@ counter of the pressures that it answers, so that what is measured is the bus.
 """
 
 import multiprocessing
+import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -185,6 +186,8 @@ class _Vehicle:
 
 def _answer(config: BusConfig, settle_s: float, parent: Connection) -> None:
     """The other process: answer each good frame of pressures until told to stop."""
+    # Ctrl-C reaches the whole group of a terminal; the parent ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     used = message_set(config)
     receiver, sender = E2eReceiver(used.pressure.spec, config.e2e), E2eSender(used.command.spec)
     profile = profile_of(used.pressure.spec)

@@ -20,5 +20,13 @@ def stillwake(*arguments: object) -> None:
         StillwakeError: if it fails; the terminal has its messages.
     """
     words = [str(argument) for argument in arguments]
-    if (status := subprocess.run([sys.executable, "-m", "stillwake", *words], check=False).returncode) != 0:
+    with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
+        try:
+            status = process.wait()
+        except BaseException:
+            # It clears its own files away: a stop that reached this process alone is passed on, and waited for.
+            process.terminate()
+            process.wait()
+            raise
+    if status != 0:
         raise StillwakeError(f"stillwake {' '.join(words)}: ended with status {status}")

@@ -14,11 +14,9 @@ import resource
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import repeat
-from multiprocessing import get_context
 from pathlib import Path
 from random import Random
 from time import perf_counter
@@ -28,6 +26,7 @@ import typer
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.workers import process_pool
 from benchmarks.release import damage
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -127,7 +126,7 @@ def main(
     """Make them, have them read, and print what became of them."""
     tally = Tally()
     pieces = [range(start, min(start + PIECE, cases)) for start in range(0, cases, PIECE)]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with process_pool(workers) as pool:
         parts = pool.map(run_cases, repeat(seed), pieces)
         for part in track(parts, "cases", "parts", total=len(pieces)):
             tally.add(part)

@@ -15,6 +15,7 @@ import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.sender import protected_frame
 from can_bridge.secoc.node import Authentication, key_of, secured
 from can_bridge.wire.frame import Frame
@@ -192,7 +193,7 @@ class Ecu:
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            fault=timing.fault or _bus_fault(state.health, health),
+            fault=timing.fault or _bus_fault(state.health, health) or self._other_ecu(frames),
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)
@@ -283,6 +284,14 @@ class Ecu:
             )
             for sender, spec, data in messages
         ]
+
+    def _other_ecu(self, frames: Sequence[Frame]) -> Reason | None:
+        """INTERNAL if a sound command or status came in: a node does not hear its own, so another ECU sends them."""
+        for spec in (self._messages.command.spec, self._messages.status.spec):
+            for frame in frames:
+                if spec.names(frame) and profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id):
+                    return Reason.INTERNAL
+        return None
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""

@@ -2,7 +2,7 @@
 
 import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,7 @@ from firmware_sim.mcu.emulator import FLASH, Machine
 from firmware_sim.mcu.timing import Pipeline
 
 CLOCKS_MHZ: Final = (480, 300)
+PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,17 +68,20 @@ class Measurement:
         yield f"{self.steps} steps against this host", agreement
 
 
-def measure_folder(folder: Path) -> Measurement:
+def measure_folder(folder: Path, *, phase: Callable[[str], None] = lambda begun: None) -> Measurement:
     """`measure` on a folder written by `stillwake export --c`; raises LibraryError if it is none."""
-    return measure(read_sources(folder), read_recorded(folder))
+    return measure(read_sources(folder), read_recorded(folder), phase=phase)
 
 
-def measure(sources: Mapping[str, bytes], rows: Rows) -> Measurement:
+def measure(
+    sources: Mapping[str, bytes], rows: Rows, *, phase: Callable[[str], None] = lambda begun: None
+) -> Measurement:
     """Compile, run and compare.
 
     Args:
         sources: the library's files.
         rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
+        phase: called with each of `PHASES` when it begins.
 
     Raises:
         LibraryError: a setting is missing in the library's header.
@@ -87,11 +91,15 @@ def measure(sources: Mapping[str, bytes], rows: Rows) -> Measurement:
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
     if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
         raise McuError(f"recorded rows have shape {rows.shape}: must be at least {window} rows of {columns}")
+    phase(PHASES[0])
     firmware = read_elf(compile_for_cortex_m7(sources))
     machine = Machine(firmware)
+    phase(PHASES[1])
     found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
+    phase(PHASES[2])
     expected = _on_host(sources, rows)
     stack = machine.stack_used("mcu_step")
+    phase(PHASES[3])
     instructions, cycles = _count(machine)
     return Measurement(
         precision=settings.text("SW_PRECISION"),

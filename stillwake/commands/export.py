@@ -133,13 +133,13 @@ def mcu(
     config = settings("mcu", config_file, overrides, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)
 
-    from firmware_sim.mcu.measure import measure_folder
+    from firmware_sim.mcu.measure import PHASES, measure_folder
     from firmware_sim.mcu.verdict import period_ms, verdicts
 
     with progress_bar("phases") as bar:
-        task = bar.add_task("compile, emulate, compare", total=1, note="")
-        found = measure_folder(library)
-        bar.update(task, completed=1)
+        task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
+        found = measure_folder(library, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun))
+        bar.update(task, completed=len(PHASES), note="")
     table = Table("one control step on a Cortex-M7", "")
     for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
         table.add_row(name, value)

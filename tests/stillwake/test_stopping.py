@@ -108,3 +108,40 @@ def test_work_that_a_stop_ends_well_is_told_once_and_stopped_by_the_second(numbe
     finally:
         for one, handler in before.items():
             signal.signal(one, handler)
+
+
+LOSES = """
+from stillwake import __main__ as door
+from stillwake.stopping import until_stopped
+from stillwake.terminal import progress_bar
+import signal
+
+@door.app.command()
+def lose(quietly: bool = False) -> None:
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    except BaseException:
+        pass  # as compiled code may do
+    if quietly:
+        with until_stopped():
+            print("goes on")
+    with progress_bar("steps") as bar:
+        bar.update(bar.add_task("work", total=1, note=""), completed=0)
+        print("goes on")
+
+door.main()
+"""
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("options", [(), ("--quietly",)])
+def test_a_stop_that_got_lost_still_stops(options):
+    process = subprocess.run(
+        [sys.executable, "-c", LOSES, "lose", *options],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(HOME)},
+        timeout=60.0,
+        check=False,
+    )
+    assert (process.returncode, process.stdout, process.stderr) == (143, "", "stopped\n")

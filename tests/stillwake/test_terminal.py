@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from stillwake.progress import ProgressLines, span
+from stillwake.progress import ProgressLines, now_and_then, span
 from stillwake.terminal import PlainConsole, progress_bar, visible
 
 RUN_NOTE = "ACTIVE  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
@@ -146,6 +146,24 @@ def test_one_long_step_is_no_silence():
     lines = text(console).splitlines()
     assert lines[0] == "compiling: 0 steps, 0 s so far"
     assert len(lines) >= 2
+
+
+def test_a_long_step_before_the_first_update_is_no_silence():
+    console = log()
+    with ProgressLines("files", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.4) as bar:
+        bar.add_task("reading", total=3, note="")
+        deadline = time.monotonic() + 20.0
+        while not text(console) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    assert text(console).startswith("reading: 0/3 files (0 %), ")
+
+
+def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
+    clock, shown = Clock(), []
+    show = now_and_then(shown.append, interval=1.0, clock=clock)
+    for clock.now in (0.0, 0.5, 1.0, 1.5, 2.5, 2.75, 3.5):
+        show(clock.now)
+    assert shown == [1.0, 2.5, 3.5]
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ Hours on two cores. Finished parts stay in the folder, so that a stopped study c
 tables of the documents from the figures.
 """
 
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ import typer
 
 from benchmarks.common.command_line import Parts, progress, save
 from benchmarks.common.pictures import draw
+from benchmarks.common.workers import process_pool
 from benchmarks.model.study import figures, network_figures
 from benchmarks.model.study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model.study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
@@ -37,7 +37,7 @@ def main(
     lab = open_lab(config, parts)
     with (
         progress_bar("parts", estimate_over=3600.0, console=progress) as bar,
-        ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=quiet) as pool,
+        process_pool(workers, quiet) as pool,
     ):
         task = bar.add_task("parts", total=sum(len(stage) for stage in stages()), note="")
         for stage in stages():

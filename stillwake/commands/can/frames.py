@@ -3,7 +3,7 @@
 import csv
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -18,9 +18,10 @@ from contract.errors import BusError, ConfigError
 from contract.results import versions, write_result
 from stillwake.commands.can.options import BUS, UNCHECKED, Dbc, key_of, positive
 from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.progress import now_and_then
 from stillwake.settings import settings
 from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
     import can
@@ -77,7 +78,9 @@ def send(
         raise ConfigError("can send: name a message and its values, or give --raw, one of the two")
     frames = _raw_frames(raw) if message is None else _own_frames(message, values or [], counter, trip, config)
     sent = 0
-    with open_bus(config) as bus, until_stopped() as is_stopped:
+    with open_bus(config) as bus, until_stopped() as is_stopped, progress_bar("rounds") as shown:
+        task = shown.add_task("sending", total=count, note="")
+        show = now_and_then(lambda done: shown.update(task, completed=done))
         begin = time.monotonic()
         while sent < count and not is_stopped():
             left = begin + sent * period - time.monotonic()
@@ -87,6 +90,7 @@ def send(
             for one in frames(time.time()):
                 bus.send_message(one)
             sent += 1
+            show(sent)
     console.print(f"sent {sent if message is not None else sent * len(raw)} frames", highlight=False)
     if sent < count:
         raise KeyboardInterrupt
@@ -181,11 +185,20 @@ def decode(
             raise BusError(f"{csv_file}: is one of the files to read; give another name")
         check_output(csv_file, overwrite=overwrite)
     decoder, key = decoder_of(dbc), key_of(config.key)
-    with _csv_rows(csv_file) as write_row:
+    bar = progress_bar("frames")
+    # Without a line for each frame, something else has to say that the work goes on.
+    with _csv_rows(csv_file) as write_row, bar if summary else nullcontext():
+        task = bar.add_task(f"reading {file.name}", total=None, note="")
+        show = now_and_then(lambda done: bar.update(task, completed=done))
+        done = 0
 
         def seen(traffic: "Traffic") -> None:
+            nonlocal done
             write_row(traffic)
-            if not summary:
+            done += 1
+            if summary:
+                show(done)
+            else:
                 console.print(_line(traffic), soft_wrap=True, highlight=False)
 
         found = summarise(read_messages(file), decoder=decoder, config=config, key=key, seen=seen)

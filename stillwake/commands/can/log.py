@@ -1,7 +1,6 @@
 """The commands that write a bus to a file and back: `stillwake can record|replay`."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -10,6 +9,7 @@ import typer
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Duration, identifiers, positive
 from stillwake.outputs import Overwrite, check_output
+from stillwake.progress import now_and_then
 from stillwake.settings import settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
@@ -129,7 +129,7 @@ def replay(
                 clock_ns=time.monotonic_ns,
                 sleep=time.sleep,
                 so_far=done,
-                progress=_now_and_then(lambda sent: bar.update(task, completed=sent)),
+                progress=now_and_then(lambda sent: bar.update(task, completed=sent)),
                 is_over=is_stopped,
             )
             rounds += 1
@@ -153,16 +153,3 @@ def replay(
     )
     if is_cut_short:
         raise KeyboardInterrupt
-
-
-def _now_and_then(show: Callable[[int], object], interval_s: float = 0.5) -> Callable[[int], None]:
-    """Calls `show` at most so often: drawing costs more than sending."""
-    last = [time.monotonic()]
-
-    def shown(count: int) -> None:
-        now = time.monotonic()
-        if now - last[0] >= interval_s:
-            last[0] = now
-            show(count)
-
-    return shown

@@ -12,6 +12,7 @@ import typer
 
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Dbc, Duration, key_of, positive
+from stillwake.progress import INTERVAL
 from stillwake.settings import settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, console
@@ -184,14 +185,15 @@ def _lines(
     match: str,
     quiet: bool,
 ) -> "MonitorState":
-    """A line a second, unless `quiet`."""
+    """A line a second; if `quiet`, as seldom as any command that works without a terminal."""
     from stillwake.commands.can.monitor_screen import line
 
+    interval = INTERVAL if quiet else 1.0
     begin = shown = time.monotonic()
     while not (is_stopped() or source.has_ended or (seconds is not None and time.monotonic() - begin >= seconds)):
         state = source.take(state, REFRESH_S)
         now = time.monotonic()
-        if not quiet and now - shown >= 1.0:
+        if now - shown >= interval:
             shown = now
             console.print(line(state, now - begin), soft_wrap=True, highlight=False)
     return state

@@ -20,8 +20,9 @@ from stillwake.commands.dataset.drives import (
 )
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
 from stillwake.outputs import Overwrite, check_dataset_name, check_output
+from stillwake.progress import now_and_then
 from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, Overrides, console
+from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 LOGS: Final = "Recorded drives"
 SAME: Final = 1e-6
@@ -154,32 +155,34 @@ def import_(
     beside, names = forces_of(logs, forces), names_of(logs)
     layout = read_sensors(sensors, symmetric=not asymmetric)
     notes: list[str] = []
-    with console.status("reading") as status:
+    with progress_bar("files") as bar:
+        task = bar.add_task("reading", total=len(files), note="")
+        read = 0
+        show = now_and_then(lambda what: bar.update(task, completed=read, note=str(what)))
         sources: list[Source] = []
         for path, role in files:
             if not is_log(path):
                 sources.append(Source(path=path, role=role))
                 continue
             drive = read_drive(
-                path,
-                names[path],
-                role,
-                beside[path],
-                layout,
-                scales_of(facts, loaded),
-                options,
-                loaded,
-                lambda what: status.update(f"reading {what}"),
+                path, names[path], role, beside[path], layout, scales_of(facts, loaded), options, loaded, show
             )
+            read += 1
             sources += drive.sources
             notes += told(drive)
+
+        def reading(path: Path) -> None:
+            nonlocal read
+            show(path)
+            read += 1
+
         made = assemble(
             sources,
             layout,
             facts,
             dynamic_pressure=dynamic_pressure,
             renamed=renamed(rename, "--map"),
-            progress=lambda path: status.update(f"reading {path}"),
+            progress=reading,
             unread=lambda path, names: notes.append(f"note: {path}: not used: {', '.join(names)}"),
         )
         write(output, made)

@@ -1,0 +1,1 @@
+"""Measurements of the ECU in its loop."""

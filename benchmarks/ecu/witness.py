@@ -1,0 +1,149 @@
+"""What an ECU's counters must be, counted beside it from the frames alone, by other libraries.
+
+cantools reads the messages by the DBC, autosar-e2e checks their CRCs. With every EcuStatus that the ECU sends, each
+counter is compared; where the signal's range ends, the count stays.
+
+    CrcErrors       pressure frames with a wrong CRC
+    Refused         those with a right one whose counter repeats the one before or jumps by more than max_delta
+    Missed          steps whose JetCommand names no new pressure frame
+    Overruns        periods in which the ECU took no step
+"""
+
+from collections import Counter
+from importlib.resources import files
+from typing import Any, Final
+
+import cantools
+from cantools.database.can import Database
+from e2e.p05 import e2e_p05_check
+
+from can_bridge.bus.faults.injector import Injector
+from can_bridge.bus.interface import Bus
+from can_bridge.wire.frame import Frame
+
+COUNTERS: Final = ("CrcErrors", "Refused", "Missed", "Overruns")
+
+
+def stillwake_dbc() -> Database:
+    """The truth about the messages, read by cantools."""
+    text = files("contract").joinpath("stillwake.dbc").read_text(encoding="utf-8")
+    found = cantools.database.load_string(text, "dbc")
+    assert isinstance(found, Database)
+    return found
+
+
+class Passed(Injector):
+    """A port that counts what passes through it.
+
+    Attributes:
+        sent, received: frames by identifier; those that the bus did not take are not sent.
+    """
+
+    def __init__(self, bus: Bus) -> None:
+        super().__init__(bus)
+        self.sent: Counter[int] = Counter()
+        self.received: Counter[int] = Counter()
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`."""
+        super().send(frame)
+        self.sent[frame.frame_id] += 1
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        frames = super().receive_all()
+        self.received.update(frame.frame_id for frame in frames)
+        return frames
+
+
+class Witness(Injector):
+    """The ECU's own port: sees what the ECU gets and what it says.
+
+    Args:
+        bus: the port, its faults included.
+        now_ns: the bus's time.
+        max_delta: largest step of the pressures' counter.
+
+    Attributes:
+        counted: what each counter should say.
+        statuses: EcuStatus frames compared.
+        mismatches: counters that differed, over all of them.
+        first_mismatch: the first one, in words; empty without.
+        skipped: control periods without a step; whoever runs the loop counts them here.
+        latest: the newest EcuStatus, by signal.
+    """
+
+    def __init__(self, bus: Bus, now_ns: Any, *, max_delta: int) -> None:
+        super().__init__(bus)
+        dbc = stillwake_dbc()
+        self._pressure, self._command, self._status = map(dbc.get_message_by_name, _MESSAGES)
+        self._data_id = _data_id(dbc)
+        self._limits = {name: int(self._status.get_signal_by_name(name).maximum or 0) for name in COUNTERS}
+        self._now_ns = now_ns
+        self._max_delta = max_delta
+        self._waiting: list[tuple[int, Frame]] = []
+        self._last: int | None = None
+        self._echo: tuple[Any, Any] = (0, None)
+        self.counted: Counter[str] = Counter()
+        self.statuses = self.mismatches = self.skipped = 0
+        self.first_mismatch = ""
+        self.latest: dict[str, Any] = {}
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        frames = super().receive_all()
+        self._waiting += ((self._now_ns(), frame) for frame in frames if frame.frame_id == self._pressure.frame_id)
+        return frames
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`; a frame that the bus does not take was said nevertheless."""
+        if frame.frame_id == self._command.frame_id:
+            self._count_missed(frame)
+        if frame.frame_id == self._status.frame_id:
+            self._compare(frame)
+        super().send(frame)
+
+    def _count_missed(self, frame: Frame) -> None:
+        said: Any = self._command.decode(frame.data, decode_choices=False)
+        echo = said["PressureCounterValid"], said["PressureCounter"]
+        # A frame that is used has another counter than the one used before it, or there was none.
+        self.counted["Missed"] += not echo[0] or echo == self._echo
+        self._echo = echo
+
+    def _compare(self, frame: Frame) -> None:
+        # The frame carries the time of the step: what was received later is for the next one.
+        for at_ns, pressure in self._waiting:
+            if at_ns <= frame.timestamp_ns:
+                self._count_pressure(pressure)
+        self._waiting = [item for item in self._waiting if item[0] > frame.timestamp_ns]
+        self.counted["Overruns"] = self.skipped
+        said: Any = self._status.decode(frame.data, decode_choices=False)
+        self.latest = dict(said)
+        self.statuses += 1
+        for name, limit in self._limits.items():
+            expected = min(self.counted[name], limit)
+            if said[name] != expected:
+                self.mismatches += 1
+                place = f"EcuStatus {self.statuses}, {frame.timestamp_ns / 1e9:.3f} s"
+                self.first_mismatch = self.first_mismatch or f"{place}: {name} is {said[name]}, must be {expected}"
+
+    def _count_pressure(self, frame: Frame) -> None:
+        if len(frame.data) != self._pressure.length or not e2e_p05_check(bytearray(frame.data), self._data_id):
+            self.counted["CrcErrors"] += 1
+            return
+        counter = frame.data[_COUNTER_BYTE]
+        delta = 1 if self._last is None else (counter - self._last) % 256
+        self.counted["Refused"] += not 1 <= delta <= self._max_delta
+        self._last = counter
+
+
+_MESSAGES: Final = ("Pressure", "JetCommand", "EcuStatus")
+_COUNTER_BYTE: Final = 2
+"""Of an E2E profile 5 header: the CRC has two bytes."""
+
+
+def _data_id(dbc: Database) -> int:
+    """Of the pressures; an attribute of the message in the DBC."""
+    specifics = dbc.get_message_by_name("Pressure").dbc
+    assert specifics is not None
+    return int(specifics.attributes["E2EDataID"].value)

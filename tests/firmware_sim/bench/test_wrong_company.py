@@ -1,0 +1,119 @@
+"""Who else may be on the bus: a vehicle that speaks another set of messages, and a second ECU."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.e2e.sender import SenderState
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND
+from can_bridge.wire.messages import Mode, Reason
+from contract import sensors
+from contract.config.tree import Config
+from contract.errors import BusError
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.ecu.ecu import Ecu
+from tests.firmware_sim.bench.harness import NAMES
+
+CP = np.cos(np.arange(sensors.COUNT))
+
+
+class Company:
+    """A vehicle and some ECUs on one bus; each ECU steps at its own time after the sampling.
+
+    Attributes:
+        actions: of the jets, a period each.
+    """
+
+    def __init__(self, vehicle: Config, ecus: list[Ecu], after_ns: list[int]) -> None:
+        self.bus = SimulatedBus(vehicle.bus)
+        self.node, self.port = VehicleNode(NAMES, vehicle), self.bus.port("vehicle")
+        self.ecus, self.after_ns = ecus, after_ns
+        self.ports = [self.bus.port(f"ECU {k}") for k in range(len(ecus))]
+        self.actions: list[float] = []
+
+    def run(self, periods: int) -> None:
+        for _ in range(periods):
+            k = len(self.actions)
+            start_ns = k * 20_000_000
+            self.bus.advance_to(start_ns)
+            self.port.send(self.node.sample(CP, enable_request=k >= 2, now_ns=start_ns))
+            for ecu, port, after_ns in sorted(
+                zip(self.ecus, self.ports, self.after_ns, strict=True), key=lambda one: one[2]
+            ):
+                self.bus.advance_to(start_ns + after_ns)
+                for frame in ecu.step(self.bus.now_ns, port.receive_all(), port.health()):
+                    with suppress(BusError):  # bus-off
+                        port.send(frame)
+            self.bus.advance_to(start_ns + 19_999_999)
+            self.actions.append(self.node.apply_commands(self.port.receive_all()).action)
+
+
+@pytest.fixture
+def ecu_of(bundle_of: Callable[..., Any], recording_controller: Callable[[], Any]) -> Callable[..., Ecu]:
+    def made(config: Config, *, commands_before: int = 0) -> Ecu:
+        ecu = Ecu(bundle_of(), recording_controller(), config)
+        commands = SenderState(counter=commands_before)
+        ecu.restore(replace(ecu.state, commands=commands))
+        return ecu
+
+    return made
+
+
+def test_one_ecu_alone_moves_the_jets(ecu_of):
+    company = Company(Config(), [ecu_of(Config())], [1_000_000])
+    company.run(20)
+    assert company.actions[-1] == pytest.approx(0.01, abs=1e-4)  # planned; a step of the wire is 3e-6
+
+
+@pytest.mark.parametrize("counters_apart", [0, 1, 2, 3, 5, 64, 128])
+def test_two_ecus_that_hear_each_other_shut_the_jets(ecu_of, counters_apart):
+    """Whichever of the two streams the vehicle's end-to-end check would have followed."""
+    ecus = [ecu_of(Config()), ecu_of(Config(), commands_before=counters_apart)]
+    company = Company(Config(), ecus, [1_000_000, 2_000_000])
+    company.run(60)
+    assert company.actions == [0.0] * 60
+    for ecu in ecus:
+        assert (ecu.status().state, ecu.status().reason) == (Mode.FAULT, Reason.INTERNAL)
+
+
+@pytest.mark.parametrize("counters_apart", [1, 5, 128])
+def test_two_ecus_at_the_same_instant_drive_each_other_off_the_bus(ecu_of, counters_apart):
+    """Different contents under one identifier are bit errors (ISO 11898-1): 32 of them are bus-off."""
+    ecus = [ecu_of(Config()), ecu_of(Config(), commands_before=counters_apart)]
+    company = Company(Config(), ecus, [1_000_000, 1_000_000])
+    company.run(60)
+    assert company.actions == [0.0] * 60
+    for ecu in ecus:
+        assert ecu.status().state is Mode.FAULT
+        # The one that is back first may hear the other before its own bus-off is looked at.
+        assert ecu.status().reason in (Reason.BUS_OFF, Reason.INTERNAL)
+        assert ecu.status().bus_off >= 1
+
+
+def test_a_damaged_command_on_the_bus_is_no_second_ecu(ecu_of):
+    ecu = ecu_of(Config())
+    company = Company(Config(), [ecu], [1_000_000])
+    noise = company.bus.port("noise")
+    for _ in range(30):
+        noise.send(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(JET_COMMAND.length), is_fd=True))
+        company.run(1)
+    assert ecu.status().reason is not Reason.INTERNAL
+
+
+@pytest.mark.parametrize(("vehicle", "ecu"), [("fd", "classic"), ("classic", "fd")])
+def test_a_vehicle_with_another_set_of_messages_is_not_heard_and_its_jets_stay_shut(ecu_of, vehicle, ecu):
+    theirs, ours = (replace(Config(), bus=replace(Config().bus, frames=frames)) for frames in (vehicle, ecu))
+    one = ecu_of(ours)
+    company = Company(theirs, [one], [1_000_000])
+    company.run(60)
+    assert company.actions == [0.0] * 60
+    # Seen on the bus as an ECU that misses every frame, and is in no fault: nobody asked it for control.
+    status = one.status()
+    assert (status.state, status.missed, status.crc_errors) == (Mode.OFF, 60, 0)
+    assert company.node.frames_rejected == 0
