@@ -128,6 +128,7 @@ def test_after_so_many_periods_it_ends_by_itself(release, config):
     assert its.counters[0].steps == 7
 
 
+@pytest.mark.slow  # freshness values are looked at once a second
 def test_with_a_key_a_restart_is_accepted_and_a_lost_file_is_not(release, config, tmp_path):
     key, freshness = tmp_path / "key", tmp_path / "state" / "freshness.json"
     write_key(key, secrets.token_bytes(KEY_LENGTH))
