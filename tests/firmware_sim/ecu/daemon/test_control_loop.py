@@ -1,5 +1,7 @@
 """The loop on a bus: when it steps, and what becomes of a late, a lost, and a contested bus."""
 
+import gc
+
 import can
 import numpy as np
 import pytest
@@ -231,3 +233,17 @@ def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig,
 def test_an_offset_of_a_period_or_more_is_refused(offset):
     with pytest.raises(ConfigError, match=r"ecu\.step_offset_ms = .*must be shorter than the control period of 20 ms"):
         check_offset(Config(ecu=EcuConfig(step_offset_ms=offset)))
+
+
+def test_steps_make_no_garbage_that_needs_collecting(rig):
+    """The collector is off for as long as the ECU runs: what only it could free would pile up."""
+    rig.into_control()
+    gc.collect()
+    gc.disable()
+    try:
+        rig.run(50)
+        rig.delay = lambda number: None
+        rig.run(50)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()

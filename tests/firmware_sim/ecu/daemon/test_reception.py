@@ -1,5 +1,6 @@
 """Receptions in the ECU's own time, whatever is done to the date."""
 
+from dataclasses import replace
 from itertools import count, pairwise
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import Mode
 from firmware_sim.ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Inbox, received_ns
 from tests.examples import examples
 
@@ -101,3 +103,18 @@ def test_commands_of_another_ecu_are_counted_and_other_frames_are_not():
     # Whatever is in it: nobody else may send it.
     assert box.take() == ([], 1)
     assert (box.foreign, box.received) == (4, 5)
+
+
+@pytest.mark.parametrize("step", [-HOUR, -15_000_000, 15_000_000, HOUR])
+def test_the_date_is_set_in_mid_run_and_control_goes_on(bench_of, step):
+    """Of an ECU that plans on pressures up to a period and a half old: 15 ms in either direction would matter, too."""
+    bench = bench_of()
+    off = [0]
+    box = inbox("socketcan", date=lambda: DATE + bench.now_ns + off[0], monotonic=lambda: bench.now_ns)
+    modes = []
+    for number in range(40):
+        off[0] += step if number == 20 else 0
+        received = replace(bench.pressure(), timestamp_ns=DATE + bench.now_ns + off[0] - 200_000)
+        box.put(received)
+        modes.append(bench.step(*box.take().frames).mode)
+    assert set(modes[10:]) == {Mode.CONTROL}
