@@ -17,7 +17,7 @@ from contract import sensors
 from contract.config.tree import Config
 from firmware_sim.bench.vehicle_node import VehicleNode
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
 ANEW = 50
 """Periods after which the wish is raised again."""
