@@ -116,9 +116,11 @@ class ControlLoop:
         sent_ns = self._clock.now_ns()
         if self._stages is not None:
             self._note(self._stages, frames, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
-        if frames and self._ecu.state.missed == missed_before:
-            # Only what was used leads the deadlines: nobody else can draw them away.
-            self._arrivals = self._arrivals.seen(frames[-1].timestamp_ns)
+        if self._ecu.state.missed == missed_before:
+            # Only what was used leads the deadlines: a stranger's frames do not draw them away.
+            counters = [self._counter(frame) for frame in frames]
+            if (used := self._ecu.state.pressure_counter) in counters:
+                self._arrivals = self._arrivals.seen(frames[counters.index(used)].timestamp_ns)
         self._count(due_ns, woke_ns, sent_ns)
         self._tell_mode()
         self._after_step(sent_ns, self.counters)
@@ -183,6 +185,12 @@ class ControlLoop:
             latest_wake_ns=max(before.latest_wake_ns, woke_ns - due_ns),
         )
 
+    def _counter(self, frame: Frame) -> int:
+        """Of a pressure frame's E2E header; NOTHING if it has another length."""
+        if len(frame.data) != self._pressure.length:
+            return NOTHING
+        return profile_of(self._pressure).counter_of(frame.data)
+
     def _note(
         self,
         stages: StageTimes,
@@ -194,9 +202,6 @@ class ControlLoop:
         sent_ns: int,
     ) -> None:
         newest = frames[-1] if frames else None
-        counter = NOTHING
-        if newest is not None and len(newest.data) == self._pressure.length:
-            counter = profile_of(self._pressure).counter_of(newest.data)
         usage = _usage()
         since = [now - before for now, before in zip(usage, self._usage, strict=True)]
         self._usage = usage
@@ -205,7 +210,7 @@ class ControlLoop:
             (EcuStage.PERIOD, self._deadlines.number),
             (EcuStage.SCHEDULED, due_ns),
             (EcuStage.WOKE, woke_ns),
-            (EcuStage.PRESSURE_COUNTER, counter),
+            (EcuStage.PRESSURE_COUNTER, NOTHING if newest is None else self._counter(newest)),
             (EcuStage.FRAME_ARRIVED, 0 if newest is None else newest.timestamp_ns),
             (EcuStage.STEP_BEGAN, began_ns),
             (EcuStage.PLAN_BEGAN, self._controller.began_ns),

@@ -72,13 +72,16 @@ def test_pressures_that_are_late_by_less_than_the_offset_cost_nothing(rig):
     assert {command.mode for command in rig.commands[-200:]} == {Mode.CONTROL}
 
 
-def test_frames_of_a_stranger_do_not_move_the_steps(rig):
-    """Pressures that fail their check, halfway between the vehicle's."""
+@pytest.mark.parametrize("behind_ms", [1, 10])
+def test_frames_of_a_stranger_do_not_move_the_steps(rig, behind_ms):
+    """Pressures that fail their check, just behind the vehicle's or halfway between two, in place of every other."""
     rig.into_control()
+    rig.run(20)
     before = wrapped(rig.column(EcuStage.SCHEDULED)[-1], PERIOD)
     forged = Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length))
-    for _ in range(40):
-        rig.pending.append((rig.next_sample + 10 * MS, forged))
+    for number in range(40):
+        rig.delay = (lambda number: None) if number % 2 else (lambda number: 0)
+        rig.pending.append((rig.next_sample + behind_ms * MS, forged))
         rig.run(1)
     assert wrapped(rig.column(EcuStage.SCHEDULED)[-1], PERIOD) == before
 
