@@ -18,7 +18,7 @@ from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.receive_thread import ReceiveThread
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
-from firmware_sim.ecu.real_time.privileges import stay_ordinary
+from firmware_sim.ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
@@ -146,7 +146,7 @@ class Connection:
         return Lost(why=why)
 
     def _reopen(self, lost: "_Read") -> None:
-        stay_ordinary()
+        step_back()
         lost.close()
         pause_s = self._first_pause_s
         while not self._closing.wait(pause_s):

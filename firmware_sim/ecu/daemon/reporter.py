@@ -16,7 +16,7 @@ from contract.atomic import replacing
 from contract.errors import StillwakeError
 from firmware_sim.ecu.daemon.counters import Counters, text
 from firmware_sim.ecu.daemon.events import Event
-from firmware_sim.ecu.real_time.privileges import stay_ordinary
+from firmware_sim.ecu.real_time.privileges import step_back
 
 INTERVAL_S: Final = 1.0
 """Between two versions of the file of counters."""
@@ -70,7 +70,7 @@ class Reporter:
         self._thread.join()
 
     def _run(self) -> None:
-        stay_ordinary()
+        step_back()
         due_s = time.monotonic() + self._interval_s
         while True:
             try:

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 PRIORITY: Final = 50
 """Of SCHED_FIFO, 1 to 99: above every ordinary process, and above most of the kernel's interrupt threads no more than
 their equal (they have 50), so that the CAN driver's still come through."""
+LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Linux wakes ordinary processes up to 50 us late, to wake several at once."""
 
@@ -82,10 +83,14 @@ def in_words(privileges: list[Privilege]) -> str:
     return f"{granted}; not granted: {refused}" if refused else granted
 
 
-def stay_ordinary() -> None:
-    """Make this thread an ordinary one again, whatever the thread that started it is."""
-    if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+def step_back() -> None:
+    """Let this thread make way for the one that started it, where that one has a real-time priority.
+
+    It gets the lowest one and not none: while it holds the interpreter's lock, an ordinary process that took its
+    processor would keep the control loop waiting.
+    """
+    if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
 
 
 def _attempt(what: str, ask: Callable[[ExitStack], None], undo: ExitStack) -> Privilege:

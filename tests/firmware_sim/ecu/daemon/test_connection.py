@@ -24,8 +24,14 @@ LINE = b"b12091122334455667788990A0B0C\r"
 
 
 def changed(connection: Connection) -> Lost | Back:
-    found = []
-    wait_for(lambda: (change := connection.look()) is not None and (found.append(change) or True))
+    found: list[Lost | Back] = []
+
+    def looked() -> bool:
+        if (change := connection.look()) is not None:
+            found.append(change)
+        return bool(found)
+
+    wait_for(looked)
     return found[0]
 
 

@@ -71,7 +71,7 @@ def test_a_file_of_counters_that_cannot_be_written_is_told_once_and_once_when_it
     lines: list[str] = []
     folder = tmp_path / "metrics"
     folder.write_text("a file where a folder must be")
-    looks = []
+    looks = list[Counters]()
     reporter = Reporter(
         lines.append, by_name, bundle="", metrics=folder / "ecu.prom", keep=looks.append, interval_s=OFTEN_S
     )
