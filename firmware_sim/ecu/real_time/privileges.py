@@ -83,6 +83,12 @@ def in_words(privileges: list[Privilege]) -> str:
     return f"{granted}; not granted: {refused}" if refused else granted
 
 
+def stay_ordinary() -> None:
+    """Make this thread an ordinary one, whatever the thread that started it is: for work that takes long."""
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def step_back() -> None:
     """Let this thread make way for the one that started it, where that one has a real-time priority.
 

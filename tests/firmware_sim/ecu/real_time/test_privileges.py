@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from firmware_sim.ecu.real_time import privileges
-from firmware_sim.ecu.real_time.privileges import Privilege, Wanted, in_words, step_back, taken
+from firmware_sim.ecu.real_time.privileges import Privilege, Wanted, in_words, stay_ordinary, step_back, taken
 
 
 def locked_kib() -> int:
@@ -61,6 +61,20 @@ def test_a_thread_that_steps_back_is_below_the_one_that_started_it(priority):
         thread.join()
     has_priority = Privilege(f"SCHED_FIFO {priority}", granted=True) in privileges
     assert found == [(os.SCHED_FIFO, 1) if has_priority else (os.SCHED_OTHER, 0)]
+
+
+def test_a_thread_that_stays_ordinary_does_not_inherit_the_priority():
+    policies = []
+
+    def look() -> None:
+        stay_ordinary()
+        policies.append(os.sched_getscheduler(0))
+
+    with taken(Wanted(priority=1, lock_memory=False)):
+        thread = threading.Thread(target=look)
+        thread.start()
+        thread.join()
+    assert policies == [os.SCHED_OTHER]
 
 
 def test_what_is_not_wanted_is_not_asked_for():
