@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from configparser import RawConfigParser
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,9 +21,11 @@ from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
+from firmware_sim.ecu.real_time.privileges import PRIORITY
 from firmware_sim.ecu.real_time.stage_times import EcuStage, load
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
 
+ROOT = Path(__file__).parents[3]
 GROUP = f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
 PATIENT = ("--set", "ecu.deadline_misses=11")
@@ -56,6 +59,24 @@ def test_what_cannot_run_is_one_line(
     assert words in outcome.err
     assert outcome.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_example_of_a_service_calls_it_with_options_that_it_has(cli: Callable[..., Any]) -> None:
+    text = (ROOT / "examples/systemd/stillwake-ecu.service").read_text()
+    unit = RawConfigParser(strict=False, comment_prefixes="#")
+    unit.optionxform = str  # type: ignore[assignment,method-assign]  # names as they are
+    unit.read_string(text.replace("\\\n", " "))
+    service = unit["Service"]
+    command = service["ExecStart"].split()
+    assert command[1] == "ecu"
+    known = cli("ecu", "--help").out
+    options = [word for word in command if word.startswith("--")]
+    assert len(options) == 5
+    assert all(option in known for option in options)
+    # What the daemon and its page rely on.
+    assert service["Type"] == "notify"
+    assert service["LimitRTPRIO"] == str(PRIORITY)
+    assert "RestrictRealtime" not in service
 
 
 @dataclass
