@@ -135,6 +135,10 @@ class EcuConfig(Settings):
     plan_ahead: bool = True
     """Plan for the next control period: the jets begin to move at its start, wherever in this one the command arrives,
     and computing may take all of this one. Without, they move as soon as the command is there."""
+    step_offset_ms: Annotated[NonNegative[float], MILLISECONDS] = 4.0
+    """In real time, from the expected arrival of a pressure frame to the control step that uses it. Pressures that come
+    later by less than this are still used in their own period; the plan is made a period ahead, so that the waiting
+    costs nothing while the step is done before the period's end."""
     delay_steps: Annotated[NonNegative[int], PERIODS] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     command_step: Annotated[Positive[float], FLOW_RATE] = 0.075

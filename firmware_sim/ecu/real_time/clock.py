@@ -1,0 +1,72 @@
+"""The clock of everything in real time: CLOCK_MONOTONIC, which no one sets, and sleeping until an instant of it.
+
+`time.sleep` takes a duration: a process that loses the processor between computing it and falling asleep wakes late by
+as much. `clock_nanosleep` takes the instant itself; Python does not have it, so it is called in the C library. Where
+that is not possible, sleeping is by duration.
+"""
+
+import ctypes
+import errno
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+TIMER_ABSTIME: Final = 1
+"""time.h: the time is an instant, not a duration."""
+LONGEST_NAP_NS: Final = 100_000_000
+"""Of sleeping by duration: what a computer that was asleep as a whole may be late by."""
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+def now_ns() -> int:
+    """CLOCK_MONOTONIC: since some instant before the start; neither the date nor NTP's steps touch it."""
+    return time.monotonic_ns()
+
+
+def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
+    """Return at `due_ns` of `now_ns`, or at once if it has passed.
+
+    Args:
+        due_ns: the instant.
+        spin_ns: how long before it the process stays awake and looks at the clock: for less lateness than the
+            operating system's, at the price of so much of a processor. Other threads of this process stand meanwhile.
+    """
+    until_ns = due_ns - spin_ns
+    if until_ns > now_ns():
+        _sleep(until_ns)
+    while now_ns() < due_ns:
+        pass
+
+
+def _sleep_by_duration(until_ns: int) -> None:
+    while (left := until_ns - now_ns()) > 0:
+        time.sleep(min(left, LONGEST_NAP_NS) / 1e9)
+
+
+def _absolute_sleep() -> Callable[[int], None]:
+    """What sleeps until an instant on this system."""
+    if sys.platform != "linux":
+        return _sleep_by_duration
+    try:
+        clock_nanosleep: Any = ctypes.CDLL(None).clock_nanosleep
+    except (OSError, AttributeError):
+        return _sleep_by_duration
+    clock_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(_Timespec), ctypes.c_void_p)
+    clock_nanosleep.restype = ctypes.c_int
+
+    def sleep(until_ns: int) -> None:
+        until = ctypes.byref(_Timespec(*divmod(until_ns, 1_000_000_000)))
+        # A signal ends it early; Python's handler has then run, or raised.
+        while (failed := clock_nanosleep(time.CLOCK_MONOTONIC, TIMER_ABSTIME, until, None)) == errno.EINTR:
+            pass
+        if failed:
+            _sleep_by_duration(until_ns)
+
+    return sleep
+
+
+_sleep: Final = _absolute_sleep()

@@ -1,0 +1,159 @@
+"""What an operating system gives to a process that must be on time: used where it is granted, told where it is not.
+
+Without any of them everything works, and is late more often.
+"""
+
+import ctypes
+import gc
+import os
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+PRIORITY: Final = 50
+"""Of SCHED_FIFO, 1 to 99: above every ordinary process, and above most of the kernel's interrupt threads no more than
+their equal (they have 50), so that the CAN driver's still come through."""
+LOWEST_PRIORITY: Final = 1
+TIMER_SLACK_NS: Final = 1
+"""Linux wakes ordinary processes up to 50 us late, to wake several at once."""
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
+
+
+class Privilege(NamedTuple):
+    """One of them.
+
+    Attributes:
+        what: in words.
+        granted: whether the process has it.
+        why: it has it not; empty if it has.
+    """
+
+    what: str
+    granted: bool
+    why: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What to ask for.
+
+    Attributes:
+        priority: of SCHED_FIFO, 1 to 99; 0 to stay an ordinary process.
+        processor: to run on alone; None for any.
+        lock_memory: keep every page in memory.
+        without_collector: no garbage collection.
+    """
+
+    priority: int = PRIORITY
+    processor: int | None = None
+    lock_memory: bool = True
+    without_collector: bool = True
+
+
+@contextmanager
+def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
+    """Ask for privileges, yield what came of it, and give them back at the end.
+
+    The priority and the processor are this thread's and those of the threads that it starts afterwards.
+    """
+    with ExitStack() as undo:
+        found = [_attempt("timer slack 1 ns", _timer_slack, undo)]
+        if wanted.without_collector:
+            found.append(_attempt("no garbage collection", _no_collector, undo))
+        if wanted.lock_memory:
+            found.append(_attempt("memory locked", _lock_memory, undo))
+        if wanted.processor is not None:
+            processor = wanted.processor
+            found.append(_attempt(f"processor {processor}", lambda back: _processor(processor, back), undo))
+        if wanted.priority:
+            priority = wanted.priority
+            found.append(_attempt(f"SCHED_FIFO {priority}", lambda back: _priority(priority, back), undo))
+        yield found
+
+
+def in_words(privileges: list[Privilege]) -> str:
+    """All of them in one line."""
+    granted = ", ".join(item.what for item in privileges if item.granted) or "none"
+    refused = ", ".join(f"{item.what} ({item.why})" for item in privileges if not item.granted)
+    return f"{granted}; not granted: {refused}" if refused else granted
+
+
+def stay_ordinary() -> None:
+    """Make this thread an ordinary one, whatever the thread that started it is: for work that takes long."""
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def step_back() -> None:
+    """Let this thread make way for the one that started it, where that one has a real-time priority.
+
+    It gets the lowest one and not none: while it holds the interpreter's lock, an ordinary process that took its
+    processor would keep the control loop waiting.
+    """
+    if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
+
+
+def _attempt(what: str, ask: Callable[[ExitStack], None], undo: ExitStack) -> Privilege:
+    try:
+        ask(undo)
+    except AttributeError:
+        return Privilege(what, granted=False, why=f"not on {sys.platform}")
+    except (OSError, ValueError) as error:
+        why = (getattr(error, "strerror", None) or str(error)).lower()
+        return Privilege(what, granted=False, why=why)
+    return Privilege(what, granted=True)
+
+
+def _no_collector(undo: ExitStack) -> None:
+    was_enabled, was_frozen = gc.isenabled(), gc.get_freeze_count() > 0
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    if not was_frozen:
+        undo.callback(gc.unfreeze)
+    if was_enabled:
+        undo.callback(gc.enable)
+
+
+def _priority(priority: int, undo: ExitStack) -> None:
+    policy, before = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    undo.callback(os.sched_setscheduler, 0, policy, before)
+
+
+def _processor(processor: int, undo: ExitStack) -> None:
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {processor})
+    undo.callback(os.sched_setaffinity, 0, before)
+
+
+def _timer_slack(undo: ExitStack) -> None:
+    before = _call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0)
+    _call("prctl", _PR_SET_TIMERSLACK, TIMER_SLACK_NS, 0, 0, 0)
+    undo.callback(_call, "prctl", _PR_SET_TIMERSLACK, before, 0, 0, 0)
+
+
+def _lock_memory(undo: ExitStack) -> None:
+    _call("mlockall", _MCL_CURRENT)
+    undo.callback(_call, "munlockall")
+    # Under a limit, what is allocated later may not fit; it would fail there instead of being in memory or not.
+    if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
+
+
+def _call(name: str, *arguments: int) -> int:
+    """A function of the C library; raises OSError if it says -1, AttributeError if there is none."""
+    if sys.platform != "linux":
+        raise AttributeError(name)
+    function: Any = getattr(ctypes.CDLL(None, use_errno=True), name)
+    answer: int = function(*(ctypes.c_ulong(value) if index else value for index, value in enumerate(arguments)))
+    if answer == -1:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+    return answer

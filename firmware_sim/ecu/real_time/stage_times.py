@@ -1,0 +1,123 @@
+"""When each stage of each period happened: a table in memory that exists before the first period.
+
+Times are CLOCK_MONOTONIC in ns, one clock for all processes of a computer, so that the tables of two nodes can be laid
+side by side; counts stand in the same table. 0 where nothing happened.
+"""
+
+from enum import IntEnum
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contract.atomic import replacing
+from contract.errors import StillwakeError
+
+NOTHING: Final = -1
+"""As a counter of the E2E header, which may be 0: there was no frame."""
+LONGEST: Final = 180_000
+"""Periods kept without a stated number: an hour at 20 ms."""
+
+
+class EcuStage(IntEnum):
+    """Columns of the ECU; the table names them in lower case."""
+
+    PERIOD = 0
+    """Number of the period, those left out counted."""
+    SCHEDULED = 1
+    WOKE = 2
+    PRESSURE_COUNTER = 3
+    """E2E counter of the newest Pressure frame that the step was given; NOTHING without one."""
+    FRAME_ARRIVED = 4
+    """That frame."""
+    STEP_BEGAN = 5
+    PLAN_BEGAN = 6
+    PLAN_ENDED = 7
+    STEP_ENDED = 8
+    SENT = 9
+    """Both frames were handed to the bus."""
+    COLLECTIONS = 10
+    """Garbage collections since the period before."""
+    MINOR_FAULTS = 11
+    """Page faults without reading, since the period before (getrusage); the next two likewise."""
+    MAJOR_FAULTS = 12
+    SWITCHES = 13
+    """Times that the process lost the processor against its will."""
+
+
+class VehicleStage(IntEnum):
+    """Columns of the vehicle."""
+
+    PERIOD = 0
+    SCHEDULED = 1
+    SAMPLED = 2
+    SENT = 3
+    PRESSURE_COUNTER = 4
+    """E2E counter of the Pressure frame sent; NOTHING if none was."""
+    COMMAND_ARRIVED = 5
+    """The JetCommand of this period."""
+    ECHOED_COUNTER = 6
+    """The pressure counter in it; NOTHING without."""
+    ACTUATED = 7
+
+
+class StageTimes:
+    """A table of one node.
+
+    Args:
+        stages: the node's columns.
+        periods: rows. When all are used, the oldest ones are used again.
+    """
+
+    def __init__(self, stages: type[EcuStage] | type[VehicleStage], periods: int = LONGEST) -> None:
+        if periods < 1:
+            raise ValueError(f"periods = {periods}: must be at least 1")
+        self._stages = stages
+        self._blank = np.array([NOTHING if stage.name.endswith("COUNTER") else 0 for stage in stages], dtype=np.int64)
+        # Written to once, so that no page of it is missing later.
+        self._table = np.repeat(self._blank[np.newaxis], periods, axis=0)
+        self._begun = 0
+        self._row = self._table[0]
+
+    def begin(self) -> None:
+        """Go on to the next period."""
+        self._row = self._table[self._begun % len(self._table)]
+        self._row[:] = self._blank
+        self._begun += 1
+
+    def note(self, stage: EcuStage | VehicleStage, value: int) -> None:
+        """A time or a count of this period."""
+        self._row[stage] = value
+
+    def rows(self) -> NDArray[np.int64]:
+        """Those begun, oldest first, at most as many as the table has: (rows, stages)."""
+        if self._begun <= len(self._table):
+            return self._table[: self._begun].copy()
+        return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
+
+    def save(self, path: Path) -> None:
+        """As .npz, whole or not at all: `columns`, the names, and `rows`.
+
+        Raises:
+            StillwakeError: it cannot be written.
+        """
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
+
+
+def load(path: Path, stages: type[EcuStage] | type[VehicleStage]) -> NDArray[np.int64]:
+    """The rows of a saved table, (rows, stages).
+
+    Raises:
+        StillwakeError: it is no table of this node.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            columns, rows = file["columns"].tolist(), np.asarray(file["rows"])
+    except (OSError, ValueError, KeyError, EOFError, TypeError) as error:
+        raise StillwakeError(f"{path}: no table of stage times ({error})") from error
+    expected = [stage.name.lower() for stage in stages]
+    if columns != expected or rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != len(expected):
+        raise StillwakeError(f"{path}: no table of the columns {', '.join(expected)}")
+    return rows
