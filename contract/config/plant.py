@@ -1,6 +1,7 @@
 """Settings of the flow, its forcing and the second plant.
 
-Not in the paper: `FlowConfig.substeps` and `FlowConfig.refinement`, `ForcingConfig.exploration_time` and the second plant.
+Not in the paper: `FlowConfig.substeps` and `FlowConfig.refinement`, `ForcingConfig.exploration_time` and the second
+plant.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """A developed wake on another grid: interpolated from the one at hand, then run until it has forgotten that.
 
-Developing a wake from rest takes some 100 t_c, because the shedding has to grow first. An interpolated one sheds already.
+Developing a wake from rest takes 100 t_c, since the shedding has to grow first. An interpolated one sheds already.
 """
 
 from collections.abc import Callable
