@@ -28,7 +28,7 @@ class Durations:
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
-        """What this share does not exceed (nearest rank, rounded down to 10 us), 1.0 for the largest; NaN without any."""
+        """What this share does not exceed (nearest rank, down to 10 us), 1.0 for the largest; NaN without any."""
         if self._total == 0:
             return nan
         rank = max(1, int(np.ceil(share * self._total)))

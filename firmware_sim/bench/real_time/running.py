@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from can_bridge.bus.python_can import PythonCanBus
@@ -47,7 +47,7 @@ class Course:
     enable_after_s: float | None = 2.0
     stage_times: Path | None = None
     freshness: Path | None = None
-    wanted: Wanted = Wanted()
+    wanted: Wanted = field(default_factory=Wanted)
 
 
 def run_vehicle(

@@ -43,7 +43,8 @@ class Speed:
             raise PlantError(
                 f"the wake takes {self.typical_ms:.1f} ms for a control period of {period_ms:g} ms on this machine "
                 f"(flow.refinement = {refinement:g}, flow.substeps = {substeps}): it cannot keep up. Take a coarser "
-                f"grid or longer steps (--set flow.refinement=0.65 --set flow.substeps=14), or --slow-down {lacking:.2g}"
+                f"grid or longer steps (--set flow.refinement=0.65 --set flow.substeps=14), or "
+                f"--slow-down {lacking:.2g}"
             )
         if self.typical_ms > ROOM * period_ms or self.worst_ms > period_ms:
             return (
