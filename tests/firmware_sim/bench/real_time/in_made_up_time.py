@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 
-
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.errors import BusError
@@ -50,11 +49,12 @@ class MadeUpTime:
         ecu: Ecu | None,
         *,
         way_ns: Callable[[int], int] = lambda number: 9_000_000,
-        lateness: Iterator[int] = iter(()),
+        lateness: Iterator[int] | None = None,
         late_flow: frozenset[int] = frozenset(),
         stage_times=None,
     ) -> None:
-        self.now_ns, self.ecu, self.way_ns, self.lateness = 0, ecu, way_ns, lateness
+        self.now_ns, self.ecu, self.way_ns = 0, ecu, way_ns
+        self.lateness = iter(()) if lateness is None else lateness
         self.config = config
         self.sent: list[tuple[int, Frame]] = []
         self.arriving: list[tuple[int, Frame]] = []
@@ -101,5 +101,3 @@ class MadeUpTime:
     def instants(self) -> list[int]:
         """When pressures went out, in periods after the first instant, rounded down."""
         return [(at - FIRST_NS) // self.config.period_ns for at, _ in self.sent]
-
-

@@ -24,7 +24,9 @@ def made(bundle_of, recording_controller):
     def make(config: Config | None = None, **how) -> MadeUpTime:
         config = Config() if config is None else config
         step = iter(range(10**6))
-        return MadeUpTime(config, Ecu(bundle_of(), recording_controller(lambda i: 0.03 * cos(next(step))), config), **how)
+        return MadeUpTime(
+            config, Ecu(bundle_of(), recording_controller(lambda i: 0.03 * cos(next(step))), config), **how
+        )
 
     return make
 
