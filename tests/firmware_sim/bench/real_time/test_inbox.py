@@ -38,7 +38,12 @@ def test_a_flood_costs_the_oldest_and_is_counted() -> None:
 
 def test_nothing_is_lost_between_two_threads() -> None:
     inbox, taken = Inbox(), []
-    sender = Thread(target=lambda: [inbox.put(frame(number)) for number in range(3000)])
+
+    def send() -> None:
+        for number in range(3000):
+            inbox.put(frame(number))
+
+    sender = Thread(target=send)
     sender.start()
     while sender.is_alive():
         taken += inbox.before(2**62)

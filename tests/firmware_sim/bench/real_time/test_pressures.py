@@ -5,12 +5,12 @@ import pytest
 
 from contract.errors import ConfigError, DatasetError
 from contract.recording.dataset import Dataset
-from contract.recording.episode import Episode
+from contract.recording.episode import Episode, Role
 from contract.sensors import COUNT
 from firmware_sim.bench.real_time.pressures import Replay
 
 
-def episode(name: str, role: str, steps: int, base: float) -> Episode:
+def episode(name: str, role: Role, steps: int, base: float) -> Episode:
     t = 0.2 * np.arange(steps)
     cp = base + np.arange(steps)[:, None] + 0.001 * np.arange(COUNT)
     series = {"t": t, "action": 0.0 * t, "Cp": cp, "Cd": t, "Cl": t}
