@@ -124,8 +124,8 @@ def _steps(results: Path) -> str:
 
 def _live(results: Path) -> str:
     heads = (
-        "refinement", "grid, time step", "cells a slot", "ms a control period", "of processor time", "wall Cd", "std Cl",
-        "Strouhal", "reduction under control, %", "mean abs Cl before", "under control",
+        "refinement", "grid, time step", "cells a slot", "ms a control period", "of processor time", "wall Cd",
+        "std Cl", "Strouhal", "reduction under control, %", "mean abs Cl before", "under control",
     )  # fmt: skip
     names = (
         "refinement", "case", "slot_cells", "period_ms", "cpu_ms", "Cd", "Cl_std", "St", "reduction_percent",

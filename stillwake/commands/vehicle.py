@@ -152,9 +152,7 @@ def vehicle(
         }
         write_result(json_file, figures=figures.as_dict(), facts=facts, on=date.today())
     ended = "stopped" if is_stopped() else "done"
-    console.print(
-        f"{ended}: the wish for control is withdrawn, on the bus as well, and the jets are shut", soft_wrap=True
-    )
+    console.print(f"{ended}: the wish for control is withdrawn, also on the bus, and the jets are shut", soft_wrap=True)
     if was_cut_short:
         raise KeyboardInterrupt
     if figures.commands == 0:
