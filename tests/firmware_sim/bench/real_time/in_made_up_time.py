@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterator
 
+from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Pressure
 from contract.config.tree import Config
 from contract.errors import BusError
 from contract.sensors import TRUCK
@@ -14,6 +16,13 @@ from firmware_sim.ecu.real_time.deadlines import Deadlines
 from tests.firmware_sim.bench.harness import NAMES, Oscillator
 
 FIRST_NS = 7_000_000_000
+
+
+def pressure_in(frame: Frame) -> Pressure:
+    """What a Pressure frame says."""
+    message = codec.parse_pressure(frame.data)
+    assert message is not None
+    return message
 
 
 class LiveOscillator:

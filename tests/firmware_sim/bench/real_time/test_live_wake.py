@@ -108,4 +108,5 @@ def test_without_a_start_the_shipped_one_settles_and_a_stop_ends_that() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         LiveWake(COARSE, None, stop)
-    assert seen == [(pytest.approx(0.2), 60.0)]
+    ((t, total),) = seen
+    assert (t, total) == pytest.approx((0.2, 60.0))

@@ -12,7 +12,6 @@ from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.receive_thread import ReceiveThread
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode
@@ -26,6 +25,7 @@ from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.real_time.privileges import Wanted
 from firmware_sim.ecu.real_time.stage_times import VehicleStage, load
 from tests.firmware_sim.bench.harness import NAMES
+from tests.firmware_sim.bench.real_time.in_made_up_time import pressure_in
 from tests.firmware_sim.bench.real_time.test_pressures import episode
 
 # A third of a truck's width has a third of its control period: 60 of them take 0.4 s.
@@ -83,7 +83,7 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
             tell=lines.append,
             progress=lambda found: shown.append(found.periods),
         )
-    wishes = [codec.parse_pressure(frame.data).enable_request for frame in seen]
+    wishes = [pressure_in(frame).enable_request for frame in seen]
     # Wanted from six periods of 6.7 ms on; withdrawn at the end.
     assert not any(wishes[:6])
     assert wishes[-3:] == [False, False, False]
@@ -110,7 +110,7 @@ def test_a_stop_ends_it_well(bundle_of, recording_controller, replay) -> None:
             bus, NAMES, replay, CONFIG, course(periods=None), is_stopped=lambda: next(left, None) is None
         )
     assert figures.periods == 40
-    assert codec.parse_pressure(seen[-1].data).enable_request is False
+    assert pressure_in(seen[-1]).enable_request is False
     assert ecu.trace.action == 0.0
 
 

@@ -6,7 +6,6 @@ from math import cos, sqrt
 import numpy as np
 import pytest
 
-from can_bridge.wire import codec
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.config.vehicle import VehicleConfig
@@ -14,7 +13,7 @@ from contract.errors import BusError
 from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
-from tests.firmware_sim.bench.real_time.in_made_up_time import FIRST_NS, MadeUpTime
+from tests.firmware_sim.bench.real_time.in_made_up_time import FIRST_NS, MadeUpTime, pressure_in
 
 PERIOD_NS = Config().period_ns
 
@@ -77,7 +76,7 @@ def test_a_command_is_of_the_period_it_arrives_in_however_late_the_process_wakes
 def test_a_late_process_says_the_age_of_its_pressures(made) -> None:
     real = made(lateness=iter([0, 0, 4_000_000]))
     real.run(4)
-    ages = [codec.parse_pressure(frame.data).age_ns for _, frame in real.sent]
+    ages = [pressure_in(frame).age_ns for _, frame in real.sent]
     assert ages == [0, 0, 4_000_000, 0]
     assert real.loop.figures.lateness.quantile_ms(1.0) == pytest.approx(4.0)
 
@@ -129,7 +128,7 @@ def test_the_end_withdraws_the_wish_and_shuts_the_jets(made) -> None:
     real.run(20)
     before = real.loop.figures.periods, len(real.sent)
     real.loop.finish()
-    wishes = [codec.parse_pressure(frame.data).enable_request for _, frame in real.sent]
+    wishes = [pressure_in(frame).enable_request for _, frame in real.sent]
     assert wishes[1:] == [True] * (before[1] - 1) + [False] * FAREWELL
     assert real.flow.driven[-FAREWELL:] == [0.0] * FAREWELL
     # The ECU has them all, and its own command is zero.
