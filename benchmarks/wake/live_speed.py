@@ -1,6 +1,6 @@
 """On which grids the wake keeps up with a control period of 20 ms, and what the shipped controller does on them.
 
-    python -m benchmarks live-speed [--json FILE] [--case 0.65:14 ...]
+    python -m benchmarks live-speed [--json FILE] [--case 0.75:15 ...]
 
 Each case moves the shipped wake to its grid, averages it without control, and closes the loop in virtual time. Then all
 cases are timed in turn, a control period of each at a time, because machines are noisy. Finished cases stay in
@@ -37,7 +37,7 @@ from wake.truck.averages import over_cycles
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-CASES: Final = ("1.0:30", "0.75:23", "0.65:20", "0.65:14", "0.5:15", "0.4:12")
+CASES: Final = ("1.0:30", "0.75:23", "0.75:15", "0.7:14", "0.65:20", "0.65:14", "0.5:15", "0.4:12")
 """Refinement and time steps a control period."""
 LEAD_IN, CONTROLLED, SETTLE = 25.0, 100.0, 40.0
 """Of the closed loop, t_c; as `stillwake run` has them."""

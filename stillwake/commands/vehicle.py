@@ -82,7 +82,7 @@ def vehicle(
     The pressures are a recording's, and do not answer the jets: whether bus and
     ECU keep their times can be seen, but no drag reduction. With --live they
     are of a wake that is computed meanwhile, on a grid on which this computer
-    keeps up, for example --set flow.refinement=0.65 --set flow.substeps=14.
+    keeps up, for example --set flow.refinement=0.75 --set flow.substeps=15.
 
     --slow-down 4 makes it a vehicle of a quarter of the speed, whose wake and
     control period are four times as slow. Its ECU needs a bundle of that
