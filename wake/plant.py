@@ -21,6 +21,18 @@ class Plant(Protocol):
         """Advance within the control period; with an action, ramp so as to reach it at the period's end."""
 
 
+class LoopPlant(Plant, Protocol):
+    """What a run without pictures needs of a flow."""
+
+    @property
+    def layout(self) -> SensorLayout:
+        """Of the sensors in a sample's Cp."""
+
+    @property
+    def description(self) -> str:
+        """Solver, mesh and time step in a few words."""
+
+
 class Drawable(Protocol):
     """What a picture needs of a flow."""
 
@@ -48,12 +60,8 @@ class Drawable(Protocol):
         """Cp in the grid's cells, (nx, ny); None if the plant gives it on the walls only."""
 
 
-class LivePlant(Plant, Drawable, Protocol):
+class LivePlant(LoopPlant, Drawable, Protocol):
     """What a run needs of a flow."""
-
-    @property
-    def description(self) -> str:
-        """Solver, mesh and time step in a few words."""
 
 
 @runtime_checkable

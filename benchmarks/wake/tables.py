@@ -25,6 +25,7 @@ def tables(results: Path) -> dict[str, str]:
         "limit": _limit(results),
         "forced": _forced(results),
         "steps": _steps(results),
+        "live": _live(results),
         "open_loop": _open_loop(results),
         "square": _square(results),
         "plants": openfoam_tables.plants(results),
@@ -119,6 +120,18 @@ def _steps(results: Path) -> str:
         "shares",
     )  # fmt: skip
     return table(heads, rows)
+
+
+def _live(results: Path) -> str:
+    heads = (
+        "refinement", "grid, time step", "cells a slot", "ms a control period", "of processor time", "wall Cd",
+        "std Cl", "Strouhal", "reduction under control, %", "mean abs Cl before", "under control",
+    )  # fmt: skip
+    names = (
+        "refinement", "case", "slot_cells", "period_ms", "cpu_ms", "Cd", "Cl_std", "St", "reduction_percent",
+        "abs_Cl_uncontrolled", "abs_Cl_controlled",
+    )  # fmt: skip
+    return table(heads, [tuple(row[name] for name in names) for row in read(results / "live_speed.json")["figures"]])
 
 
 def _open_loop(results: Path) -> str:

@@ -50,6 +50,7 @@ class Reason(IntEnum):
     CLOCK = 9
     IMPLAUSIBLE = 10
     NOT_ARMED = 11
+    OTHER_ECU = 12
 
 
 class Pressure(NamedTuple):

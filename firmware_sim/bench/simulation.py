@@ -31,7 +31,7 @@ from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.runs.bus_traffic import NodeErrors, WaitingTimes
 from firmware_sim.runs.metadata import RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
-from wake.plant import LivePlant
+from wake.plant import LoopPlant
 
 WARM_UP_PLANS: Final = 3
 """Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""
@@ -83,7 +83,7 @@ class Simulation:
 
     def run(
         self,
-        wake: LivePlant,
+        wake: LoopPlant,
         *,
         capture: Callable[[Frame], None] = lambda frame: None,
         observer: Observer | None = None,
@@ -171,7 +171,7 @@ def simulate(
     config: Config,
     *,
     spans: Spans,
-    wake: LivePlant,
+    wake: LoopPlant,
     controller: RunnableController | None = None,
     weights: CostWeights | None = None,
     disturbances: Disturbances | None = None,

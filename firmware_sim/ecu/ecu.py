@@ -15,7 +15,6 @@ import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
-from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.sender import protected_frame
 from can_bridge.secoc.node import Authentication, key_of, secured
 from can_bridge.wire.frame import Frame
@@ -30,6 +29,7 @@ from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
+from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.pressure_reception import PressureReception
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 from firmware_sim.ecu.timing import Timing
@@ -297,12 +297,9 @@ class Ecu:
         ]
 
     def _other_ecu(self, frames: Sequence[Frame]) -> Reason | None:
-        """INTERNAL if a sound command or status came in: a node does not hear its own, so another ECU sends them."""
-        for spec in (self._messages.command.spec, self._messages.status.spec):
-            for frame in frames:
-                if spec.names(frame) and profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id):
-                    return Reason.INTERNAL
-        return None
+        """OTHER_ECU if one is on the bus."""
+        heard = any(is_of_another_ecu(frame, self._messages, self._key) for frame in frames)
+        return Reason.OTHER_ECU if heard else None
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""

@@ -149,15 +149,15 @@ class ControlLoop:
                 )
 
     def _other_ecu(self, now_ns: int, foreign: int) -> Reason | None:
-        """INTERNAL while another ECU commands on this bus: chance would say whose command the jets follow."""
+        """OTHER_ECU while another ECU commands on this bus: chance would say whose command the jets follow."""
         if foreign:
             if self._other_until_ns is None:
-                self._tell("other_ecu", "another ECU sends jet commands on this bus: jets shut", frames=foreign)
+                self._tell("other_ecu", "another ECU is on this bus: jets shut", frames=foreign)
             self._other_until_ns = now_ns + round(OTHER_ECU_S * 1e9)
         elif self._other_until_ns is not None and now_ns > self._other_until_ns:
             self._other_until_ns = None
             self._tell("other_ecu_gone", "the other ECU is silent; control needs the enable request raised anew")
-        return None if self._other_until_ns is None else Reason.INTERNAL
+        return None if self._other_until_ns is None else Reason.OTHER_ECU
 
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe

@@ -20,7 +20,7 @@ class Counters:
         dropped: pressures for which there was no room.
         not_sent: frames that the bus did not take.
         losses: times that the bus was lost.
-        other_ecu: commands of another ECU.
+        other_ecu: frames of another ECU.
         action: in force on the wire, U_inf W.
         busy_ns: all steps together, from waking to having sent.
         longest_ns: the longest of them.
@@ -63,7 +63,7 @@ def _lines(c: Counters, bundle: str) -> Iterator[str]:
         "frames_not_sent": (c.not_sent, "Frames that the bus did not take."),
         "bus_losses": (c.losses, "Times that the bus was lost."),
         "bus_off": (state.health.bus_off, "Times that the CAN controller was bus-off or the bus was lost."),
-        "other_ecu_frames": (c.other_ecu, "Jet commands of another ECU."),
+        "other_ecu_frames": (c.other_ecu, "Commands and statuses of another ECU."),
         "busy_seconds": (c.busy_ns / 1e9, "All steps together, from waking to having sent."),
     }
     for name, (value, meaning) in counts.items():

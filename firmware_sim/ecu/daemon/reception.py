@@ -30,7 +30,7 @@ class Taken(NamedTuple):
 
     Attributes:
         frames: pressures, oldest first, stamped in the ECU's clock.
-        foreign: commands of another ECU on the bus: this one does not hear its own.
+        foreign: frames of another ECU on the bus.
     """
 
     frames: list[Frame]
@@ -53,26 +53,26 @@ class Inbox:
 
     Args:
         pressure: the message that the ECU reads.
-        command: the one that it alone sends.
+        of_another_ecu: whether a frame can only be another ECU's (`firmware_sim.ecu.other_ecu`).
         interface: python-can's name of the bus.
         monotonic_ns, date_ns: the two clocks.
 
     Attributes:
-        received: frames of the two messages so far.
+        received: pressures, and frames of another ECU, so far.
         dropped: pressures for which there was no room; the oldest ones give way.
-        foreign: commands of another ECU so far.
+        foreign: frames of another ECU so far.
     """
 
     def __init__(
         self,
         *,
         pressure: MessageSpec,
-        command: MessageSpec,
+        of_another_ecu: Callable[[Frame], bool],
         interface: str,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         date_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._pressure, self._command = pressure, command
+        self._pressure, self._of_another_ecu = pressure, of_another_ecu
         self._believes_stamps = interface in STAMPED_WITH_THE_DATE
         self._monotonic_ns, self._date_ns = monotonic_ns, date_ns
         self._lock = Lock()
@@ -86,13 +86,13 @@ class Inbox:
         if self._believes_stamps:
             monotonic_ns = received_ns(frame.timestamp_ns, monotonic_ns=monotonic_ns, date_ns=self._date_ns())
         with self._lock:
-            if self._command.names(frame):
-                self.received += 1
-                self.foreign += 1
-            elif self._pressure.names(frame):
+            if self._pressure.names(frame):
                 self.received += 1
                 self.dropped += len(self._frames) == ROOM
                 self._frames.append(replace(frame, timestamp_ns=monotonic_ns))
+            elif self._of_another_ecu(frame):
+                self.received += 1
+                self.foreign += 1
 
     def take(self) -> Taken:
         """Everything, once."""

@@ -28,6 +28,7 @@ from firmware_sim.ecu.daemon.reporter import Reporter
 from firmware_sim.ecu.daemon.systemd import Notifier
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.fit import check_vehicle
+from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
 from firmware_sim.ecu.real_time.stage_times import LONGEST, EcuStage, StageTimes
@@ -106,13 +107,18 @@ def serve(
     now_ns = clock.now_ns()
     for _ in range(WARM_UP_STEPS):
         ecu.next(ecu.state, now_ns, [])
-    inbox = Inbox(pressure=pressure, command=messages.command.spec, interface=config.bus.interface)
+    key = None if authentication is None else authentication.key
+    inbox = Inbox(
+        pressure=pressure,
+        of_another_ecu=lambda frame: is_of_another_ecu(frame, messages, key),
+        interface=config.bus.interface,
+    )
     stages = None
     if options.stage_times is not None:
         stages = StageTimes(EcuStage, LONGEST if options.periods is None else options.periods)
 
     def opened() -> PythonCanBus:
-        return PythonCanBus.open(config.bus, accept={pressure.frame_id, messages.command.spec.frame_id})
+        return PythonCanBus.open(config.bus, accept={spec.frame_id for spec in messages.specs})
 
     def keep(counters: Counters) -> None:
         if store is not None:

@@ -12,14 +12,14 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS, Disturbances, parse_disturbance
+from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS, Disturbance, Disturbances, parse_disturbance
 from firmware_sim.bench.run_faults import NodeFault
 from tests.examples import examples
 from wake.shipped import RECORDING
 
 SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
 
-EXAMPLES = {
+EXAMPLES: dict[str, Disturbance] = {
     "noise:level=0.5": kinds.Noise(level=0.5),
     "bias:sensor=base_7,level=-0.5@1..2": kinds.Bias(sensor="base_7", level=-0.5, start_s=1.0, end_s=2.0),
     "drift:sensor=base_7,level=1,over_s=2@1..": kinds.Drift(sensor="base_7", level=1.0, over_s=2.0, start_s=1.0),

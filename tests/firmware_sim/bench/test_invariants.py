@@ -118,7 +118,7 @@ HARM = (
 )
 
 
-@examples(60)
+@examples(40)
 @given(
     st.lists(st.sampled_from(HARM), min_size=1, max_size=3, unique=True),
     st.sampled_from([config for name, config in CONFIGS.items() if name != "busy"]),

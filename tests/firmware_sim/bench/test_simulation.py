@@ -9,7 +9,7 @@ import pytest
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances
@@ -46,7 +46,10 @@ class Run:
 
     def read(self) -> np.ndarray:
         """(n, 4) Pa, as the vehicle sent them."""
-        return np.array([self._said(frame, PRESSURE).pressure_pa for frame in self.of(PRESSURE)])
+        return np.array([pressure.pressure_pa for pressure in self.pressures()])
+
+    def pressures(self) -> list[Pressure]:
+        return [self._said(frame, PRESSURE) for frame in self.of(PRESSURE)]
 
     def wall(self) -> np.ndarray:
         """(n, 4) Pa, as they were."""
@@ -183,8 +186,7 @@ def test_saturated_jets_reach_their_share_of_the_limit(calm):
 
 def test_a_request_taken_back_shuts_the_jets_and_comes_back():
     found = Run("no_request@0.6..0.7")
-    assert [frame.data for frame in found.of(PRESSURE)] != []
-    asked = [codec.parse_pressure(frame.data).enable_request for frame in found.of(PRESSURE)]
+    asked = [pressure.enable_request for pressure in found.pressures()]
     assert asked == [False] * 10 + [True] * 20 + [False] * 5 + [True] * 25
     assert set(found.modes()[30:35]) == {Mode.OFF}
     assert not found.log.series["action"][31:36].any()

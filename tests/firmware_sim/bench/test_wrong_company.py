@@ -79,7 +79,7 @@ def test_two_ecus_that_hear_each_other_shut_the_jets(ecu_of, counters_apart):
     company.run(60)
     assert company.actions == [0.0] * 60
     for ecu in ecus:
-        assert (ecu.status().state, ecu.status().reason) == (Mode.FAULT, Reason.INTERNAL)
+        assert (ecu.status().state, ecu.status().reason) == (Mode.FAULT, Reason.OTHER_ECU)
 
 
 @pytest.mark.parametrize("counters_apart", [1, 5, 128])
@@ -92,7 +92,7 @@ def test_two_ecus_at_the_same_instant_drive_each_other_off_the_bus(ecu_of, count
     for ecu in ecus:
         assert ecu.status().state is Mode.FAULT
         # The one that is back first may hear the other before its own bus-off is looked at.
-        assert ecu.status().reason in (Reason.BUS_OFF, Reason.INTERNAL)
+        assert ecu.status().reason in (Reason.BUS_OFF, Reason.OTHER_ECU)
         assert ecu.status().bus_off >= 1
 
 
@@ -103,7 +103,7 @@ def test_a_damaged_command_on_the_bus_is_no_second_ecu(ecu_of):
     for _ in range(30):
         noise.send(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(JET_COMMAND.length), is_fd=True))
         company.run(1)
-    assert ecu.status().reason is not Reason.INTERNAL
+    assert ecu.status().reason is not Reason.OTHER_ECU
 
 
 @pytest.mark.parametrize(("vehicle", "ecu"), [("fd", "classic"), ("classic", "fd")])

@@ -7,10 +7,13 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.errors import BundleFileError
+from contract.config.loading import load_config
+from contract.errors import BundleError, BundleFileError
+from contract.operating_point import OperatingPoint
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST
+from firmware_sim.ecu.fit import check_vehicle
 from stillwake.shipped import BUNDLE
 from tests.stillwake.commands.resealing import resealed
 
@@ -73,3 +76,19 @@ def test_what_is_there_is_replaced_only_on_demand(cli, old, keys, tmp_path):
     assert renew(cli, old, keys, tmp_path).code == 0
     assert "--overwrite" in renew(cli, old, keys, tmp_path).err
     assert renew(cli, old, keys, tmp_path, "--overwrite").code == 0
+
+
+def test_a_bundle_for_a_slower_vehicle_fits_it_and_no_other(cli, keys, tmp_path):
+    slow = "operating_point.speed=6.25"
+    assert renew(cli, BUNDLE, keys, tmp_path, "--set", slow).code == 0
+    found = bundle.load(tmp_path / "new", signing.public_key(NEW_KEY))
+    assert found.files[CONTROLLER] == bundle.load(BUNDLE).files[CONTROLLER]
+    # A quarter of the speed: four times 20 ms. Width and density are the old bundle's.
+    assert found.manifest.budget_ms == 80.0
+    assert found.manifest.operating_point == OperatingPoint(width=2.5, speed=6.25, density=1.2)
+    check_vehicle(found, load_config(None, [slow]))
+    with pytest.raises(BundleError, match=r"another operating point: width 2\.5, speed 6\.25, .* has .*speed 25\.0"):
+        check_vehicle(found, load_config())
+    refused = renew(cli, BUNDLE, keys, tmp_path, "--set", "flow.reynolds=400", target="other")
+    assert refused.code == 1
+    assert "`bundle renew` does not use it; it uses operating_point" in refused.err

@@ -1,5 +1,6 @@
 """Wind that varies, and a viscosity that changes, while the wake runs."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import inf, pi
 
@@ -58,7 +59,7 @@ def test_a_steady_wind_is_no_wind_to_the_bit():
 
 
 @pytest.fixture
-def developed(shared_wake: TruckWake) -> TruckWake:
+def developed(shared_wake: TruckWake) -> Iterator[TruckWake]:
     shared_wake.reset(developed_state())
     yield shared_wake
     shared_wake.wind = None

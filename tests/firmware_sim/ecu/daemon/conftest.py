@@ -10,6 +10,7 @@ import pytest
 
 from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.wire import codec
+from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand
 from contract import sensors
@@ -20,6 +21,7 @@ from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.control_loop import ControlLoop, RealTime
 from firmware_sim.ecu.daemon.reception import Inbox
 from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.real_time.stage_times import EcuStage, StageTimes
 from firmware_sim.ecu.real_time.timed_controller import TimedController
 
@@ -56,7 +58,12 @@ class Rig:
         self.controller = controller
         self.timed = TimedController(controller, lambda: self.now)
         self.ecu = Ecu(bundle, self.timed, self.config)
-        self.inbox = Inbox(pressure=PRESSURE, command=JET_COMMAND, interface="virtual", monotonic_ns=lambda: self.now)
+        self.inbox = Inbox(
+            pressure=PRESSURE,
+            of_another_ecu=lambda frame: is_of_another_ecu(frame, FD, None),
+            interface="virtual",
+            monotonic_ns=lambda: self.now,
+        )
         self.opened: list[can.BusABC] = []
         self.connection = Connection(self.open_bus, self.inbox.put, first_pause_s=0.01)
         self.connection.__enter__()

@@ -152,7 +152,7 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
         rig.run(1)
     assert rig.told.count("other_ecu") == 1
     assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-4:]} == {(Mode.FAULT, False, 0.0)}
-    assert rig.statuses[-1].reason is Reason.INTERNAL
+    assert rig.statuses[-1].reason is Reason.OTHER_ECU
     assert rig.loop.counters.other_ecu == 5
     # Its silence alone gives nothing back.
     rig.run(100)

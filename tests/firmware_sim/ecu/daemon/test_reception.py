@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode
 from firmware_sim.ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Inbox, received_ns
+from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from tests.examples import examples
 
 HOUR = 3_600_000_000_000
@@ -18,7 +20,13 @@ NOW, DATE = 50 * HOUR, 20_000 * 24 * HOUR
 
 
 def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Inbox:
-    return Inbox(pressure=PRESSURE, command=JET_COMMAND, interface=interface, monotonic_ns=monotonic, date_ns=date)
+    return Inbox(
+        pressure=PRESSURE,
+        of_another_ecu=lambda frame: is_of_another_ecu(frame, FD, None),
+        interface=interface,
+        monotonic_ns=monotonic,
+        date_ns=date,
+    )
 
 
 def pressure(stamp_ns: int = 0) -> Frame:

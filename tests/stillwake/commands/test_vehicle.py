@@ -1,0 +1,112 @@
+"""`stillwake vehicle`: what it refuses, what it says, and how it ends."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from contract.config.tree import Config
+from stillwake.commands.vehicle import slowed
+
+VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwake-vehicle")
+ORDINARY = ("--priority", "0")
+
+
+def multicast(number: int) -> tuple[str, ...]:
+    """A group of the test's own: nobody else is heard."""
+    return ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel=239.74.163.{number}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((), "bus.interface = simulated: it is in virtual time and connects nothing real"),
+        ((*VIRTUAL, "--live", "--episode", "x"), "--episode x: of a recording; does not go with --live"),
+        ((*VIRTUAL, "--live", "--from", "3"), "--from 3.0: of a recording; does not go with --live"),
+        ((*VIRTUAL, "--start", "x.npz"), "--start x.npz: where a live wake begins; needs --live"),
+        ((*VIRTUAL, "--slow-down", "inf"), "--slow-down inf: must be a number from 1 to 1000"),
+        ((*VIRTUAL, "--slow-down", "1e6"), "--slow-down 1e+06: must be a number from 1 to 1000"),
+        ((*VIRTUAL, "--enable-after", "inf"), "--enable-after inf: must be a number of seconds"),
+        ((*VIRTUAL, "--episode", "sine"), "episode 'sine': the data set has "),
+        ((*VIRTUAL, "--from", "1e5"), "control step 500000: episode training_1 has 0..4999"),
+        ((*VIRTUAL, "--from", "inf"), "--from inf: must be a number of t_c within the episode"),
+        ((*VIRTUAL, "--dataset", "none.h5"), "none.h5: no such dataset"),
+        ((*VIRTUAL, "--bundle", "none"), "none"),
+        ((*VIRTUAL, "--freshness", "x.json"), "--freshness x.json: nothing is authenticated without bus.key"),
+        ((*VIRTUAL, "--set", "mpc.horizon=3"), "`vehicle` does not use it"),
+        ((*VIRTUAL, "--stage-times", "/proc/nowhere/x.npz"), "/proc/nowhere"),
+        (("--set", "bus.interface=socketcan", "--set", "bus.channel=nocan7"), "CAN bus socketcan 'nocan7': "),
+    ],
+)
+def test_what_cannot_be_is_one_line(cli, arguments, expected) -> None:
+    outcome = cli("vehicle", "--periods", "3", *arguments)
+    assert outcome.code == 1
+    assert expected in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_path: Path) -> None:
+    outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json")
+    assert outcome.code == 3
+    said = " ".join(outcome.out.split())
+    assert "vehicle at 25 m/s, control period 20 ms, on virtual test-stillwake-vehicle" in said
+    assert "the pressures do not answer the jets" in said
+    assert "done: the wish for control is withdrawn" in said
+    found = json.loads((tmp_path / "f.json").read_text(encoding="utf-8"))
+    assert (found["figures"]["periods"], found["figures"]["commands"]) == (5, 0)
+    assert found["figures"]["age_p50_ms"] is None
+    assert found["facts"]["config"]["bus"]["interface"] == "virtual"
+
+
+def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) -> None:
+    config = slowed(Config(), 4.0)
+    # Four times the convective time; pressures go with the square of the speed, flow rates with the speed.
+    assert config.period_ns == 80_000_000
+    assert config.operating_point.dynamic_pressure == Config().operating_point.dynamic_pressure / 16
+    assert config.operating_point.flow_rate_scale == Config().operating_point.flow_rate_scale / 4
+    outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "2", "--slow-down", "4")
+    said = " ".join(outcome.out.split())
+    assert "vehicle at 6.25 m/s, control period 80 ms" in said
+    assert "warning: bundle truck-wake-3.2 is for 2.5 m, 25 m/s" in said
+    assert "bundle renew ... --set operating_point.speed=6.25" in said
+
+
+@pytest.mark.processes  # two of them, in real time
+def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path) -> None:
+    """How far control gets in these seconds depends on what else the computer does; how both end does not."""
+    bus = multicast(201)
+    ecu = _started("ecu", *bus)
+    vehicle = _started("vehicle", *bus, "--enable-after", "0.5", "--json", str(tmp_path / "v.json"))
+    try:
+        # The ECU's first line is that it is there; the vehicle's third one is of its first period.
+        assert ecu.stderr is not None
+        assert vehicle.stdout is not None
+        first = ecu.stderr.readline()
+        told = [vehicle.stdout.readline() for _ in range(3)]
+        time.sleep(4.0)
+        vehicle.send_signal(signal.SIGTERM)
+        out, err = vehicle.communicate(timeout=60)
+        ecu.send_signal(signal.SIGTERM)
+        ecu.communicate(timeout=60)
+    finally:
+        for process in (ecu, vehicle):
+            process.kill()
+            process.wait()
+    assert "ecu: runs bundle" in first
+    assert told[2].startswith("real time: ")
+    assert (vehicle.returncode, err) == (0, "")
+    assert "stopped: the wish for control is withdrawn" in out
+    figures = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["figures"]
+    assert 0 < figures["commands"] <= figures["periods"]
+    assert sum(figures["modes"].values()) == figures["commands"]
+    assert figures["age_p50_ms"] > 0.0
+
+
+def _started(*words: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
