@@ -136,7 +136,7 @@ def wrong_ecu(monkeypatch, change: Callable[[JetCommand, int], JetCommand], **se
         steps = 0
 
         def step(self, now_ns, frames, *rest):
-            command, status = super().step(now_ns, frames, *rest)
+            command, status = super().step(now_ns, frames, *rest, **more)
             said = codec.parse_jet_command(command.data)
             assert said is not None
             self.steps += 1
@@ -198,7 +198,7 @@ def test_control_without_an_edge_is_caught(monkeypatch):
         def step(self, now_ns, frames, *rest):
             fail_safe = replace(self.state.fail_safe, armed=True, latched=False)
             self.restore(replace(self.state, fail_safe=fail_safe))
-            return super().step(now_ns, frames, *rest)
+            return super().step(now_ns, frames, *rest, **more)
 
     monkeypatch.setattr(simulation, "Ecu", Eager)
     assert names() == set()  # an ordinary run has its edge
