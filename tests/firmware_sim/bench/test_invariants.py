@@ -135,7 +135,7 @@ def wrong_ecu(monkeypatch, change: Callable[[JetCommand, int], JetCommand], **se
     class Wrong(Ecu):
         steps = 0
 
-        def step(self, now_ns, frames, *rest):
+        def step(self, now_ns, frames, *rest, **more):
             command, status = super().step(now_ns, frames, *rest, **more)
             said = codec.parse_jet_command(command.data)
             assert said is not None
@@ -195,7 +195,7 @@ def test_a_command_on_pressures_that_were_never_sent_is_caught(monkeypatch):
 
 def test_control_without_an_edge_is_caught(monkeypatch):
     class Eager(Ecu):
-        def step(self, now_ns, frames, *rest):
+        def step(self, now_ns, frames, *rest, **more):
             fail_safe = replace(self.state.fail_safe, armed=True, latched=False)
             self.restore(replace(self.state, fail_safe=fail_safe))
             return super().step(now_ns, frames, *rest, **more)
