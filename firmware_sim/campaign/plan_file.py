@@ -13,12 +13,12 @@
 
 A scenario with `each` stands for several: one a value, or one a sensor of the release with `each = "sensors"`. In its
 texts `{each}` is the value, `{base_sensor}` the release's first sensor on the base, `{sensor_1}` and so on its sensors,
-and `{after:20}` the instant 20 t_c after control is requested, in s of the run.
+`{after:20}` the instant 20 t_c after control is requested, in s of the run, and `{seconds:20}` as many t_c in s.
 """
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -135,19 +135,19 @@ def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
 
 
 def _words(place: Place, value: int | float | str) -> dict[str, object]:
-    words: dict[str, object] = {"each": value, "after": _After(place)}
+    words: dict[str, object] = {"each": value, "after": _Time(place.after), "seconds": _Time(place.seconds)}
     words |= {f"sensor_{number}": name for number, name in enumerate(place.sensors, start=1)}
     return words if place.base_sensor is None else {**words, "base_sensor": place.base_sensor}
 
 
-class _After:
-    """Formats a time in t_c after the request for control as s of the run."""
+class _Time:
+    """Formats a time in t_c as seconds."""
 
-    def __init__(self, place: Place) -> None:
-        self._place = place
+    def __init__(self, seconds: Callable[[float], float]) -> None:
+        self._seconds = seconds
 
     def __format__(self, spec: str) -> str:
-        return f"{self._place.seconds(float(spec)):.9g}"
+        return f"{self._seconds(float(spec)):.9g}"
 
 
 def _filled(text: str, words: Mapping[str, object]) -> str:

@@ -11,6 +11,10 @@ from contract.errors import ConfigError
 
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario that all others are held against; every plan has it."""
+UNCONTROLLED: Final = "uncontrolled"
+"""In the name of a run without control: of the undisturbed flow, or behind the name of a scenario that changes it."""
+COMBINED: Final = "two_worst"
+"""Name of the scenario that a campaign makes of the two that hurt most."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Characters; a name is also part of a file's."""
@@ -73,6 +77,8 @@ class Scenario:
                 f"name {self.name[:LONGEST_NAME]!r}: must be lower-case letters, digits, dots and underscores, at most "
                 f"{LONGEST_NAME}"
             )
+        if self.name.rpartition(".")[2] == UNCONTROLLED:
+            raise ConfigError(f"name {self.name!r}: a campaign keeps its runs without control under such names")
         if not self.sentence.strip() or not self.sentence.isprintable():
             raise ConfigError(f"sentence {self.sentence!r}: must say in one line what is done to the loop")
 
@@ -93,9 +99,13 @@ class Place:
     enabled_s: float
     t_c_s: float
 
-    def seconds(self, after: float) -> float:
-        """The instant that is `after` t_c after the request for control, in s of the run."""
-        return round(self.enabled_s + after * self.t_c_s, 9)
+    def seconds(self, span: float) -> float:
+        """A span of t_c in s."""
+        return span * self.t_c_s
+
+    def after(self, span: float) -> float:
+        """The instant that lies so many t_c after the request for control, in s of the run."""
+        return self.enabled_s + self.seconds(span)
 
 
 def check_names(scenarios: Sequence[Scenario]) -> None:
@@ -104,6 +114,8 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
     for one in scenarios:
         if (other := seen.setdefault(one.name, one)) is not one:
             raise ConfigError(f"scenario {one.name!r} is there twice, in {other.group!r} and in {one.group!r}")
+    if COMBINED in seen:
+        raise ConfigError(f"scenario {COMBINED!r}: the campaign itself makes one of that name")
     if UNDISTURBED not in seen:
         raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are held against it")
 
