@@ -105,7 +105,8 @@ def overview_figure(rows: Sequence[Row]) -> Figure:
     free = rows[0].free_abs_Cl.mean if rows else float("nan")
     if isfinite(free):
         right.axvline(free, color="0.4", linewidth=0.8, linestyle=":")
-        right.text(free, -0.7, "without control", fontsize=8, ha="center", va="bottom", color="0.3")
+        right.text(free, -0.7, "without control", fontsize=8, ha="right", va="bottom", color="0.3")
+    right.set_xlim(left=0.0)
     for axes in (left, right):
         axes.grid(axis="x", alpha=0.25)
     for use in Use:

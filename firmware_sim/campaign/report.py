@@ -1,9 +1,12 @@
 """A campaign as one self-contained HTML page: the matrix first, then curves, then a page a group; table and figures."""
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from itertools import groupby
 from typing import Any, Final
+
+from PIL import Image
 
 from contract.atomic import replacing
 from contract.config import loading
@@ -65,7 +68,15 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
 def _group(rows: Iterator[Row]) -> Iterator[tuple[Row, Sequence[str], str | None]]:
     for row in rows:
         course = figures.course_figure(row)
-        yield row, tables.cells(row), None if course is None else pages.data_uri(pages.png_of(course))
+        yield row, tables.cells(row), None if course is None else pages.data_uri(_small(pages.png_of(course)))
+
+
+def _small(png: bytes) -> bytes:
+    """The picture in 64 colours, which lines on white do with: a page holds dozens."""
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as picture:
+        picture.convert("RGB").quantize(64, dither=Image.Dither.NONE).save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
 
 
 def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:

@@ -152,7 +152,8 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, sche
 
     # A run takes half a minute: the speed is that of the last hour.
     with progress_bar("runs", estimate_over=3600.0) as bar:
-        task = bar.add_task("campaign", total=None, note="preparing the starts")
+        task = bar.add_task("campaign", total=None, note="")
+        bar.update(task, completed=0, note="preparing the starts")
 
         def show(done: int, total: int, name: str) -> None:
             bar.update(task, completed=done, total=total, note=name, refresh=True)
