@@ -1,42 +1,60 @@
-"""Who watches a run from outside: frames on the bus, frames that the vehicle hears, and the plant."""
+"""Who watches a run from outside: frames at the nodes, and the plant; neither the ECU's state nor the vehicle's."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.medium import Transmission
 from can_bridge.wire.frame import Frame
 from wake.truck.sample import Sample
 
 
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """A frame between a node and its port, faults of the port on the other side.
+
+    Attributes:
+        node: whose.
+        sent: by the node; otherwise received by it.
+        now_ns: time of the run, whatever the frame's stamp says.
+    """
+
+    node: Literal["vehicle", "ecu"]
+    sent: bool
+    frame: Frame
+    now_ns: int
+
+
 class Observer(Protocol):
-    """Called in the order of time. It sees neither the ECU's state nor the vehicle's, and changes nothing."""
+    """Called in the order of time; changes nothing."""
 
-    def sent(self, transmission: Transmission) -> None:
-        """A frame went over the bus."""
+    def frame(self, seen: Seen) -> None:
+        """A node sent or received a frame."""
 
-    def heard(self, frames: Sequence[Frame]) -> None:
-        """The vehicle took these from its CAN controller; in a period with a disturbance of its port not what was
-        sent."""
+    def period(self, sample: Sample, *, requested: bool) -> None:
+        """A control period ended, which began with this sample and this request of the vehicle."""
 
-    def period(self, start_ns: int, sample: Sample, *, requested: bool) -> None:
-        """A control period ended; it began at this time with this sample and the vehicle's request."""
+    def finished(self, sample: Sample) -> None:
+        """The run ended; the sample is of its end."""
 
 
-@dataclass(frozen=True)
-class HeardBus:
-    """The vehicle's port, with someone who listens."""
+@dataclass(frozen=True, kw_only=True)
+class WatchedBus:
+    """A node's port with an observer."""
 
     port: Bus
+    node: Literal["vehicle", "ecu"]
     observer: Observer
+    clock: Callable[[], int]
 
     def send(self, frame: Frame) -> None:
         """See `Bus.send`."""
+        self.observer.frame(Seen(node=self.node, sent=True, frame=frame, now_ns=self.clock()))
         self.port.send(frame)
 
     def receive_all(self) -> list[Frame]:
         """See `Bus.receive_all`."""
         frames = self.port.receive_all()
-        self.observer.heard(frames)
+        for frame in frames:
+            self.observer.frame(Seen(node=self.node, sent=False, frame=frame, now_ns=self.clock()))
         return frames

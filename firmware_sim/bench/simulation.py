@@ -9,7 +9,7 @@ from typing import Final
 
 from can_bridge.bus.backends.opening import SIMULATED
 from can_bridge.bus.simulated.background_node import BackgroundNode
-from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.traffic import background
 from can_bridge.wire.frame import Frame
@@ -22,7 +22,7 @@ from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import PORT_NAMES, Disturbing
-from firmware_sim.bench.observer import HeardBus, Observer
+from firmware_sim.bench.observer import Observer, WatchedBus
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rates
@@ -111,15 +111,10 @@ class Simulation:
         disturbing = Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed)
         waits = WaitingTimes(messages=messages)
 
-        def watched(transmission: Transmission) -> None:
-            waits(transmission)
-            if observer is not None:
-                observer.sent(transmission)
-
         bus = SimulatedBus(
             config.bus,
             capture,
-            observe=watched,
+            observe=waits,
             corrupts=disturbing.corrupts,
             mishears=disturbing.mishears,
         )
@@ -128,12 +123,11 @@ class Simulation:
             BackgroundNode(bus, ports["background"], self._others, config.bus.background.seed)
         node = VehicleNode(bundle.manifest.sensors, config, wake.layout, self._authentication, read=disturbing.readings)
         around = disturbing.connect(bus)
-        vehicle = around("vehicle", ports["vehicle"])
-        connected = BusPorts(
-            vehicle=vehicle if observer is None else HeardBus(vehicle, observer),
-            ecu=around("ecu", ports["ECU"]),
-            ecu_health=ports["ECU"].health,
-        )
+        vehicle, ecu = around("vehicle", ports["vehicle"]), around("ecu", ports["ECU"])
+        if observer is not None:
+            vehicle = WatchedBus(port=vehicle, node="vehicle", observer=observer, clock=lambda: bus.now_ns)
+            ecu = WatchedBus(port=ecu, node="ecu", observer=observer, clock=lambda: bus.now_ns)
+        connected = BusPorts(vehicle=vehicle, ecu=ecu, ecu_health=ports["ECU"].health)
         loop = VirtualLoop(wake, node, self._ecu, bus, connected, config, ecu_clock=disturbing.ecu_clock)
         disturbing.plan_resets(bus, loop)
         rows = list[Row]()
@@ -150,8 +144,10 @@ class Simulation:
                 row = loop.period(enable_request=requested)
                 rows.append(row)
                 if observer is not None:
-                    observer.period(start_ns, row.sample, requested=requested)
+                    observer.period(row.sample, requested=requested)
                 progress(row, k + 1, total)
+            if observer is not None:
+                observer.finished(wake.sample())
         metadata = RunMetadata.of(
             bundle,
             config,
@@ -184,7 +180,10 @@ def simulate(
     origin: RunOrigin | None = None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
 ) -> RunLog:
-    """`Simulation` and its `run` in one call."""
+    """`Simulation` and its `run` in one call.
+
+    Pictures and files are `closed_loop.py`'s; `Invariants.of(config, disturbances)` is an observer.
+    """
     made = Simulation(
         bundle,
         config,
