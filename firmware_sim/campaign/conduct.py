@@ -1,6 +1,6 @@
 """A whole campaign: what is missing is run, the two that hurt most are combined, and every scenario is judged."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
@@ -19,6 +19,7 @@ from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, starting_states
 from firmware_sim.campaign.task import Task, Timing, seed_of, settings_of
 from wake.truck.state import State
+
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:

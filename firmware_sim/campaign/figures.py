@@ -97,7 +97,9 @@ def overview_figure(rows: Sequence[Row]) -> Figure:
         style = {"color": COLOURS[row.use], "marker": MARKS[row.use]}
         for axes, value in ((left, row.reduction), (right, row.abs_Cl)):
             _bar(axes, value, place, style)
-    left.set_yticks(range(len(rows)), [f"{'' if row.safe else 'UNSAFE  '}{row.scenario.name}" for row in rows], fontsize=8)
+    left.set_yticks(
+        range(len(rows)), [f"{'' if row.safe else 'UNSAFE  '}{row.scenario.name}" for row in rows], fontsize=8
+    )
     left.set_ylim(len(rows) - 0.4, -0.6)
     left.axvline(0.0, color="0.4", linewidth=0.8)
     left.set_xlabel("less wall drag than without control / %")

@@ -1,9 +1,9 @@
 """The folder of a campaign: what it is a campaign of, its starts, its finished runs, and its report.
 
-    campaign.json           settings, seed, spans and bundle; a call with others is refused
-    starts/phase_0.npz      flow states in which the runs begin
-    runs/NAME.phase0.json   a finished run, written whole
-    table.csv, figures/, report.html
+campaign.json           settings, seed, spans and bundle; a call with others is refused
+starts/phase_0.npz      flow states in which the runs begin
+runs/NAME.phase0.json   a finished run, written whole
+table.csv, figures/, report.html
 """
 
 import json
@@ -60,7 +60,9 @@ class CampaignFolder:
         if found is None:
             raise OutputError(f"{self.path}: there is something that is no campaign; name another folder")
         if found != _plain(label) and not overwrite:
-            names = ", ".join(sorted(name for name in found.keys() | label.keys() if found.get(name) != label.get(name)))
+            names = ", ".join(
+                sorted(name for name in found.keys() | label.keys() if found.get(name) != label.get(name))
+            )
             raise OutputError(
                 f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
             )

@@ -45,21 +45,27 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
         with replacing(folder.figures / f"{name}.png") as temporary:
             temporary.write_bytes(png)
     manifest = campaign.bundle.manifest
-    page = pages.templates("firmware_sim.campaign").get_template("campaign.html.j2").render(
-        day=day.isoformat(),
-        controller=f"{manifest.name} ({manifest.precision}, {campaign.bundle.digest[:12]})",
-        phases=campaign.phases,
-        seed=campaign.seed,
-        controlled=campaign.timing.controlled,
-        settle=campaign.timing.settle,
-        reynolds=campaign.config.flow.reynolds,
-        safe=result.safe,
-        headline=tables.headline(result.rows),
-        heads=tables.HEADS,
-        criteria=criteria_text(Criteria()),
-        groups=[(title, list(_group(rows))) for title, rows in groupby(result.rows, lambda row: row.scenario.group)],
-        curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
-        settings=list(_leaves({name: loading.to_tree(campaign.config)[name] for name in _USED})),
+    page = (
+        pages.templates("firmware_sim.campaign")
+        .get_template("campaign.html.j2")
+        .render(
+            day=day.isoformat(),
+            controller=f"{manifest.name} ({manifest.precision}, {campaign.bundle.digest[:12]})",
+            phases=campaign.phases,
+            seed=campaign.seed,
+            controlled=campaign.timing.controlled,
+            settle=campaign.timing.settle,
+            reynolds=campaign.config.flow.reynolds,
+            safe=result.safe,
+            headline=tables.headline(result.rows),
+            heads=tables.HEADS,
+            criteria=criteria_text(Criteria()),
+            groups=[
+                (title, list(_group(rows))) for title, rows in groupby(result.rows, lambda row: row.scenario.group)
+            ],
+            curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
+            settings=list(_leaves({name: loading.to_tree(campaign.config)[name] for name in _USED})),
+        )
     )
     with replacing(folder.report) as temporary:
         temporary.write_text(page, encoding="utf-8")

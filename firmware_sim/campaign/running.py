@@ -58,9 +58,7 @@ def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
 def _under_control(task: Task, bundle: Bundle, start: State) -> Outcome:
     disturbances = Disturbances.parse(task.disturb)
     observer = Invariants.of(task.config, disturbances)
-    simulation = Simulation(
-        bundle, task.config, spans=task.timing.spans, disturbances=disturbances, seed=task.seed
-    )
+    simulation = Simulation(bundle, task.config, spans=task.timing.spans, disturbances=disturbances, seed=task.seed)
     log = simulation.run(_wake(task, start), observer=observer)
     enabled_t = float(log.series["t"][log.enabled_at])
     course = Course.of(log.series, enabled_t)

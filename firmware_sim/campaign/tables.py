@@ -48,9 +48,7 @@ def headline(rows: Sequence[Row]) -> str:
     uses = [sum(row.use == use for row in rows) for use in ("useful", "marginal", "none")]
     unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
     ending = f"; UNSAFE: {unsafe}" if unsafe else ""
-    return (
-        f"{safe} of {len(rows)} scenarios safe; {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use{ending}."
-    )
+    return f"{safe} of {len(rows)} scenarios safe; {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use{ending}."
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
@@ -60,7 +58,9 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(figures[0])
         for row in figures:
-            writer.writerow(["; ".join(_listed(value)) if isinstance(value, list | dict) else value for value in row.values()])
+            writer.writerow(
+                ["; ".join(_listed(value)) if isinstance(value, list | dict) else value for value in row.values()]
+            )
 
 
 def _listed(value: list[str] | dict[str, int]) -> list[str]:

@@ -8,7 +8,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 
-
 def templates(package: str) -> Environment:
     """The templates in the folder `templates` of a package; texts are escaped, a missing value is an error."""
     return Environment(

@@ -40,7 +40,9 @@ def campaign(
     ] = None,
     scenarios: Annotated[
         list[Path],
-        typer.Option(help="TOML file with scenarios of your own, beside the built-in ones (repeatable).", metavar="FILE"),
+        typer.Option(
+            help="TOML file with scenarios of your own, beside the built-in ones (repeatable).", metavar="FILE"
+        ),
     ] = [],  # noqa: B006  (typer reads it, nothing writes it)
     only: Annotated[
         list[str],
@@ -56,7 +58,9 @@ def campaign(
     controlled: Annotated[float | None, typer.Option(help="Time with control, t_c (60).", min=0.2)] = None,
     settle: Annotated[float | None, typer.Option(help="Left out of the averages, t_c (20).", min=0.0)] = None,
     seed: Annotated[int, typer.Option(help="Of everything that the disturbances draw.", min=0)] = 0,
-    workers: Annotated[int | None, typer.Option(help="Processes, a run each at a time; default: one a core.", min=1)] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes, a run each at a time; default: one a core.", min=1)
+    ] = None,
     scheduler: Annotated[str | None, typer.Option(help="Run on this dask scheduler's workers.")] = None,
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
     trust: Trust = None,
@@ -101,7 +105,11 @@ def campaign(
 
     write_report(folder, planned, result, date.today())
     if json_file is not None:
-        facts = {**planned.label(), "bundle_name": release.manifest.name, "versions": versions("stillwake", "numpy", "numba")}
+        facts = {
+            **planned.label(),
+            "bundle_name": release.manifest.name,
+            "versions": versions("stillwake", "numpy", "numba"),
+        }
         write_result(json_file, figures=[row.figures() for row in result.rows], facts=facts, on=date.today())
     _print(result)
     console.print(f"wrote {folder.report} and {folder.table}", soft_wrap=True, markup=False)
@@ -173,14 +181,18 @@ def _print(result: "Result") -> None:
     for row in result.rows:
         styles = ["", "green" if row.safe else "bold red", {"useful": "blue", "marginal": "yellow"}.get(row.use, "red")]
         words = cells(row)
-        table.add_row(*(Text(word, style=style) for word, style in zip(words, [*styles, *[""] * len(words)], strict=False)))
+        table.add_row(
+            *(Text(word, style=style) for word, style in zip(words, [*styles, *[""] * len(words)], strict=False))
+        )
     console.print(table)
     if result.kept:
         console.print(f"{result.made} runs made, {result.kept} kept from before", soft_wrap=True)
     console.print(headline(result.rows), soft_wrap=True, markup=False)
     for row in result.rows:
         for text in row.broken:
-            console.print(f"{row.scenario.name}: {text}", style="bold red", soft_wrap=True, markup=False, highlight=False)
+            console.print(
+                f"{row.scenario.name}: {text}", style="bold red", soft_wrap=True, markup=False, highlight=False
+            )
 
 
 def _cores() -> int:

@@ -26,7 +26,9 @@ def phase_of(
     failure: str = "",
 ) -> Phase:
     """A run of 100 periods against a free flow with Cd = 1 and |Cl| = 0.9."""
-    course = Course(t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=[0.9, abs_Cl, -abs_Cl], action=[0.0, 0.01, 0.02], enabled_t=0.2)
+    course = Course(
+        t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=[0.9, abs_Cl, -abs_Cl], action=[0.0, 0.01, 0.02], enabled_t=0.2
+    )
     service = Service(
         requested=100,
         in_control=in_control,
