@@ -48,8 +48,8 @@ class Campaign:
         self.timing.spans.periods(self.config.flow.control_period)
         if self.timing.settle >= self.timing.controlled:
             raise StillwakeError(
-                f"--settle {self.timing.settle:g}: must be less than --controlled {self.timing.controlled:g}, or nothing "
-                "is left to average"
+                f"--settle {self.timing.settle:g}: must be less than --controlled {self.timing.controlled:g}, or "
+                "nothing is left to average"
             )
         for scenario in self.scenarios:
             check_disturbances(scenario, settings_of(scenario, self.config), self.bundle, self.timing)

@@ -56,7 +56,8 @@ def execute(
 
 
 def _slots(client: Client) -> int:
-    return max(1, sum(client.nthreads().values()))
+    threads: dict[str, int] = client.nthreads()
+    return max(1, sum(threads.values()))
 
 
 def _outcome(task: Task, future: Future) -> Outcome:

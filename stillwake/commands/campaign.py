@@ -23,6 +23,7 @@ from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progres
 
 if TYPE_CHECKING:
     from firmware_sim.campaign.conduct import Campaign, Result
+    from firmware_sim.campaign.folder import CampaignFolder
 
 NOT_SAFE: Final = 3
 """Exit status of a campaign that is whole, but in which an invariant broke."""

@@ -8,10 +8,8 @@ from tests.firmware_sim.campaign.conftest import phase_of
 
 
 def course(cl, enabled_t=0.2) -> Course:
-    n = len(cl)
-    return Course.of(
-        {"t": 0.2 * np.arange(n), "Cd": np.arange(n) / 10, "Cl": np.array(cl), "action": np.full(n, -0.02)}, enabled_t
-    )
+    n = np.arange(len(cl), dtype=np.float64)
+    return Course.of({"t": 0.2 * n, "Cd": 0.1 * n, "Cl": np.array(cl), "action": 0.0 * n - 0.02}, enabled_t)
 
 
 def test_means_are_over_the_instants_from_the_end_of_settling_on() -> None:
