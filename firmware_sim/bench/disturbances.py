@@ -4,7 +4,7 @@
     stuck:sensor=base_7@2..5               one of them, from 2 s until before 5 s
     ecu:drop:probability=0.3               in a node's port: `firmware_sim.bench.run_faults`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
-    reset:node=ecu@4                       once
+    reset@4                                once
     reynolds=700                           the flow is not the one of the training
     gust:amplitude=0.1,period=20
 

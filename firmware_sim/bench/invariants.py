@@ -6,13 +6,14 @@ On the bus, for every JetCommand that the ECU hands over:
     bus_rate        it differs from the flow before by `ecu.command_step` at most, unless it goes to 0
     bus_age         in CONTROL the pressures it rests on are `ecu.pressure_age` old at most, in HOLD and DECAY as old as
                     `ecu.hold_periods` and `ecu.decay_periods` let them get
-    enable_edge     out of OFF or FAULT only once the ECU has heard the request low, and then high
+    enable_edge     out of OFF, out of FAULT and after a restart, which the counter shows, control only once the ECU has
+                    heard the request low, and then high
 
 At the jets, for the action that is reached at the end of every period:
 
-    jets_shut       0, unless the vehicle heard a command that drives jets, resting on pressures of its own that were not
-                    too old, in the period that decides (below), or as long before it as it holds the last command
-                    when it hears none
+    jets_shut       0, unless the vehicle heard a command that drives jets, which rests on pressures of its own that
+                    are not too old, in the period that decides (below), or as long before it as it holds the last
+                    command when it hears none
     jets_request    0 where the vehicle did not request control
     jets_bounds     within the action limit
     jets_rate       within `vehicle.action_step` of the action before, unless it is 0
@@ -102,6 +103,7 @@ class Invariants:
         self._period = 0
         # Of the ECU.
         self._flow = 0.0
+        self._said: int | None = None  # counter of its latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
         # Of the vehicle.
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
@@ -140,7 +142,7 @@ class Invariants:
         elif seen.node == "ecu" and seen.sent:
             command = parsed(self._command, seen.frame)
             if command is not None:
-                self._judge_command(command, seen.now_ns)
+                self._judge_command(command, profile_of(self._command.spec).counter_of(seen.frame.data), seen.now_ns)
         elif seen.node == "ecu" and not seen.sent:
             pressure = parsed(self._pressure, seen.frame)
             if pressure is not None:
@@ -160,8 +162,11 @@ class Invariants:
 
     # On the bus.
 
-    def _judge_command(self, command: JetCommand, now_ns: int) -> None:
+    def _judge_command(self, command: JetCommand, counter: int, now_ns: int) -> None:
         config, flow = self._config, command.flow_m2_per_s
+        if self._said is None or (counter - self._said) % profile_of(self._command.spec).counter_period != 1:
+            self._was_wanted = False
+        self._said = counter
         scale = config.operating_point.flow_rate_scale
         drives = command.enable and command.mode in DRIVING
         most = config.flow.action_limit * scale

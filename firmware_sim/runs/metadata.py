@@ -41,11 +41,12 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A fault that was put on the bus of a run.
+    """What disturbed a run.
 
     Attributes:
-        text: node and fault, as the command line has them.
-        acted: how often it did; what counts is the fault's to say.
+        text: as the command line has it.
+        acted: how often it did: for a fault of a port what the fault counts, for wire errors the disturbed attempts,
+            for the others periods.
     """
 
     text: str
@@ -72,7 +73,7 @@ class RunMetadata:
         config: the vehicle, bus and ECU.
         origin: day, command and start.
         versions: Python, machine and packages.
-        faults: put on the bus, in the order given; none in an ordinary run.
+        faults: what disturbed it, in the order given; nothing in an ordinary run.
         fault_seed: of what they drew.
     """
 

@@ -80,11 +80,11 @@ def headline(log: RunLog) -> str:
 
 
 def injected(log: RunLog) -> str | None:
-    """That faults were put on the bus, as a sentence; None for an ordinary run."""
+    """What disturbed the run, as a sentence; None for an ordinary one."""
     faults = log.metadata.faults
     if not faults:
         return None
-    return f"With faults put on the bus: {'; '.join(one.text for one in faults)}."
+    return f"Disturbed by {'; '.join(one.text for one in faults)}."
 
 
 def _judged(log: RunLog, found: Averages) -> str:
@@ -121,7 +121,7 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
 def _injected(run: RunMetadata) -> list[tuple[str, str]]:
     return [
         (
-            "fault put on the bus",
+            "disturbance",
             f"{one.text}: acted {one.acted} time{'' if one.acted == 1 else 's'}, seed {run.fault_seed}",
         )
         for one in run.faults

@@ -70,7 +70,11 @@ def run(
         list[str],
         typer.Option(metavar="TEXT", help="Fault on the bus, as NODE:FAULT@START..END (repeatable); see above."),
     ] = [],  # noqa: B006
-    fault_seed: Annotated[int, typer.Option(help="Of what the faults draw.", min=0)] = 0,
+    disturb: Annotated[
+        list[str],
+        typer.Option(metavar="TEXT", help="Disturbance of the run, as KIND:PARAMETER=VALUE@START..END (repeatable)."),
+    ] = [],  # noqa: B006
+    fault_seed: Annotated[int, typer.Option(help="Of what faults and disturbances draw.", min=0)] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a run that is in the folder.")] = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
@@ -85,9 +89,15 @@ def run(
     the run; ecu:drop:probability=0.1@5..10 loses a tenth of what the ECU sends. The faults are drop, burst_loss,
     duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift; their parameters
     are in docs/reference/bus-faults.md.
+
+    --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
+    reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
+    wire_errors, reset, clock, no_request, reynolds, gust, operating_point and action_limit; their parameters are in
+    docs/reference/disturbances.md.
     """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
+    from firmware_sim.bench.disturbances import parse_disturbance
     from firmware_sim.bench.run_faults import parse_node_fault
     from firmware_sim.ecu.library_controller import open_library
     from firmware_sim.runs.metadata import RunOrigin
@@ -103,7 +113,7 @@ def run(
         raise ConfigError("--require-reduction needs averages: leave out --no-averages")
     if require_reduction is not None and not isfinite(require_reduction):
         raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
-    faults = [parse_node_fault(text) for text in fault]
+    disturbances = [*map(parse_node_fault, fault), *map(parse_disturbance, disturb)]
     folder = RunFolder(output)
     folder.check_free(overwrite=overwrite)
     check_json(json_file)
@@ -166,7 +176,7 @@ def run(
             progress=show,
             plant=flow,
             controller=controller,
-            faults=faults,
+            faults=disturbances,
             fault_seed=fault_seed,
         )
     page = write_report(folder)

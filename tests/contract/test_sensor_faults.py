@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contract.errors import ConfigError
-from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault
+from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Swapped, Zero
 
 UNIT = np.array([2.0, 3.0])
 STEPS = 4000
@@ -17,6 +17,9 @@ FAULTS: dict[str, Callable[[], SensorFault]] = {
     "bias": lambda: Bias(0.5, UNIT, 1),
     "drift": lambda: Drift(0.5, UNIT, 0, steps=STEPS),
     "dead": lambda: Dead(0),
+    "zero": lambda: Zero(1),
+    "swapped": lambda: Swapped(0, 1),
+    "quantised": lambda: Quantised(0.5),
 }
 
 
@@ -62,3 +65,22 @@ def test_a_dead_sensor_keeps_its_first_reading():
     stuck = Dead(0)(READINGS)
     assert np.all(stuck[:, 0] == READINGS[0, 0])
     np.testing.assert_array_equal(stuck[:, 1], READINGS[:, 1])
+
+
+def test_a_sensor_without_supply_reads_nothing():
+    found = Zero(1)(READINGS)
+    assert not found[:, 1].any()
+    np.testing.assert_array_equal(found[:, 0], READINGS[:, 0])
+
+
+def test_swapped_sensors_have_each_others_readings():
+    three = np.column_stack([READINGS, READINGS[:, 0] + 5.0])
+    np.testing.assert_array_equal(Swapped(2, 0)(three), three[:, [2, 1, 0]])
+
+
+def test_a_quantised_reading_is_the_nearest_whole_step():
+    found = Quantised(0.25)(READINGS)
+    np.testing.assert_array_equal(found * 4, np.rint(found * 4))
+    assert np.abs(found - READINGS).max() <= 0.125
+    with pytest.raises(ConfigError, match=r"quantisation step 0\.0"):
+        Quantised(0.0)

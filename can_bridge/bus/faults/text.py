@@ -94,10 +94,10 @@ def text_of(described: Span) -> str:
     alone = len(parts) == 1 and parts[0].startswith(f"{section}=")
     text = parts[0] if alone else ":".join(filter(None, (section, ",".join(parts))))
     if isinstance(described, Instant):
-        return f"{text}@{described.start_s!r}"
+        return f"{text}@{_written(described.start_s)}"
     if (described.start_s, described.end_s) == (0.0, inf):
         return text
-    return f"{text}@{described.start_s!r}..{'' if described.end_s == inf else repr(described.end_s)}"
+    return f"{text}@{_written(described.start_s)}..{'' if described.end_s == inf else _written(described.end_s)}"
 
 
 def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
@@ -137,7 +137,10 @@ def _written(value: Any) -> str:
         return "+".join(map(_written, value))
     if isinstance(value, bool):
         return str(value).lower()
-    return value if isinstance(value, str) else repr(value)
+    if isinstance(value, str):
+        return value
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
 
 
 def _wording(hint: Any) -> str:

@@ -63,6 +63,31 @@ class Oscillator:
             self.action = target
 
 
+class LiveOscillator(Oscillator):
+    """The same, as a plant that a run can be made of and whose flow can be disturbed."""
+
+    layout = sensors.TRUCK
+    description = "an oscillator"
+    wind = None
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(config.flow.substeps)
+        self.config = config.flow
+        self.seen: list[tuple[float, float | None]] = []
+        """Reynolds number and wind at each sample."""
+
+    @property
+    def t(self) -> float:
+        return 0.2 * (self.period + self.substep / self.substeps)
+
+    def sample(self) -> Sample:
+        self.seen.append((self.config.reynolds, None if self.wind is None else self.wind(self.t)))
+        return super().sample()
+
+    def set_reynolds(self, reynolds: float) -> None:
+        self.config = replace(self.config, reynolds=reynolds)
+
+
 class Harness:
     """Everything around one loop."""
 

@@ -252,7 +252,7 @@ def test_a_fault_acts_in_its_span_and_is_counted(release, tmp_path):
     assert identifiers(frames) == {"120": 10, "130": 5, "140": 10}
     assert found["injected_faults"] == [{"text": text, "acted": 5}]
     assert found["frames_lost"] == 5
-    assert dict(service_rows(log))["fault put on the bus"] == f"{text}: acted 5 times, seed 0"
+    assert dict(service_rows(log))["disturbance"] == f"{text}: acted 5 times, seed 0"
     assert run_log.load(tmp_path / "a" / "series.npz").metadata == log.metadata
 
 

@@ -219,7 +219,7 @@ def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_relea
     words = [word for one in faults for word in ("--fault", one)]
     outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *words, "--fault-seed", 7)
     assert (outcome.code, outcome.err) == (3, "")
-    said = f"With faults put on the bus: {'; '.join(faults)}."
+    said = f"Disturbed by {'; '.join(faults)}."
     assert said in " ".join(outcome.out.split())
     found = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert said in found["headline"]

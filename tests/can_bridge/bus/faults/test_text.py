@@ -1,6 +1,6 @@
 """Faults from text: what it says, and what is refused with which words."""
 
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from math import inf
 
 import pytest
@@ -11,9 +11,9 @@ from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect
 from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.fault import Fault, FrameFault, SidedFault
+from can_bridge.bus.faults.fault import Fault, FrameFault, Instant, SidedFault, Span
 from can_bridge.bus.faults.loss import BurstLoss, Drop
-from can_bridge.bus.faults.text import KINDS, parse_fault
+from can_bridge.bus.faults.text import KINDS, parse_described, parse_fault, text_of
 from can_bridge.bus.faults.timing import Delay
 from contract.errors import ConfigError
 
@@ -91,3 +91,67 @@ def test_every_fault_has_a_text():
         assert isinstance(
             parse_fault(f"{name}:{','.join(f'{key}=1' if key != 'loss' else 'loss=0' for key in needed)}"), kind
         )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "drop:probability=0.1@5..10",
+        "drop:probability=0.25,frame_ids=288+304",
+        "burst_loss:loss=0.2,mean_burst=3@2..",
+        "flip_bits:bits=2,before_crc=true,at=receive@..1.5",
+        "babble:frame_id=16,length=64,is_fd=true",
+        "delay:delay_s=0.123456789012345",
+        "disconnect",
+    ],
+)
+def test_a_fault_says_its_text(text):
+    fault = parse_fault(text)
+    assert parse_fault(text_of(fault)) == fault
+    # As it was written, but for identifiers and parameters in the order of the fields, and a span's zero.
+    assert sorted(text_of(fault).replace("@0..", "@..")) == sorted(text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Once(Instant, section="once"):
+    """Happens."""
+
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level(Span, section="level"):
+    """Called as its parameter is."""
+
+    level: float
+
+
+HERE = {kind.section: kind for kind in (Once, Level)}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("once:names=a+b@5", Once(names=("a", "b"), start_s=5.0)),
+        ("once@0.25", Once(start_s=0.25)),
+        ("level=0.5@1..2", Level(level=0.5, start_s=1.0, end_s=2.0)),
+    ],
+)
+def test_other_kinds_are_read_and_said_likewise(text, said):
+    assert parse_described(text, HERE, "thing") == said
+    assert text_of(said) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("once@5..6", r"thing 'once@5\.\.6': '5\.\.6' must be a time in seconds$"),
+        ("once@", r"'' must be a time in seconds$"),
+        ("level=0.5@3", r"'3' must be START\.\.END in seconds"),
+        ("level=x", r"level = 'x' must be a number"),
+        ("height=1", r"no thing 'height'; there are once, level"),
+    ],
+)
+def test_errors_call_other_kinds_by_their_noun(text, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_described(text, HERE, "thing")

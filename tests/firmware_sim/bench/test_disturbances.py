@@ -1,0 +1,122 @@
+"""Disturbances as text: what they say, what is refused, and that nothing is lost on the way back."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.bus.faults.loss import Drop
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from contract.recording import dataset
+from firmware_sim.bench import disturbances as kinds
+from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS, Disturbances, parse_disturbance
+from firmware_sim.bench.run_faults import NodeFault
+from tests.examples import examples
+from wake.shipped import RECORDING
+
+SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
+
+EXAMPLES = {
+    "noise:level=0.5": kinds.Noise(level=0.5),
+    "bias:sensor=base_7,level=-0.5@1..2": kinds.Bias(sensor="base_7", level=-0.5, start_s=1.0, end_s=2.0),
+    "drift:sensor=base_7,level=1,over_s=2@1..": kinds.Drift(sensor="base_7", level=1.0, over_s=2.0, start_s=1.0),
+    "stuck:sensor=upper_39": kinds.Stuck(sensor="upper_39"),
+    "dead:sensor=base_7": kinds.Dead(sensor="base_7"),
+    "swap:sensors=base_0+base_7": kinds.Swap(sensors=("base_0", "base_7")),
+    "quantise:step=5": kinds.Quantise(step=5.0),
+    "wire_errors:bit_error_rate=0.001,node=ecu,at=receive": kinds.WireNoise(
+        bit_error_rate=0.001, node="ecu", at="receive"
+    ),
+    "reset@4": kinds.Reset(start_s=4.0),
+    "reset:boot_s=0.5@4": kinds.Reset(boot_s=0.5, start_s=4.0),
+    "clock:ppm=-200": kinds.Clock(ppm=-200.0),
+    "clock:offset_s=0.1@1..2": kinds.Clock(offset_s=0.1, start_s=1.0, end_s=2.0),
+    "no_request@2..2.1": kinds.NoRequest(start_s=2.0, end_s=2.1),
+    "reynolds=700": kinds.Reynolds(reynolds=700.0),
+    "gust:amplitude=0.1,period=20": kinds.Gust(amplitude=0.1, period=20.0),
+    "operating_point:speed=30": kinds.VehiclePoint(speed=30.0),
+    "operating_point:speed=30,density=1.3@1..": kinds.VehiclePoint(speed=30.0, density=1.3, start_s=1.0),
+    "action_limit=0.5": kinds.ActionLimit(action_limit=0.5),
+    "ecu:drop:probability=0.3@1..": NodeFault(
+        text="ecu:drop:probability=0.3@1..", node="ecu", fault=Drop(probability=0.3, start_s=1.0)
+    ),
+}
+
+
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_a_text_says_what_the_disturbance_is_and_the_disturbance_its_text(text):
+    assert parse_disturbance(text) == EXAMPLES[text]
+    assert Disturbances(items=(EXAMPLES[text],)).texts == (text,)
+
+
+def test_there_is_an_example_of_every_kind():
+    assert {text.partition(":")[0].partition("=")[0].partition("@")[0] for text in EXAMPLES} == {*KINDS, "ecu"}
+
+
+@examples(50)
+@given(st.lists(st.sampled_from(list(EXAMPLES.values()))), st.floats(0, 1e6), st.floats(0, 1e3), st.floats(-1e5, 1e9))
+def test_many_are_read_back_from_their_texts_and_from_a_pickle(items, start_s, lasts_s, ppm):
+    odd = kinds.Clock(ppm=ppm, start_s=start_s, end_s=start_s + lasts_s)
+    several = Disturbances(items=(*items, odd))
+    assert Disturbances.parse(several.texts) == several
+    assert pickle.loads(pickle.dumps(several)) == several
+    assert hash(several) == hash(Disturbances.parse(several.texts))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no disturbance ''; there are noise, bias"),
+        ("nose:level=1", "no disturbance 'nose'"),
+        ("noise", "noise needs level"),
+        ("noise:level=-1", r"noise\.level = -1\.0: must be non-negative"),
+        ("drift:sensor=base_7,level=1,over_s=0", r"drift\.over_s = 0\.0: must be positive"),
+        ("swap:sensors=base_7", r"swap\.sensors = \('base_7',\): must be two different ones"),
+        ("swap:sensors=base_7+base_7", "two different ones"),
+        ("quantise:step=0", r"quantise\.step = 0\.0: must be positive"),
+        ("wire_errors:bit_error_rate=2", r"bit_error_rate = 2\.0: must be in \[0, 1\]"),
+        ("wire_errors:bit_error_rate=1,node=both", "node = 'both' must be all or vehicle or ecu"),
+        ("reset:node=vehicle@1", "node = 'vehicle' must be ecu"),
+        ("reset@1..2", r"'1\.\.2' must be a time in seconds"),
+        ("reynolds=0", r"reynolds\.reynolds = 0\.0: must be positive"),
+        ("gust:amplitude=0.5,period=20", r"gust\.amplitude = 0\.5: must be above 0 and below 0\.5"),
+        ("operating_point:speed=-1", r"operating_point\.speed = -1\.0: must be positive"),
+        ("action_limit=1.5", r"action_limit = 1\.5: must be above 0 and at most 1"),
+        ("ecu:drip", "no fault 'drip'"),
+        ("ecu:disconnect:kind=device_gone", "would end the run with an error"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(text, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_disturbance(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("noise:level=1@1..", r"'noise:level=1@1\.\.': begins when the run has ended, after 1 s"),
+        ("ecu:drop:probability=1@1..", "begins when the run has ended"),
+        ("dead:sensor=base_1", "base_1 is not in use; the sensors are lower_36, base_7, upper_39, base_0"),
+        ("swap:sensors=base_0+base_8", "base_8 is not in use"),
+        ("gust:amplitude=0.1,period=5@0..0.4", r"lasts 0\.4 s, must be at least its period, 0\.5 s"),
+    ],
+)
+def test_what_could_not_act_is_refused(text, message):
+    with pytest.raises(ConfigError, match=message):
+        Disturbances.parse([text]).check(Config(), SENSORS, duration_s=1.0)
+
+
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_what_can_act_is_not(text):
+    Disturbances.parse([text]).check(Config(), SENSORS, duration_s=5.0)
+
+
+@pytest.mark.slow  # reads the recording
+def test_the_unit_of_levels_is_the_global_deviation_of_the_recording():
+    pressures = np.vstack([one.series["Cp"] for one in dataset.read(RECORDING).with_role("train")])
+    about_their_means = pressures - pressures.mean(axis=0)
+    # The scaling of a training counts mirror images, too: sensors that mirror each other share a mean. To four digits.
+    assert np.sqrt((about_their_means**2).mean()) == pytest.approx(GLOBAL_DEVIATION, abs=1e-4)

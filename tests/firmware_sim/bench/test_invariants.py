@@ -1,0 +1,274 @@
+"""Runs in which ECU or vehicle do wrong on purpose are caught, by the right invariant; sound ones are clean."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import cos
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire import codec
+from can_bridge.wire.message_specs import JET_COMMAND
+from can_bridge.wire.messages import JetCommand, Mode
+from contract.config.tree import Config
+from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig, VehicleConfig
+from firmware_sim.bench import simulation
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.invariants import Invariants
+from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.ecu.ecu import Ecu
+from tests.examples import examples
+from tests.firmware_sim.bench.harness import LiveOscillator
+from tests.firmware_sim.conftest import RecordingController, make_bundle
+
+SPANS = Spans(lead_in=2.0, controlled=10.0, settle=0.0, averages=False)
+"""10 periods and 50: 0.2 s and 1 s."""
+
+
+class Waves(RecordingController):
+    """Plans a wave as high as the limit."""
+
+    description = "waves"
+
+    def __init__(self) -> None:
+        steps = iter(range(10**6))
+        super().__init__(lambda i: 0.075 * cos(next(steps) / 7))
+
+    def warm_up(self, steps: int) -> None:
+        """Nothing to be done."""
+
+
+DEFAULT = Config()
+
+
+def violations(*texts: str, config: Config = DEFAULT, seed: int = 0):
+    """Of a run of a stub controller on an oscillator; everything else is the real thing."""
+    disturbances = Disturbances.parse(texts)
+    observer = Invariants.of(config, disturbances)
+    log = simulate(
+        make_bundle(),
+        config,
+        spans=SPANS,
+        wake=LiveOscillator(config),
+        controller=Waves(),
+        disturbances=disturbances,
+        seed=seed,
+        observer=observer,
+    )
+    return observer.violations, log
+
+
+def names(*texts: str, config: Config = DEFAULT) -> set[str]:
+    return {one.invariant for one in violations(*texts, config=config)[0]}
+
+
+CONFIGS = {
+    "default": Config(),
+    "at once": Config(ecu=EcuConfig(plan_ahead=False)),
+    "late actuator": Config(vehicle=VehicleConfig(actuator_delay=3)),
+    "slow driver": Config(vehicle=VehicleConfig(action_step=0.01)),
+    "slow gate": Config(ecu=EcuConfig(command_step=0.01)),
+    "classic": Config(bus=BusConfig(frames="classic")),
+    "busy": Config(bus=BusConfig(background=BackgroundConfig(load=0.8))),
+    "no hold": Config(ecu=EcuConfig(hold_periods=0, decay_periods=0)),
+}
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
+def test_a_sound_run_breaks_nothing_and_moves_the_jets(config):
+    found, log = violations(config=config)
+    assert found == []
+    assert abs(log.series["action"]).max() > 0.02
+
+
+HARM = (
+    "noise:level=0.9",
+    "dead:sensor=base_0@0.5..",
+    "wire_errors:bit_error_rate=0.002",
+    "wire_errors:bit_error_rate=1,node=ecu@0.6..0.61",
+    "wire_errors:bit_error_rate=0.01,node=vehicle,at=receive",
+    "reset@0.5",
+    "reset:boot_s=0@0.5055",
+    "clock:ppm=200",
+    "clock:offset_s=-0.1@0.5..",
+    "clock:offset_s=0.1@0.5..0.7",
+    "no_request@0.6..0.7",
+    "no_request@0.8..0.9",
+    "operating_point:speed=30",
+    "action_limit=0.5@0.5..",
+    *(f"{node}:drop:probability=0.3" for node in ("ecu", "vehicle")),
+    *(f"{node}:drop:probability=0.4,at=receive" for node in ("ecu", "vehicle")),
+    *(f"{node}:burst_loss:loss=0.3,mean_burst=4" for node in ("ecu", "vehicle")),
+    *(f"{node}:duplicate:probability=0.5" for node in ("ecu", "vehicle")),
+    *(f"{node}:delay:delay_s=0.01,jitter_s=0.05" for node in ("ecu", "vehicle")),
+    *(f"{node}:delay:delay_s=0.03,restamp=false" for node in ("ecu", "vehicle")),
+    *(f"{node}:reorder:window=3" for node in ("ecu", "vehicle")),
+    *(f"{node}:flip_bits:probability=0.3" for node in ("ecu", "vehicle")),
+    *(f"{node}:flip_bits:probability=0.3,before_crc=true" for node in ("ecu", "vehicle")),
+    *(f"{node}:stuck_at@0.6..0.8" for node in ("ecu", "vehicle")),
+    *(f"{node}:stuck_at:counter_runs=true@0.6..0.8" for node in ("ecu", "vehicle")),
+    *(f"{node}:babble@0.6..0.7" for node in ("ecu", "vehicle")),
+    *(f"{node}:disconnect@0.6..0.7" for node in ("ecu", "vehicle")),
+    *(f"{node}:slow_consumer@0.5.." for node in ("ecu", "vehicle")),
+)
+
+
+@examples(60)
+@given(
+    st.lists(st.sampled_from(HARM), min_size=1, max_size=3, unique=True),
+    st.sampled_from([config for name, config in CONFIGS.items() if name != "busy"]),
+    st.integers(0, 1000),
+)
+def test_nothing_is_broken_whatever_disturbs_the_run(texts, config, seed):
+    found, _ = violations(*texts, config=config, seed=seed)
+    assert found == []
+
+
+def wrong_ecu(monkeypatch, change: Callable[[JetCommand, int], JetCommand], **settings: Any) -> None:
+    """Have every ECU say something else, with a protection that fits; `change` has the number of the step."""
+
+    class Wrong(Ecu):
+        steps = 0
+
+        def step(self, now_ns, frames, *rest):
+            command, status = super().step(now_ns, frames, *rest)
+            said = codec.parse_jet_command(command.data)
+            assert said is not None
+            self.steps += 1
+            data = codec.emit_jet_command(change(said, self.steps))
+            profile = profile_of(JET_COMMAND)
+            counter = profile.counter_of(command.data)
+            data = profile.protect(data, data_id=JET_COMMAND.data_id, counter=counter)
+            return [replace(command, data=data), status]
+
+    monkeypatch.setattr(simulation, "Ecu", Wrong)
+
+
+def test_a_change_that_changes_nothing_is_not_caught(monkeypatch):
+    wrong_ecu(monkeypatch, lambda said, step: said)
+    assert names() == set()
+
+
+def test_a_flow_without_a_mode_that_drives_is_caught(monkeypatch):
+    wrong_ecu(monkeypatch, lambda said, step: said._replace(flow_m2_per_s=1.0) if said.mode is Mode.OFF else said)
+    # The vehicle does not follow it.
+    assert names() == {"bus_bounds"}
+
+
+def test_a_flow_beyond_the_limit_is_caught(monkeypatch):
+    wrong_ecu(monkeypatch, lambda said, step: said._replace(flow_m2_per_s=said.flow_m2_per_s * 1.1))
+    # The first step of the wave is a whole one already.
+    assert names() == {"bus_bounds", "bus_rate"}
+
+
+def test_a_flow_that_leaps_is_caught(monkeypatch):
+    def leaps(said: JetCommand, step: int) -> JetCommand:
+        return said._replace(flow_m2_per_s=4.6 * (-1) ** step) if said.mode is Mode.CONTROL else said
+
+    wrong_ecu(monkeypatch, leaps)
+    assert names() == {"bus_rate"}
+
+
+@pytest.mark.parametrize("by", [2, 7])
+def test_a_command_on_old_pressures_is_caught(monkeypatch, by):
+    def stale(said: JetCommand, step: int) -> JetCommand:
+        if said.pressure_counter is None or said.mode is not Mode.CONTROL:
+            return said
+        return said._replace(pressure_counter=(said.pressure_counter - by) % 256)
+
+    wrong_ecu(monkeypatch, stale)
+    # The vehicle refuses what is older than its own bound, 5 periods.
+    assert names() == {"bus_age"}
+
+
+def test_a_command_on_pressures_that_were_never_sent_is_caught(monkeypatch):
+    wrong_ecu(monkeypatch, lambda said, step: said._replace(pressure_counter=200))
+    found, _ = violations()
+    assert {one.invariant for one in found} == {"bus_age"}
+    assert "no pressures that were sent (counter 200)" in found[0].detail
+
+
+def test_control_without_an_edge_is_caught(monkeypatch):
+    class Eager(Ecu):
+        def step(self, now_ns, frames, *rest):
+            fail_safe = replace(self.state.fail_safe, armed=True, latched=False)
+            self.restore(replace(self.state, fail_safe=fail_safe))
+            return super().step(now_ns, frames, *rest)
+
+    monkeypatch.setattr(simulation, "Ecu", Eager)
+    assert names() == set()  # an ordinary run has its edge
+    assert "enable_edge" in names("ecu:disconnect@0.5..0.7")
+    assert "enable_edge" in names("reset@0.6")
+
+
+def wrong_vehicle(monkeypatch, **methods: Callable[..., Any]) -> None:
+    monkeypatch.setattr(simulation, "VehicleNode", type("Wrong", (VehicleNode,), methods))
+
+
+def as_commanded(self: VehicleNode, command: JetCommand) -> float:
+    """Whatever it says, but bounds and rate are kept."""
+    wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
+    return max(-0.075, min(0.075, self._action + max(-0.075, min(0.075, wanted - self._action))))
+
+
+def test_a_vehicle_that_follows_an_ecu_which_is_off_is_caught(monkeypatch):
+    wrong_ecu(monkeypatch, lambda said, step: said._replace(flow_m2_per_s=1.0) if step > 30 else said)
+    assert names("reset@0.4") == {"bus_bounds"}
+    wrong_vehicle(monkeypatch, _driven=as_commanded)
+    assert names("reset@0.4") == {"bus_bounds", "jets_shut"}
+
+
+def test_a_vehicle_that_follows_commands_on_old_pressures_is_caught(monkeypatch):
+    def stale(said: JetCommand, step: int) -> JetCommand:
+        return said._replace(pressure_counter=step - 10 if step > 20 else None)
+
+    wrong_ecu(monkeypatch, stale)
+    wrong_vehicle(monkeypatch, _driven=as_commanded)
+    found, _ = violations()
+    assert {one.invariant for one in found} == {"bus_age", "jets_shut"}
+    assert any("pressures too old" in one.detail for one in found)
+
+
+def test_a_vehicle_that_drives_on_when_it_hears_nothing_is_caught(monkeypatch):
+    sound = VehicleNode.apply_commands
+
+    def holds(self: VehicleNode, frames):
+        before = self._action
+        actuation = sound(self, frames)
+        if actuation.command is None and before:
+            self._action = before
+            return replace(actuation, action=before)
+        return actuation
+
+    assert names("ecu:disconnect@0.6..0.8") == set()
+    wrong_vehicle(monkeypatch, apply_commands=holds)
+    assert names("ecu:disconnect@0.6..0.8") == {"jets_shut"}
+
+
+def test_a_vehicle_that_drives_what_it_did_not_ask_for_is_caught(monkeypatch):
+    sound = VehicleNode.apply_commands
+
+    def asks(self: VehicleNode, frames):
+        self._requested = True
+        return sound(self, frames)
+
+    wrong_vehicle(monkeypatch, apply_commands=asks)
+    # The ECU shuts them itself one command later.
+    assert "jets_request" in names("no_request@0.7..0.8")
+
+
+@pytest.mark.parametrize(("factor", "broken"), [(1.2, {"jets_bounds"}), (-1.0, {"jets_rate"})])
+def test_jets_beyond_their_bounds_or_rate_are_caught(monkeypatch, factor, broken):
+    sound, calls = VehicleNode._driven, iter(range(10**6))
+
+    def driven(self: VehicleNode, command: JetCommand) -> float:
+        action = sound(self, command)
+        return action * (factor if factor > 0 else factor ** next(calls))
+
+    wrong_vehicle(monkeypatch, _driven=driven)
+    assert broken <= names() <= {"jets_bounds", "jets_rate"}
