@@ -7,6 +7,7 @@ from typing import Any
 
 from contract.config import loading
 from contract.config.tree import Config
+from contract.controller.onnx_session import OnnxController
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.campaign import worst
@@ -14,9 +15,9 @@ from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import Phase, Row, judged
 from firmware_sim.campaign.outcome import Outcome
-from firmware_sim.campaign.running import check_disturbances, flow_disturbances
+from firmware_sim.campaign.running import check_run, flow_disturbances
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
-from firmware_sim.campaign.starts import digest_of, starting_states
+from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
 from firmware_sim.campaign.task import Task, Timing, seed_of, settings_of
 from wake.truck.state import State
 
@@ -51,8 +52,9 @@ class Campaign:
                 f"--settle {self.timing.settle:g}: must be less than --controlled {self.timing.controlled:g}, or "
                 "nothing is left to average"
             )
+        controller = OnnxController.of(self.bundle)
         for scenario in self.scenarios:
-            check_disturbances(scenario, settings_of(scenario, self.config), self.bundle, self.timing)
+            check_run(scenario, settings_of(scenario, self.config), self.bundle, self.timing, controller)
 
     def label(self) -> dict[str, Any]:
         """What makes it this campaign and no other, as plain JSON; its scenarios may change."""
@@ -96,7 +98,7 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Run what is missing of a campaign; finished runs of an earlier call are kept.
+    """Run what is missing of a campaign; finished runs of an earlier call are kept. Until one is, nothing is written.
 
     Args:
         campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
@@ -107,7 +109,6 @@ def conduct(
     Raises:
         StillwakeError: if the folder cannot be written, there is no start, or the workers fail.
     """
-    folder.claim(campaign.label())
     stages = _Stages(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
     scenarios = campaign.scenarios
     stages.run(scenarios, workers, scheduler)
@@ -117,6 +118,7 @@ def conduct(
         scenarios = (*scenarios, combined)
         stages.run((combined,), workers, scheduler)
         rows = stages.rows(scenarios)
+    stages.claim()
     return Result(rows=rows, made=stages.made, kept=stages.kept)
 
 
@@ -134,6 +136,7 @@ class _Stages:
         self._digests = [digest_of(state) for state in starts]
         self._outcomes: dict[str, Outcome] = {}
         self._total = 0
+        self._claimed = False
         self.made = 0
         self.kept = 0
 
@@ -170,11 +173,23 @@ class _Stages:
         ]
 
     def _finished(self, task: Task, outcome: Outcome) -> None:
+        self.claim()
         outcome = replace(outcome, key=self._key(task))
         self._folder.keep(task.name, outcome)
         self._outcomes[task.name] = outcome
         self.made += 1
         self._progress(len(self._outcomes), self._total, task.name)
+
+    def claim(self) -> None:
+        """Make the folder this campaign's, now that there is something to keep."""
+        if self._claimed:
+            return
+        self._folder.claim(self._campaign.label())
+        keep_states(self._folder, self._starts)
+        for name, outcome in self._outcomes.items():
+            # Found in a campaign that is being replaced, which had this run as well.
+            self._folder.keep(name, outcome)
+        self._claimed = True
 
     def _tasks(self, scenario: Scenario) -> list[Task]:
         """Its runs under control and, of its flow, without."""

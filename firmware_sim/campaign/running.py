@@ -7,6 +7,7 @@ import numpy as np
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
+from contract.controller.interface import RunnableController
 from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.disturbances import Disturbances, Gust, Reynolds
@@ -35,13 +36,19 @@ def run_task(task: Task, bundle: Bundle, start: State) -> Outcome:
         return Outcome(key="", failure=f"{type(error).__name__}: {error}")
 
 
-def check_disturbances(scenario: Scenario, config: Config, bundle: Bundle, timing: Timing) -> None:
-    """Raises ConfigError, naming the scenario, for a disturbance that is none, or that could not act."""
-    _, periods = timing.spans.periods(config.flow.control_period)
+def check_run(
+    scenario: Scenario, config: Config, bundle: Bundle, timing: Timing, controller: RunnableController
+) -> None:
+    """Raises ConfigError, naming the scenario, for settings or disturbances with which a run could not be one."""
     try:
-        disturbances = Disturbances.parse(scenario.disturb)
-        disturbances.check(config, bundle.manifest.sensors, duration_s=periods * config.period_ns / 1e9)
-    except ConfigError as error:
+        Simulation(
+            bundle,
+            config,
+            spans=timing.spans,
+            controller=controller,
+            disturbances=Disturbances.parse(scenario.disturb),
+        )
+    except StillwakeError as error:
         raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
 
 

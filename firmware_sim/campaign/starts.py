@@ -18,7 +18,7 @@ def phases_apart(phases: int, control_period: float) -> list[int]:
 
 
 def starting_states(folder: CampaignFolder, config: Config, phases: int) -> tuple[State, ...]:
-    """The states of all phases, their clocks at zero and the jets shut; made once, and kept in the folder.
+    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now.
 
     Raises:
         PlantError: if there is no developed wake for the settings.
@@ -27,10 +27,13 @@ def starting_states(folder: CampaignFolder, config: Config, phases: int) -> tupl
     found = [state for state in kept if state is not None]
     if len(found) == phases:
         return tuple(found)
-    made = _advanced(config, phases_apart(phases, config.flow.control_period))
-    for number, state in enumerate(made):
+    return _advanced(config, phases_apart(phases, config.flow.control_period))
+
+
+def keep_states(folder: CampaignFolder, states: Sequence[State]) -> None:
+    """Write the states of all phases where `starting_states` finds them."""
+    for number, state in enumerate(states):
         save_state(folder.start(number), state)
-    return made
 
 
 def digest_of(state: State) -> str:

@@ -31,6 +31,8 @@ _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _QUICK: Final = {"phases": 1, "controlled": 40.0, "settle": 20.0}
 """One start and two thirds of the time: a look, not a figure."""
 _WHOLE: Final = {"phases": 3, "controlled": 60.0, "settle": 20.0}
+_LONGEST: Final = 1e6
+"""t_c: a run of a day."""
 _MOST_PHASES: Final = 25
 """A shedding cycle has as many control periods."""
 
@@ -56,8 +58,12 @@ def campaign(
     phases: Annotated[
         int | None, typer.Option(help="Starts, equal parts of a shedding cycle apart (3).", min=1, max=_MOST_PHASES)
     ] = None,
-    controlled: Annotated[float | None, typer.Option(help="Time with control, t_c (60).", min=0.2)] = None,
-    settle: Annotated[float | None, typer.Option(help="Left out of the averages, t_c (20).", min=0.0)] = None,
+    controlled: Annotated[
+        float | None, typer.Option(help="Time with control, t_c (60).", min=0.2, max=_LONGEST)
+    ] = None,
+    settle: Annotated[
+        float | None, typer.Option(help="Left out of the averages, t_c (20).", min=0.0, max=_LONGEST)
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of everything that the disturbances draw.", min=0)] = 0,
     workers: Annotated[
         int | None, typer.Option(help="Processes, a run each at a time; default: one a core.", min=1)
@@ -170,6 +176,8 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, sche
         try:
             return conduct(planned, folder, workers=workers, scheduler=scheduler, progress=show)
         except KeyboardInterrupt:
+            if not folder.finished:
+                raise
             with go_on_with(f"{folder.path} keeps {folder.finished} finished runs, the same command continues it"):
                 raise
 

@@ -6,6 +6,7 @@ import pytest
 
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
+from contract.release import bundle
 from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, conduct
 from firmware_sim.campaign.folder import CampaignFolder
@@ -90,6 +91,13 @@ def test_a_campaign_that_is_stopped_goes_on(campaign, worker, tmp_path) -> None:
     assert (result.made, result.kept) == (9, 5)
 
 
+def test_a_campaign_that_is_stopped_before_its_first_run_leaves_nothing(campaign, worker, tmp_path) -> None:
+    worker.stop_after = 0
+    with pytest.raises(KeyboardInterrupt):
+        conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_scenario_that_changed_is_run_again_and_no_other(campaign, worker, tmp_path) -> None:
     conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1)
     worker.ran.clear()
@@ -97,6 +105,18 @@ def test_a_scenario_that_changed_is_run_again_and_no_other(campaign, worker, tmp
     changed = replace(campaign, scenarios=(SCENARIOS[0], louder, SCENARIOS[2]), combine=False)
     conduct(changed, CampaignFolder(tmp_path / "c"), workers=1)
     assert worker.ran == ["noise_0.5.phase0", "noise_0.5.phase1"]
+
+
+def test_a_campaign_that_replaces_another_keeps_the_runs_they_share(campaign, worker, tmp_path) -> None:
+    folder = CampaignFolder(tmp_path / "c")
+    conduct(campaign, folder, workers=1)
+    worker.ran.clear()
+    fewer = replace(campaign, phases=1)
+    folder.check(fewer.label(), overwrite=True)
+    assert conduct(fewer, folder, workers=1).kept == 7
+    assert worker.ran == []
+    folder.check(fewer.label(), overwrite=False)
+    assert folder.finished == 7
 
 
 def test_another_seed_is_another_campaign(campaign, worker, tmp_path) -> None:
@@ -123,10 +143,15 @@ def test_progress_ends_at_its_total(campaign, worker, tmp_path) -> None:
     assert [done for done, _, _ in seen] == sorted(done for done, _, _ in seen)
 
 
-def test_what_no_run_could_have_is_refused_before_any(campaign) -> None:
-    wrong = scenario_of("wrong", disturb=("dead:sensor=upper_00",))
-    with pytest.raises(ConfigError, match="scenario 'wrong': "):
-        replace(campaign, scenarios=(*SCENARIOS, wrong)).check()
+def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:
+    campaign = replace(campaign, bundle=bundle.load(short_release))
+    for changes in (
+        {"disturb": ("dead:sensor=upper_00",)},
+        {"settings": ("bus.interface=virtual",)},
+        {"settings": ("vehicle.actuator_delay=300",)},
+    ):
+        with pytest.raises(ConfigError, match="scenario 'wrong': "):
+            replace(campaign, scenarios=(*SCENARIOS, scenario_of("wrong", **changes))).check()
     with pytest.raises(StillwakeError, match="--settle 60"):
         replace(campaign, timing=replace(campaign.timing, settle=60.0)).check()
     campaign.check()

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from contract.config.tree import Config
+from contract.controller.onnx_session import OnnxController
 from contract.errors import ConfigError
 from contract.release import bundle
 from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
-from firmware_sim.campaign.running import check_disturbances, flow_disturbances, run_task
+from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
 from firmware_sim.campaign.task import Task, Timing
 from tests.firmware_sim.campaign.conftest import scenario_of
 from wake.truck.state import developed_state
@@ -144,4 +145,4 @@ def test_only_what_acts_on_the_flow_is_left_without_control() -> None:
 )
 def test_a_disturbance_that_could_not_act_is_refused_with_its_scenario(release, text, says) -> None:
     with pytest.raises(ConfigError, match=rf"scenario 'wrong': .*{says}"):
-        check_disturbances(scenario_of("wrong", disturb=(text,)), Config(), release, TIMING)
+        check_run(scenario_of("wrong", disturb=(text,)), Config(), release, TIMING, OnnxController.of(release))

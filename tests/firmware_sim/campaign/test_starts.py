@@ -7,7 +7,7 @@ import pytest
 
 from contract.config.tree import Config
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.starts import digest_of, starting_states
+from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
 from wake.truck.state import developed_state
 
 pytestmark = pytest.mark.slow  # advances the real wake
@@ -23,6 +23,8 @@ def test_phases_follow_each_other_in_the_developed_wake(shared_wake, tmp_path) -
         shared_wake.advance(0.0)
         if period % 5 == 0:
             np.testing.assert_array_equal(states[period // 5].flat, shared_wake.state().flat)
+    assert list(tmp_path.iterdir()) == []
+    keep_states(folder, states)
     again = starting_states(folder, Config(), 5)
     assert [digest_of(state) for state in again] == [digest_of(state) for state in states]
     assert len({digest_of(state) for state in states}) == 5
