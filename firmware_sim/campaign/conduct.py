@@ -46,11 +46,13 @@ class Campaign:
 
     def check(self) -> None:
         """Raises StillwakeError, naming the scenario, for settings or disturbances that no run could have."""
-        self.timing.spans.periods(self.config.flow.control_period)
-        if self.timing.settle >= self.timing.controlled:
+        period = self.config.flow.control_period
+        lead_in, total = self.timing.spans.periods(period)
+        # The last sample is taken a period before the end.
+        if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
             raise StillwakeError(
-                f"--settle {self.timing.settle:g}: must be less than --controlled {self.timing.controlled:g}, or "
-                "nothing is left to average"
+                f"--settle {self.timing.settle:g}: must be at most {latest:g} with --controlled "
+                f"{self.timing.controlled:g}, or nothing is left to average"
             )
         controller = OnnxController.of(self.bundle)
         for scenario in self.scenarios:

@@ -145,13 +145,14 @@ def test_progress_ends_at_its_total(campaign, worker, tmp_path) -> None:
 
 def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:
     campaign = replace(campaign, bundle=bundle.load(short_release))
-    for changes in (
-        {"disturb": ("dead:sensor=upper_00",)},
-        {"settings": ("bus.interface=virtual",)},
-        {"settings": ("vehicle.actuator_delay=300",)},
+    for wrong in (
+        scenario_of("wrong", disturb=("dead:sensor=upper_00",)),
+        scenario_of("wrong", settings=("bus.interface=virtual",)),
+        scenario_of("wrong", settings=("vehicle.actuator_delay=300",)),
     ):
         with pytest.raises(ConfigError, match="scenario 'wrong': "):
-            replace(campaign, scenarios=(*SCENARIOS, scenario_of("wrong", **changes))).check()
-    with pytest.raises(StillwakeError, match="--settle 60"):
-        replace(campaign, timing=replace(campaign.timing, settle=60.0)).check()
+            replace(campaign, scenarios=(*SCENARIOS, wrong)).check()
+    with pytest.raises(StillwakeError, match=r"--settle 59\.9: must be at most 59\.8"):
+        replace(campaign, timing=replace(campaign.timing, settle=59.9)).check()
+    replace(campaign, timing=replace(campaign.timing, settle=59.8)).check()
     campaign.check()
