@@ -21,8 +21,9 @@ def campaign(short_release, shared_wake) -> Campaign:
     return Campaign(
         scenarios=(
             scenario_of("undisturbed"),
-            scenario_of("noise_0.5", "A", disturb=("noise:level=0.5", "ecu:drop:probability=0.3")),
-            scenario_of("gust", "B", disturb=("gust:amplitude=0.1,period=2",)),
+            scenario_of(
+                "rough", disturb=("noise:level=0.5", "ecu:drop:probability=0.3", "gust:amplitude=0.1,period=2")
+            ),
         ),
         bundle=bundle.load(short_release),
         config=Config(),
@@ -44,7 +45,7 @@ def test_one_worker_and_three_write_the_same_bytes(campaign, tmp_path) -> None:
     )
     assert one.rows == other.rows
     assert files(alone) == files(together)
-    assert {"campaign.json", "runs/noise_0.5.phase0.json", "runs/gust.uncontrolled.phase0.json"} <= files(alone).keys()
+    assert {"campaign.json", "runs/rough.phase0.json", "runs/rough.uncontrolled.phase0.json"} <= files(alone).keys()
     assert one.safe
 
 
