@@ -60,6 +60,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
             headline=tables.headline(result.rows),
             heads=tables.HEADS,
             criteria=criteria_text(Criteria()),
+            words_of=criteria_text,
             groups=[
                 (title, list(_group(rows))) for title, rows in groupby(result.rows, lambda row: row.scenario.group)
             ],

@@ -87,6 +87,12 @@ def test_an_unsafe_campaign_says_so_before_anything_else(written) -> None:
     assert "did not finish: it diverged" in page
 
 
+def test_criteria_of_its_own_stand_with_the_scenario(written) -> None:
+    rows = rows_of((scenario_of("strict", criteria=Criteria(useful=0.9)), [phase_of()]))
+    _, page = written(rows)
+    assert page.count("Judged by criteria of its own: at least 0.9 of") == 1
+
+
 def test_the_table_has_every_figure_by_name(written, some_rows) -> None:
     folder, _ = written(some_rows)
     with folder.table.open(encoding="utf-8", newline="") as file:
