@@ -17,6 +17,7 @@ from typing import Annotated, Final
 import typer
 
 from stillwake.commands.bundle import bundle
+from stillwake.commands.campaign import campaign
 from stillwake.commands.can import can
 from stillwake.commands.config import config
 from stillwake.commands.dataset import dataset
@@ -69,7 +70,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, ecu, vehicle, mcu),
+    CONTROL: (run, report, campaign, ecu, vehicle, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),

@@ -7,14 +7,20 @@ from typing import Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-_TEMPLATES: Final = Environment(
-    loader=PackageLoader("firmware_sim.runs"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
+
+def templates(package: str) -> Environment:
+    """The templates in the folder `templates` of a package; texts are escaped, a missing value is an error."""
+    return Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+_TEMPLATES: Final = templates("firmware_sim.runs")
 
 
 def render(template: str, **values: object) -> str:

@@ -38,6 +38,7 @@ BEGINNINGS = (
     "export.release.pipeline.lower",
     "firmware_sim.mcu.measure.compile_for_cortex_m7",
     "wake.recording.parallel.run_parallel",
+    "firmware_sim.campaign.conduct.execute",
     "wake.pictures.drawing.save_figure",
     "can_bridge.tools.raw_bus.open_bus",
     "firmware_sim.ecu.daemon.service.serve",

@@ -45,7 +45,7 @@ def run_parallel(
     waiting = sorted(jobs, key=lambda job: job.plan.steps - job.blocks.finished)
     running: dict[Future, EpisodeJob] = {}
     done = {job.plan.name: job.blocks.finished for job in jobs}
-    with _client(min(workers, len(jobs)), scheduler) as client:
+    with dask_client(min(workers, len(jobs)), scheduler) as client:
         present = set(client.nthreads())
         while waiting or running:
             while waiting and len(running) < max(1, len(present)):
@@ -83,7 +83,7 @@ def _finish(future: Future, job: EpisodeJob) -> None:
 
 
 @contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
+def dask_client(workers: int, scheduler: str | None) -> Iterator[Client]:
     """A client of the scheduler, or of a new local cluster of single-threaded processes."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is None:

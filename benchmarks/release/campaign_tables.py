@@ -1,0 +1,81 @@
+"""The tables of the campaign: every disturbance of the loop, safe or not, useful or not."""
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+from benchmarks.common.markdown import read, table
+from firmware_sim.campaign import paper
+
+FILE: Final = "campaign.json"
+MISSING: Final = "Not measured yet: the command above writes the file that this table is made of."
+
+
+def tables(results: Path) -> dict[str, str]:
+    """Every table by its marker; a note in its place while there is no campaign among the results."""
+    path = results / FILE
+    if not path.is_file():
+        return {"campaign": MISSING, "campaign_paper": MISSING}
+    found = read(path)
+    return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"])}
+
+
+def campaign(found: Mapping[str, Any]) -> str:
+    """The matrix, a row a scenario."""
+    rows: list[Sequence[object]] = []
+    for _, group in groupby(found["figures"], key=lambda row: row["group"]):
+        rows += [
+            (
+                row["name"],
+                row["sentence"],
+                "safe" if row["safe"] else "**UNSAFE**",
+                row["use"],
+                _spread(row, "reduction_percent", ".1f"),
+                _spread(row, "abs_Cl", ".2f"),
+                _number(row["in_control_percent"], ".0f"),
+                row["latches"] or "",
+            )
+            for row in group
+        ]
+    heads = ("scenario", "what is done", "safe", "use", "less drag, %", "mean abs Cl", "in control, %", "latched")
+    facts, figures = found["facts"], found["figures"]
+    safe = sum(row["safe"] for row in figures)
+    return f"""{table(heads, rows)}
+
+Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} starting phases: means, and the least and
+the most of the phases. {facts["controlled"]:g} t_c with control, averages over the last
+{facts["controlled"] - facts["settle"]:g}. {safe} of {len(figures)} scenarios are safe."""
+
+
+def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
+    """Delay beside the paper's own figures."""
+    by_name = {row["name"]: row for row in figures}
+    rows = []
+    for delay in (0, 2, 4, 8, 12):
+        compensated = by_name.get("undisturbed" if delay == 0 else f"delay_{delay}")
+        uncompensated = by_name.get("undisturbed" if delay == 0 else f"delay_{delay}_uncompensated")
+        if compensated is None or uncompensated is None:
+            continue
+        Cd = paper.DELAYED_CD.get(delay)
+        rows.append(
+            (
+                delay,
+                _number(compensated["reduction_percent"], ".1f"),
+                _number(compensated["abs_Cl"], ".2f"),
+                _number(uncompensated["reduction_percent"], ".1f"),
+                _number(uncompensated["abs_Cl"], ".2f"),
+                "" if Cd is None else f"{paper.reduction_percent(Cd):.1f}",
+            )
+        )
+    heads = ("delay, periods", "less drag, %", "mean abs Cl", "not compensated, %", "mean abs Cl", "paper, %")
+    return table(heads, rows)
+
+
+def _spread(row: Mapping[str, Any], name: str, style: str) -> str:
+    mean, least, most = (_number(row[f"{name}{ending}"], style) for ending in ("", "_min", "_max"))
+    return mean if least == most else f"{mean} ({least} to {most})"
+
+
+def _number(value: float | None, style: str) -> str:
+    return "-" if value is None else f"{value:{style}}"

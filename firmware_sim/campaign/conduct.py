@@ -1,0 +1,233 @@
+"""A whole campaign: what is missing is run, the two that hurt most are combined, and every scenario is judged."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from typing import Any
+
+from contract.config import loading
+from contract.config.tree import Config
+from contract.controller.onnx_session import OnnxController
+from contract.errors import StillwakeError
+from contract.release.bundle import Bundle
+from firmware_sim.campaign import worst
+from firmware_sim.campaign.execution import execute
+from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
+from firmware_sim.campaign.judgement import Phase, Row, judged
+from firmware_sim.campaign.outcome import Outcome
+from firmware_sim.campaign.running import check_run, flow_disturbances
+from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
+from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
+from firmware_sim.campaign.task import Task, Timing, seed_of, settings_of
+from wake.truck.state import State
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """What is to be run.
+
+    Attributes:
+        scenarios: the undisturbed one among them.
+        bundle: release under test.
+        config: settings of all runs; scenarios have theirs on top.
+        timing: spans of every run.
+        phases: starts a scenario, equal parts of a shedding cycle apart.
+        seed: of everything that is drawn.
+        combine: whether the two scenarios that hurt most are run together at the end.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    bundle: Bundle
+    config: Config
+    timing: Timing
+    phases: int = 3
+    seed: int = 0
+    combine: bool = True
+
+    def check(self) -> None:
+        """Raises StillwakeError, naming the scenario, for settings or disturbances that no run could have."""
+        period = self.config.flow.control_period
+        lead_in, total = self.timing.spans.periods(period)
+        # The last sample is taken a period before the end.
+        if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
+            raise StillwakeError(
+                f"--settle {self.timing.settle:g}: must be at most {latest:g} with --controlled "
+                f"{self.timing.controlled:g}, or nothing is left to average"
+            )
+        controller = OnnxController.of(self.bundle)
+        for scenario in self.scenarios:
+            check_run(scenario, settings_of(scenario, self.config), self.bundle, self.timing, controller)
+
+    def label(self) -> dict[str, Any]:
+        """What makes it this campaign and no other, as plain JSON; its scenarios may change."""
+        return {
+            "schema": SCHEMA,
+            "version": version("stillwake"),
+            "bundle": self.bundle.digest,
+            "seed": self.seed,
+            "phases": self.phases,
+            "lead_in": self.timing.lead_in,
+            "controlled": self.timing.controlled,
+            "settle": self.timing.settle,
+            "settings": loading.to_tree(self.config),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """A finished campaign.
+
+    Attributes:
+        rows: a scenario each, in the plan's order, the combination last.
+        made, kept: runs of this call, and runs that were there already.
+    """
+
+    rows: tuple[Row, ...]
+    made: int
+    kept: int
+
+    @property
+    def safe(self) -> bool:
+        """Whether every scenario is."""
+        return all(row.safe for row in self.rows)
+
+
+def conduct(
+    campaign: Campaign,
+    folder: CampaignFolder,
+    *,
+    workers: int,
+    scheduler: str | None = None,
+    progress: Callable[[int, int, str], None] = lambda done, total, name: None,
+) -> Result:
+    """Run what is missing of a campaign; finished runs of an earlier call are kept. Until one is, nothing is written.
+
+    Args:
+        campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
+        folder: where finished runs are kept.
+        workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
+        progress: called with (runs done, runs in all, name of the one that just finished).
+
+    Raises:
+        StillwakeError: if the folder cannot be written, there is no start, or the workers fail.
+    """
+    stages = _Stages(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
+    scenarios = campaign.scenarios
+    stages.run(scenarios, workers, scheduler)
+    rows = stages.rows(scenarios)
+    combined = worst.two_worst(rows) if campaign.combine else None
+    if combined is not None:
+        scenarios = (*scenarios, combined)
+        stages.run((combined,), workers, scheduler)
+        rows = stages.rows(scenarios)
+    stages.claim()
+    return Result(rows=rows, made=stages.made, kept=stages.kept)
+
+
+class _Stages:
+    """The runs of a campaign, stage by stage."""
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        folder: CampaignFolder,
+        starts: Sequence[State],
+        progress: Callable[[int, int, str], None],
+    ) -> None:
+        self._campaign, self._folder, self._starts, self._progress = campaign, folder, starts, progress
+        self._digests = [digest_of(state) for state in starts]
+        self._outcomes: dict[str, Outcome] = {}
+        self._total = 0
+        self._claimed = False
+        self.made = 0
+        self.kept = 0
+
+    def run(self, scenarios: Sequence[Scenario], workers: int, scheduler: str | None) -> None:
+        """Compute what is missing of these."""
+        tasks = {task.name: task for scenario in scenarios for task in self._tasks(scenario)}
+        missing = []
+        for name, task in tasks.items():
+            if name in self._outcomes:
+                continue
+            found = self._folder.outcome(name, self._key(task))
+            if found is None:
+                missing.append(task)
+            else:
+                self._outcomes[name] = found
+                self.kept += 1
+        self._total = len(self._outcomes) + len(missing)
+        self._progress(len(self._outcomes), self._total, "")
+        execute(
+            missing, self._campaign.bundle, self._starts, workers=workers, scheduler=scheduler, finished=self._finished
+        )
+
+    def rows(self, scenarios: Sequence[Scenario]) -> tuple[Row, ...]:
+        """The judgement of these."""
+        return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
+
+    def _phases(self, scenario: Scenario) -> list[Phase]:
+        return [
+            Phase(
+                under=self._outcomes[_name(scenario.name, phase)],
+                free=self._outcomes[self._free_name(scenario, phase)],
+            )
+            for phase in range(self._campaign.phases)
+        ]
+
+    def _finished(self, task: Task, outcome: Outcome) -> None:
+        self.claim()
+        outcome = replace(outcome, key=self._key(task))
+        self._folder.keep(task.name, outcome)
+        self._outcomes[task.name] = outcome
+        self.made += 1
+        self._progress(len(self._outcomes), self._total, task.name)
+
+    def claim(self) -> None:
+        """Make the folder this campaign's, now that there is something to keep."""
+        if self._claimed:
+            return
+        self._folder.claim(self._campaign.label())
+        keep_states(self._folder, self._starts)
+        for name, outcome in self._outcomes.items():
+            # Found in a campaign that is being replaced, which had this run as well.
+            self._folder.keep(name, outcome)
+        self._claimed = True
+
+    def _tasks(self, scenario: Scenario) -> list[Task]:
+        """Its runs under control and, of its flow, without."""
+        made = []
+        for phase in range(self._campaign.phases):
+            common: dict[str, Any] = {"phase": phase, "timing": self._campaign.timing}
+            free = self._free_name(scenario, phase)
+            made.append(
+                Task(
+                    name=free,
+                    disturb=flow_disturbances(scenario.disturb),
+                    config=self._campaign.config,
+                    controlled=False,
+                    seed=seed_of(self._campaign.seed, free, phase),
+                    **common,
+                )
+            )
+            made.append(
+                Task(
+                    name=_name(scenario.name, phase),
+                    disturb=scenario.disturb,
+                    config=settings_of(scenario, self._campaign.config),
+                    controlled=True,
+                    seed=seed_of(self._campaign.seed, scenario.name, phase),
+                    **common,
+                )
+            )
+        return made
+
+    def _free_name(self, scenario: Scenario, phase: int) -> str:
+        changed = bool(flow_disturbances(scenario.disturb))
+        return _name(f"{scenario.name}.{UNCONTROLLED}" if changed else UNCONTROLLED, phase)
+
+    def _key(self, task: Task) -> str:
+        return task.key(self._campaign.bundle.digest, self._digests[task.phase], version("stillwake"))
+
+
+def _name(scenario: str, phase: int) -> str:
+    return f"{scenario}.phase{phase}"

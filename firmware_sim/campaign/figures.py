@@ -1,0 +1,186 @@
+"""Figures of a campaign: drag and side force over noise and delay, each group at a glance, and the course of runs.
+
+Colours are those of Okabe and Ito, which colour-blind readers tell apart; marks differ as well.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from firmware_sim.campaign import paper
+from firmware_sim.campaign.judgement import Row, Spread, Use
+from firmware_sim.campaign.scenario import UNDISTURBED
+
+BLUE: Final = "#0072B2"
+ORANGE: Final = "#E69F00"
+VERMILLION: Final = "#D55E00"
+GREEN: Final = "#009E73"
+COLOURS: Final = {Use.USEFUL: BLUE, Use.MARGINAL: ORANGE, Use.NONE: VERMILLION}
+MARKS: Final = {Use.USEFUL: "o", Use.MARGINAL: "D", Use.NONE: "X"}
+_WIDTH: Final = 10.0
+"""Inches of a figure."""
+_DPI: Final = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Scenarios that differ in one number: (number, row) by it."""
+
+    label: str
+    points: tuple[tuple[float, Row], ...]
+
+
+def curve(rows: Sequence[Row], label: str, pattern: str) -> Curve:
+    """The scenarios whose whole name fits the pattern, whose first group is the number; the undisturbed one is at 0."""
+    found = []
+    for row in rows:
+        match = re.fullmatch(pattern, row.scenario.name)
+        if match is not None:
+            found.append((float(match[1]), row))
+        elif row.scenario.name == UNDISTURBED:
+            found.append((0.0, row))
+    return Curve(label=label, points=tuple(sorted(found, key=lambda point: point[0])))
+
+
+def figures_of(rows: Sequence[Row]) -> dict[str, Figure]:
+    """Every figure by its file's name: curves that have two points at least, and a glance at each group."""
+    made = {}
+    noise = curve(rows, "this loop", r"noise_(\d+\.?\d*)")
+    if len(noise.points) > 1:
+        made["noise"] = noise_figure(noise)
+    delays = [
+        curve(rows, "compensated", r"delay_(\d+)"),
+        curve(rows, "not compensated", r"delay_(\d+)_uncompensated"),
+    ]
+    if any(len(one.points) > 1 for one in delays):
+        made["delay"] = delay_figure([one for one in delays if len(one.points) > 1])
+    return {**made, "overview": overview_figure(rows)}
+
+
+def noise_figure(noise: Curve) -> Figure:
+    """Drag reduction and mean |Cl| over the level of sensor noise."""
+    figure, (left, right) = _panels("sensor noise / global deviations")
+    _draw(left, noise, "reduction", BLUE, "o")
+    _draw(right, noise, "abs_Cl", BLUE, "o")
+    # The paper gives a number for the loop without noise alone.
+    left.plot(0.0, paper.reduction_percent(paper.DELAYED_CD[0]), "*", color="black", markersize=11, label="paper")
+    _finish(left, right, noise.points[0][1])
+    return figure
+
+
+def delay_figure(delays: Sequence[Curve]) -> Figure:
+    """Drag reduction and mean |Cl| over the actuator's delay, with the paper's own points."""
+    figure, (left, right) = _panels("actuator delay / control periods")
+    for one, colour, mark in zip(delays, (BLUE, VERMILLION), ("o", "s"), strict=False):
+        _draw(left, one, "reduction", colour, mark)
+        _draw(right, one, "abs_Cl", colour, mark)
+    points = sorted(paper.DELAYED_CD.items())
+    reductions = [paper.reduction_percent(Cd) for _, Cd in points]
+    left.plot([delay for delay, _ in points], reductions, "*", color="black", markersize=11, label="paper, compensated")
+    _finish(left, right, delays[0].points[0][1])
+    return figure
+
+
+def overview_figure(rows: Sequence[Row]) -> Figure:
+    """Every scenario's drag reduction and mean |Cl|, with the spread over the phases."""
+    height = 0.9 + 0.24 * len(rows)
+    figure = Figure(figsize=(_WIDTH, height), dpi=_DPI)
+    left, right = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2), "wspace": 0.06})
+    figure.subplots_adjust(left=0.24, right=0.98, bottom=0.55 / height, top=1.0 - 0.35 / height)
+    for place, row in enumerate(rows):
+        style = {"color": COLOURS[row.use], "marker": MARKS[row.use]}
+        for axes, value in ((left, row.reduction), (right, row.abs_Cl)):
+            _bar(axes, value, place, style)
+    left.set_yticks(
+        range(len(rows)), [f"{'' if row.safe else 'UNSAFE  '}{row.scenario.name}" for row in rows], fontsize=8
+    )
+    left.set_ylim(len(rows) - 0.4, -0.6)
+    left.axvline(0.0, color="0.4", linewidth=0.8)
+    left.set_xlabel("less wall drag than without control / %")
+    right.set_xlabel("mean $|C_l|$")
+    free = rows[0].free_abs_Cl.mean if rows else float("nan")
+    if isfinite(free):
+        right.axvline(free, color="0.4", linewidth=0.8, linestyle=":")
+        right.text(free, -0.7, "without control", fontsize=8, ha="right", va="bottom", color="0.3")
+    right.set_xlim(left=0.0)
+    for axes in (left, right):
+        axes.grid(axis="x", alpha=0.25)
+    for use in Use:
+        left.plot([], [], linestyle="", marker=MARKS[use], color=COLOURS[use], label=str(use))
+    left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize=8, borderaxespad=0.1)
+    return figure
+
+
+def course_figure(row: Row) -> Figure | None:
+    """Drag, side force and action over time from every start, the flow without control in grey; None without a run."""
+    runs = [(phase.under.course, phase.free.course) for phase in row.phases]
+    if all(under is None for under, _ in runs):
+        return None
+    figure = Figure(figsize=(_WIDTH, 2.9), dpi=80)
+    panels = figure.subplots(3, 1, sharex=True, gridspec_kw={"hspace": 0.12})
+    figure.subplots_adjust(left=0.08, right=0.99, bottom=0.16, top=0.98)
+    for (under, free), colour in zip(runs, _cycle(len(runs)), strict=True):
+        for axes, name in zip(panels, ("Cd", "Cl", "action"), strict=True):
+            if free is not None and name != "action":
+                axes.plot(np.array(free.t) - free.enabled_t, getattr(free, name), color="0.75", linewidth=0.8)
+            if under is not None:
+                axes.plot(np.array(under.t) - under.enabled_t, getattr(under, name), color=colour, linewidth=0.9)
+    for axes, label in zip(panels, ("$C_d$", "$C_l$", "action"), strict=True):
+        axes.set_ylabel(label, fontsize=8)
+        axes.tick_params(labelsize=7)
+        axes.grid(alpha=0.25)
+        axes.axvline(0.0, color="0.4", linewidth=0.8, linestyle=":")
+    panels[-1].set_xlabel("$t_c$ after control is requested", fontsize=8)
+    figure.align_ylabels(panels)
+    return figure
+
+
+def _cycle(count: int) -> list[str]:
+    colours = [BLUE, ORANGE, GREEN, VERMILLION]
+    return [colours[number % len(colours)] for number in range(count)]
+
+
+def _panels(xlabel: str) -> tuple[Figure, tuple[Axes, Axes]]:
+    figure = Figure(figsize=(_WIDTH, 3.6), dpi=_DPI)
+    left, right = figure.subplots(1, 2)
+    figure.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.97, wspace=0.2)
+    left.set_ylabel("less wall drag than without control / %")
+    right.set_ylabel("mean $|C_l|$")
+    for axes in (left, right):
+        axes.set_xlabel(xlabel)
+        axes.grid(alpha=0.25)
+    return figure, (left, right)
+
+
+def _draw(axes: Axes, one: Curve, name: str, colour: str, mark: str) -> None:
+    """The means, and the least and most of the phases as bars."""
+    points = [(x, getattr(row, name)) for x, row in one.points]
+    known = [(x, value) for x, value in points if isfinite(value.mean)]
+    x = [place for place, _ in known]
+    low, mean, high = (np.array([getattr(value, part) for _, value in known]) for part in ("least", "mean", "most"))
+    axes.errorbar(
+        x, mean, yerr=[mean - low, high - mean] if known else None, color=colour, marker=mark, capsize=3, linewidth=1.2,
+        label=one.label,
+    )  # fmt: skip
+
+
+def _bar(axes: Axes, value: Spread, place: int, style: Mapping[str, Any]) -> None:
+    if isfinite(value.mean):
+        axes.plot([value.least, value.most], [place, place], color=style["color"], linewidth=2.0, alpha=0.5)
+        axes.plot(value.mean, place, linestyle="", markersize=6, **style)
+
+
+def _finish(left: Axes, right: Axes, undisturbed: Row) -> None:
+    left.axhline(0.0, color="0.4", linewidth=0.8)
+    free = undisturbed.free_abs_Cl.mean
+    if isfinite(free):
+        right.axhline(free, color="0.4", linewidth=0.8, linestyle=":", label="without control")
+    right.set_ylim(bottom=0.0)
+    for axes in (left, right):
+        axes.legend(frameon=False, fontsize=8)

@@ -1,0 +1,113 @@
+"""The folder of a campaign: what it is a campaign of, its starts, its finished runs, and its report.
+
+campaign.json           settings, seed, spans and bundle; a call with others is refused
+starts/phase_0.npz      flow states in which the runs begin
+runs/NAME.phase0.json   a finished run, written whole
+table.csv, figures/, report.html
+"""
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from contract.atomic import check_writable, replacing
+from contract.errors import OutputError
+from firmware_sim.campaign.outcome import Outcome, load, save
+
+SCHEMA: Final = "stillwake-campaign/1"
+
+
+@dataclass(frozen=True)
+class CampaignFolder:
+    """The files of one campaign."""
+
+    path: Path
+
+    @property
+    def report(self) -> Path:
+        return self.path / "report.html"
+
+    @property
+    def table(self) -> Path:
+        return self.path / "table.csv"
+
+    @property
+    def figures(self) -> Path:
+        return self.path / "figures"
+
+    def start(self, phase: int) -> Path:
+        """File of the flow state in which a phase begins."""
+        return self.path / "starts" / f"phase_{phase}.npz"
+
+    def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
+        """Find out before the work whether this campaign can go on here, without changing anything.
+
+        Args:
+            label: what the campaign is of, as plain JSON.
+            overwrite: whether another campaign may be replaced; what is no campaign never is.
+
+        Raises:
+            OutputError: another campaign is there, or something else.
+            StillwakeError: nothing can be written there.
+        """
+        check_writable(self.path, folder=True)
+        if not self.path.exists() or not any(self.path.iterdir()):
+            return
+        found = self._label()
+        if found is None:
+            raise OutputError(f"{self.path}: there is something that is no campaign; name another folder")
+        if found != _plain(label) and not overwrite:
+            names = ", ".join(
+                sorted(name for name in found.keys() | label.keys() if found.get(name) != label.get(name))
+            )
+            raise OutputError(
+                f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
+            )
+
+    def claim(self, label: Mapping[str, Any]) -> None:
+        """Make the folder this campaign's; what another one left in it goes, as `check` has allowed."""
+        if self._label() != _plain(label):
+            for folder in ("starts", "runs", "figures"):
+                shutil.rmtree(self.path / folder, ignore_errors=True)
+            for file in (self.table, self.report):
+                file.unlink(missing_ok=True)
+        with replacing(self._label_file) as temporary:
+            temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+    def outcome(self, name: str, key: str) -> Outcome | None:
+        """The finished run of that name, if it is of that key."""
+        found = load(self._run(name))
+        return found if found is not None and found.key == key else None
+
+    def keep(self, name: str, outcome: Outcome) -> None:
+        """Write a run that finished; one that did not is made again by the next call."""
+        if not outcome.failure:
+            save(self._run(name), outcome)
+
+    @property
+    def finished(self) -> int:
+        """Runs that are kept."""
+        return sum(1 for _ in (self.path / "runs").glob("*.json"))
+
+    def _run(self, name: str) -> Path:
+        return self.path / "runs" / f"{name}.json"
+
+    @property
+    def _label_file(self) -> Path:
+        return self.path / "campaign.json"
+
+    def _label(self) -> dict[str, Any] | None:
+        """Without one that can be read, None."""
+        try:
+            found: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return None
+        return found if isinstance(found, dict) and found.get("schema") == SCHEMA else None
+
+
+def _plain(label: Mapping[str, Any]) -> Any:
+    """As it comes back from JSON."""
+    return json.loads(json.dumps(label))

@@ -1,0 +1,231 @@
+"""What came of a campaign, a row a scenario: safe or not, useful or not, and how far the starting phases spread."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from math import inf, isfinite, nan
+from typing import Any
+
+from firmware_sim.campaign.outcome import Outcome
+from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
+
+
+class Use(StrEnum):
+    """Whether what the controller does under a disturbance is worth having it on."""
+
+    USEFUL = "useful"
+    MARGINAL = "marginal"
+    NONE = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """One starting phase of a scenario.
+
+    Attributes:
+        under: the run under control; its figures are None if it did not finish.
+        free: the run of the same flow from the same start without control.
+    """
+
+    under: Outcome
+    free: Outcome
+
+    @property
+    def reduction(self) -> float:
+        """Of the wall's mean drag, percent; NaN if a run is missing."""
+        if self.under.figures is None or self.free.figures is None:
+            return nan
+        return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
+
+    @property
+    def safe(self) -> bool:
+        """Whether it finished, and no invariant broke."""
+        service = self.under.service
+        return service is not None and service.violations == 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Mean, least and most over the phases."""
+
+    mean: float
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread":
+        if not values or not all(map(isfinite, values)):
+            return cls(mean=nan, least=nan, most=nan)
+        return cls(mean=sum(values) / len(values), least=min(values), most=max(values))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A scenario's outcome.
+
+    Attributes:
+        scenario: what was done.
+        phases: by number of the start.
+        safe: whether no invariant broke in any phase, and all finished.
+        use: see `Use`.
+        reduction: of wall drag against the same phase without control, percent.
+        lost: percentage points less than undisturbed.
+    """
+
+    scenario: Scenario
+    phases: tuple[Phase, ...]
+    safe: bool
+    use: Use
+    reduction: Spread
+    lost: float
+
+    @property
+    def abs_Cl(self) -> Spread:
+        return self._spread("abs_Cl")
+
+    @property
+    def mean_Cl(self) -> Spread:
+        return self._spread("mean_Cl")
+
+    @property
+    def Cd(self) -> Spread:
+        return self._spread("Cd")
+
+    @property
+    def rms_action(self) -> Spread:
+        return self._spread("rms_action")
+
+    @property
+    def free_Cd(self) -> Spread:
+        return _spread([phase.free for phase in self.phases], "Cd")
+
+    @property
+    def free_abs_Cl(self) -> Spread:
+        return _spread([phase.free for phase in self.phases], "abs_Cl")
+
+    @property
+    def in_control(self) -> float:
+        """Share of the requested time in which the controller planned, percent, over all phases."""
+        services = [phase.under.service for phase in self.phases if phase.under.service is not None]
+        requested = sum(one.requested for one in services)
+        return 100.0 * sum(one.in_control for one in services) / requested if requested else nan
+
+    @property
+    def latches(self) -> int:
+        return self._total("latches")
+
+    @property
+    def violations(self) -> int:
+        return self._total("violations")
+
+    @property
+    def broken(self) -> list[str]:
+        """Invariants that broke, and runs that did not finish, in words."""
+        found = []
+        for number, phase in enumerate(self.phases):
+            if phase.under.service is None:
+                found.append(f"phase {number}: did not finish: {phase.under.failure}")
+            else:
+                found += [f"phase {number}: {text}" for text in phase.under.service.broken]
+        return found
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """Control periods not in control, by the ECU's reason, over all phases; the most frequent first."""
+        count: Counter[str] = Counter()
+        for phase in self.phases:
+            if phase.under.service is not None:
+                count.update(phase.under.service.reasons)
+        return dict(sorted(count.items(), key=lambda item: (-item[1], item[0])))
+
+    def figures(self) -> dict[str, Any]:
+        """The row for other programs; a figure that does not exist is null."""
+        spreads = {
+            "reduction_percent": self.reduction,
+            "abs_Cl": self.abs_Cl,
+            "mean_Cl": self.mean_Cl,
+            "Cd": self.Cd,
+            "rms_action": self.rms_action,
+            "Cd_uncontrolled": self.free_Cd,
+            "abs_Cl_uncontrolled": self.free_abs_Cl,
+        }
+        return {
+            "name": self.scenario.name,
+            "group": self.scenario.group,
+            "sentence": self.scenario.sentence,
+            "safe": self.safe,
+            "use": self.use.value,
+            **{
+                f"{name}{ending}": _number(getattr(spread, field))
+                for name, spread in spreads.items()
+                for field, ending in (("mean", ""), ("least", "_min"), ("most", "_max"))
+            },
+            "lost_percent": _number(self.lost),
+            "phases": len(self.phases),
+            "in_control_percent": _number(self.in_control),
+            "latches": self.latches,
+            "not_in_control_reasons": self.reasons,
+            "frames_sent": self._total("frames_sent"),
+            "frames_lost": self._total("frames_lost"),
+            "frames_rejected": self._total("frames_rejected"),
+            "violations": self.violations,
+            "broken": self.broken,
+        }
+
+    def _spread(self, name: str) -> Spread:
+        return _spread([phase.under for phase in self.phases], name)
+
+    def _total(self, name: str) -> int:
+        return sum(int(getattr(phase.under.service, name)) for phase in self.phases if phase.under.service is not None)
+
+
+def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[Phase]]) -> tuple[Row, ...]:
+    """The rows, in the plan's order.
+
+    Args:
+        scenarios: the undisturbed one among them.
+        phases: by scenario; every scenario has the same number.
+    """
+    undisturbed = Spread.of([phase.reduction for phase in phases[UNDISTURBED]]).mean
+    return tuple(_row(one, tuple(phases[one.name]), undisturbed) for one in scenarios)
+
+
+def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
+    """Whether an outcome is useful.
+
+    Args:
+        reduction, undisturbed: of wall drag, percent, in this scenario and without disturbance.
+        side_force: mean |Cl| as a share of that without control.
+        criteria: the scenario's.
+    """
+    share = reduction / undisturbed if undisturbed > 0 else nan
+    # A comparison with NaN is false: what is not known is not useful.
+    if share >= criteria.useful and side_force <= criteria.abs_Cl:
+        return Use.USEFUL
+    return Use.MARGINAL if share > criteria.marginal else Use.NONE
+
+
+def _row(scenario: Scenario, phases: tuple[Phase, ...], undisturbed: float) -> Row:
+    reduction = Spread.of([phase.reduction for phase in phases])
+    row = Row(
+        scenario=scenario,
+        phases=phases,
+        safe=bool(phases) and all(phase.safe for phase in phases),
+        use=Use.NONE,
+        reduction=reduction,
+        lost=undisturbed - reduction.mean,
+    )
+    free = row.free_abs_Cl.mean
+    side_force = row.abs_Cl.mean / free if free > 0 else inf
+    return replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria))
+
+
+def _spread(outcomes: Sequence[Outcome], name: str) -> Spread:
+    """Of one of the `Figures`."""
+    return Spread.of([nan if one.figures is None else float(getattr(one.figures, name)) for one in outcomes])
+
+
+def _number(value: float) -> float | None:
+    """Six decimals; null where there is no number."""
+    return round(value, 6) if isfinite(value) else None

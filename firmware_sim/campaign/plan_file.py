@@ -1,0 +1,181 @@
+"""Test plans from TOML files, the built-in ones and a user's, in one form.
+
+    [[group]]
+    title = "Sensor noise"
+
+    [[group.scenario]]
+    name = "noise_{each}"
+    each = [0.1, 0.5]
+    sentence = "White noise of {each} global deviations on all sensors."
+    disturb = ["noise:level={each}@{after:20}.."]
+    set = ["ecu.delay_steps=2"]
+    criteria = { useful = 0.5 }
+
+A scenario with `each` stands for several: one a value, or one a sensor of the release with `each = "sensors"`. In its
+texts `{each}` is the value, `{base_sensor}` the release's first sensor on the base, `{sensor_1}` and so on its sensors,
+`{after:20}` the instant 20 t_c after control is requested, in s of the run, and `{seconds:20}` as many t_c in s.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import dacite
+
+from contract.config.loading import as_float, describe_error
+from contract.errors import ConfigError
+from firmware_sim.campaign.scenario import LONGEST_NAME, Criteria, Place, Scenario, check_names
+
+_T = TypeVar("_T")
+
+BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
+"""Names of the files in `plans/`, in the plan's order."""
+LARGEST_FILE: Final = 2**20
+"""Bytes; the built-in plan takes ten thousand."""
+MOST_SCENARIOS: Final = 1000
+SENSORS: Final = "sensors"
+"""In place of a list of values: the release's sensors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ScenarioForm:
+    """A scenario as a file has it."""
+
+    name: str
+    sentence: str
+    disturb: list[str] = field(default_factory=list)
+    set: list[str] = field(default_factory=list)
+    each: list[int | float | str] | str | None = None
+    criteria: Criteria | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _GroupForm:
+    """A group of scenarios as a file has it; each scenario is read by itself, so that an error can name it."""
+
+    title: str
+    scenario: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PlanForm:
+    """A whole file; `criteria` are of all its scenarios that have none of their own."""
+
+    group: list[_GroupForm]
+    criteria: Criteria = field(default_factory=Criteria)
+
+
+def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
+    """The built-in scenarios and those of a user's files, in this order.
+
+    Raises:
+        ConfigError: naming the file, and what in it is unknown, missing, of another type or makes no sense.
+    """
+    folder = files("firmware_sim.campaign").joinpath("plans")
+    sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
+    scenarios = tuple(one for source in sources for one in read_plan(source, place))
+    if len(scenarios) > MOST_SCENARIOS:
+        raise ConfigError(f"{len(scenarios)} scenarios: must be at most {MOST_SCENARIOS}")
+    check_names(scenarios)
+    return scenarios
+
+
+def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
+    """The scenarios of one file; raises ConfigError as `whole_plan` does."""
+    try:
+        plan = _read(_PlanForm, _parsed(source))
+        return tuple(
+            made for group in plan.group for raw in group.scenario for made in _made(raw, group, plan.criteria, place)
+        )
+    except ConfigError as error:
+        raise ConfigError(f"plan {source}: {error}") from error
+
+
+def _read(kind: type[_T], tree: Mapping[str, Any]) -> _T:
+    """A form from nested mappings; raises ConfigError naming the field."""
+    try:
+        return dacite.from_dict(kind, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
+    except dacite.UnexpectedDataError as error:
+        raise ConfigError(f"no field is called {', '.join(sorted(map(repr, error.keys)))}") from error
+    except dacite.DaciteError as error:
+        raise ConfigError(describe_error(error)) from error
+
+
+def _made(raw: Mapping[str, Any], group: _GroupForm, criteria: Criteria, place: Place) -> Iterator[Scenario]:
+    """The scenarios that one entry stands for."""
+    try:
+        form = _read(_ScenarioForm, raw)
+        for value in _values(form, place):
+            words = _words(place, value)
+            yield Scenario(
+                name=_filled(form.name, {**words, "each": _slug(value)}),
+                group=group.title,
+                sentence=_filled(form.sentence, words),
+                disturb=tuple(_filled(text, words) for text in form.disturb),
+                settings=tuple(_filled(text, words) for text in form.set),
+                criteria=form.criteria or criteria,
+            )
+    except ConfigError as error:
+        raise ConfigError(f"scenario {str(raw.get('name', '?'))[:LONGEST_NAME]!r}: {error}") from error
+
+
+def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
+    if form.each is None:
+        return ("",)
+    if form.each == SENSORS:
+        return place.sensors
+    if isinstance(form.each, str) or not form.each:
+        raise ConfigError(f"each = {form.each!r}: must be a list of values, or {SENSORS!r}")
+    return form.each
+
+
+def _words(place: Place, value: int | float | str) -> dict[str, object]:
+    words: dict[str, object] = {"each": value, "after": _Time(place.after), "seconds": _Time(place.seconds)}
+    words |= {f"sensor_{number}": name for number, name in enumerate(place.sensors, start=1)}
+    return words if place.base_sensor is None else {**words, "base_sensor": place.base_sensor}
+
+
+class _Time:
+    """Formats a time in t_c as seconds."""
+
+    def __init__(self, seconds: Callable[[float], float]) -> None:
+        self._seconds = seconds
+
+    def __format__(self, spec: str) -> str:
+        return f"{self._seconds(float(spec)):.9g}"
+
+
+def _filled(text: str, words: Mapping[str, object]) -> str:
+    try:
+        return text.format_map(words)
+    except KeyError as error:
+        raise ConfigError(f"{text!r}: {{{error.args[0]}}} is none of {', '.join(sorted(words))}") from error
+    except (ValueError, IndexError, AttributeError, TypeError) as error:
+        raise ConfigError(f"{text!r}: cannot be filled in ({error})") from error
+
+
+def _slug(value: int | float | str) -> str:
+    """A value as part of a name."""
+    return re.sub(r"[^a-z0-9_.]+", "_", str(value).lower())
+
+
+def _parsed(source: Traversable) -> dict[str, Any]:
+    try:
+        with source.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise ConfigError(f"larger than {LARGEST_FILE} bytes, is no test plan")
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(error.strerror or str(error)) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError("is no text in UTF-8") from error
+    except RecursionError as error:
+        raise ConfigError("nested too deeply") from error
+    except ValueError as error:  # tomllib's own error, or Python's for a number of thousands of digits, or a NUL
+        raise ConfigError(str(error)) from error

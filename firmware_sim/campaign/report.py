@@ -1,0 +1,94 @@
+"""A campaign as one self-contained HTML page: the matrix first, then curves, then a page a group; table and figures."""
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import date
+from itertools import groupby
+from typing import Any, Final
+
+from PIL import Image
+
+from contract.atomic import replacing
+from contract.config import loading
+from firmware_sim.campaign import figures, paper, tables
+from firmware_sim.campaign.conduct import Campaign, Result
+from firmware_sim.campaign.folder import CampaignFolder
+from firmware_sim.campaign.judgement import Row
+from firmware_sim.campaign.listing import criteria_text
+from firmware_sim.campaign.scenario import Criteria
+from firmware_sim.runs import pages
+
+_CURVES: Final = {
+    "noise": (
+        "Sensor noise",
+        f"Bars: least and most of the starting phases. Star: the paper's loop without noise; of noise it says in words "
+        f"{paper.NOISE!r}, and shows a picture without numbers.",
+    ),
+    "delay": (
+        "Actuator delay",
+        f"Bars: least and most of the starting phases. Stars: the paper's loop with compensation, mean Cd "
+        f"{paper.DELAYED_CD[0]:.3f} without delay and {paper.DELAYED_CD[12]:.3f} at 12 periods against "
+        f"{paper.UNCONTROLLED_CD:.3f} without control (appendix B); it gives no side force in numbers.",
+    ),
+    "overview": ("All at a glance", "Bars: least and most of the starting phases."),
+}
+"""Title and words under each figure."""
+_USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
+"""Sections of the settings that runs read."""
+
+
+def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day: date) -> None:
+    """Write the page, the table and the figures into the folder; each replaces an older one when it is whole."""
+    tables.write_csv(folder.table, result.rows)
+    pictures = {name: pages.png_of(figure) for name, figure in figures.figures_of(result.rows).items()}
+    for name, png in pictures.items():
+        with replacing(folder.figures / f"{name}.png") as temporary:
+            temporary.write_bytes(png)
+    manifest = campaign.bundle.manifest
+    page = (
+        pages.templates("firmware_sim.campaign")
+        .get_template("campaign.html.j2")
+        .render(
+            day=day.isoformat(),
+            controller=f"{manifest.name} ({manifest.precision}, {campaign.bundle.digest[:12]})",
+            phases=campaign.phases,
+            seed=campaign.seed,
+            controlled=campaign.timing.controlled,
+            settle=campaign.timing.settle,
+            reynolds=campaign.config.flow.reynolds,
+            safe=result.safe,
+            headline=tables.headline(result.rows),
+            heads=tables.HEADS,
+            criteria=criteria_text(Criteria()),
+            words_of=criteria_text,
+            groups=[
+                (title, list(_group(rows))) for title, rows in groupby(result.rows, lambda row: row.scenario.group)
+            ],
+            curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
+            settings=list(_leaves({name: loading.to_tree(campaign.config)[name] for name in _USED})),
+        )
+    )
+    with replacing(folder.report) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def _group(rows: Iterator[Row]) -> Iterator[tuple[Row, Sequence[str], str | None]]:
+    for row in rows:
+        course = figures.course_figure(row)
+        yield row, tables.cells(row), None if course is None else pages.data_uri(_small(pages.png_of(course)))
+
+
+def _small(png: bytes) -> bytes:
+    """The picture in 64 colours, which lines on white do with: a page holds dozens."""
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as picture:
+        picture.convert("RGB").quantize(64, dither=Image.Dither.NONE).save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name} = {value}"

@@ -1,0 +1,120 @@
+"""One run of a campaign, in whatever process: the loop under its disturbances, or the flow without control."""
+
+from collections import Counter
+from collections.abc import Iterable
+
+import numpy as np
+
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.tree import Config
+from contract.controller.interface import RunnableController
+from contract.errors import ConfigError, StillwakeError
+from contract.release.bundle import Bundle
+from firmware_sim.bench.disturbances import Disturbances, Gust, Reynolds
+from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.invariants import Invariants
+from firmware_sim.bench.simulation import Simulation
+from firmware_sim.campaign.outcome import COURSE, MOST_KEPT, Course, Figures, Outcome, Service
+from firmware_sim.campaign.scenario import Scenario
+from firmware_sim.campaign.task import Task, Timing
+from firmware_sim.runs.control import control
+from firmware_sim.runs.run_log import RunLog
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
+
+
+def run_task(task: Task, bundle: Bundle, start: State) -> Outcome:
+    """Run it from that start. The outcome depends on the arguments alone; its key is the caller's to fill in.
+
+    What is raised in a run is a finding of the campaign, not its end: the outcome says what it was.
+    """
+    try:
+        return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
+    except StillwakeError as error:
+        return Outcome(key="", failure=str(error))
+    except Exception as error:  # noqa: BLE001  (that no exception leaves the ECU is one of the things under test)
+        return Outcome(key="", failure=f"{type(error).__name__}: {error}")
+
+
+def check_run(
+    scenario: Scenario, config: Config, bundle: Bundle, timing: Timing, controller: RunnableController
+) -> None:
+    """Raises ConfigError, naming the scenario, for settings or disturbances with which a run could not be one."""
+    try:
+        Simulation(
+            bundle,
+            config,
+            spans=timing.spans,
+            controller=controller,
+            disturbances=Disturbances.parse(scenario.disturb),
+        )
+    except StillwakeError as error:
+        raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
+
+
+def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
+    """Those that act on the flow, also where nobody controls it."""
+    disturbances = Disturbances.parse(texts)
+    return tuple(
+        text
+        for text, one in zip(disturbances.texts, disturbances.items, strict=True)
+        if isinstance(one, Gust | Reynolds)
+    )
+
+
+def _under_control(task: Task, bundle: Bundle, start: State) -> Outcome:
+    disturbances = Disturbances.parse(task.disturb)
+    observer = Invariants.of(task.config, disturbances)
+    simulation = Simulation(bundle, task.config, spans=task.timing.spans, disturbances=disturbances, seed=task.seed)
+    log = simulation.run(_wake(task, start), observer=observer)
+    enabled_t = float(log.series["t"][log.enabled_at])
+    course = Course.of(log.series, enabled_t)
+    broken = [f"period {one.period}: {one.invariant}: {one.detail}" for one in observer.violations]
+    return Outcome(
+        key="",
+        figures=Figures.over(course, enabled_t + task.timing.settle),
+        course=course,
+        service=_service(log, broken),
+    )
+
+
+def _free(task: Task, bundle: Bundle, start: State) -> Outcome:
+    """The flow by itself, for as long as a run under control goes on."""
+    config, wake = task.config, _wake(task, start)
+    lead_in, periods = task.timing.spans.periods(config.flow.control_period)
+    disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed)
+    samples = []
+    with disturbing.in_flow(wake):
+        for period in range(periods):
+            disturbing.set_flow(period * config.period_ns)
+            samples.append(wake.sample())
+            wake.advance_to(config.flow.substeps, 0.0)
+    series = {name: np.array([getattr(sample, name) for sample in samples]) for name in COURSE}
+    enabled_t = samples[lead_in].t
+    course = Course.of(series, enabled_t)
+    return Outcome(key="", figures=Figures.over(course, enabled_t + task.timing.settle), course=course)
+
+
+def _wake(task: Task, start: State) -> TruckWake:
+    wake = TruckWake(task.config.flow, body=task.config.body)
+    wake.reset(start)
+    return wake
+
+
+def _service(log: RunLog, broken: list[str]) -> Service:
+    held = control(log)
+    modes = log.series["mode"][log.enabled_at + held.warm_up :].astype(int)
+    reasons = log.series["reason"][log.enabled_at + held.warm_up :].astype(int)
+    before = np.concatenate([[Mode.OFF], modes[:-1]])
+    out_of_control = reasons[modes != Mode.CONTROL]
+    return Service(
+        requested=held.requested - held.warm_up,
+        in_control=held.in_control,
+        latches=int(np.count_nonzero((modes == Mode.FAULT) & (before != Mode.FAULT))),
+        reasons=dict(sorted(Counter(Reason(reason).name for reason in out_of_control.tolist()).items())),
+        frames_sent=log.bus.sent,
+        frames_lost=log.bus.lost,
+        frames_rejected=log.bus.rejected,
+        violations=len(broken),
+        broken=broken[:MOST_KEPT],
+    )

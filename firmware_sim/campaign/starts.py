@@ -1,0 +1,60 @@
+"""Where runs begin: the developed wake in several phases of its shedding cycle, so that no figure hangs on one."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+from contract.config.tree import Config
+from contract.errors import PlantError
+from firmware_sim.bench.spans import SHEDDING_TIME
+from firmware_sim.campaign.folder import CampaignFolder
+from wake.truck.state import State, developed_state, load_state, save_state
+from wake.truck.truck_wake import TruckWake
+
+
+def phases_apart(phases: int, control_period: float) -> list[int]:
+    """Control periods from the developed wake to each phase: equal parts of a shedding cycle."""
+    return [round(number * SHEDDING_TIME / phases / control_period) for number in range(phases)]
+
+
+def starting_states(folder: CampaignFolder, config: Config, phases: int) -> tuple[State, ...]:
+    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now.
+
+    Raises:
+        PlantError: if there is no developed wake for the settings.
+    """
+    kept = [_kept(folder, number) for number in range(phases)]
+    found = [state for state in kept if state is not None]
+    if len(found) == phases:
+        return tuple(found)
+    return _advanced(config, phases_apart(phases, config.flow.control_period))
+
+
+def keep_states(folder: CampaignFolder, states: Sequence[State]) -> None:
+    """Write the states of all phases where `starting_states` finds them."""
+    for number, state in enumerate(states):
+        save_state(folder.start(number), state)
+
+
+def digest_of(state: State) -> str:
+    """Hash of the flow, in hex."""
+    return hashlib.sha256(state.flat.tobytes()).hexdigest()
+
+
+def _kept(folder: CampaignFolder, phase: int) -> State | None:
+    try:
+        return load_state(folder.start(phase))
+    except PlantError:
+        return None
+
+
+def _advanced(config: Config, periods: Sequence[int]) -> tuple[State, ...]:
+    wake = TruckWake(config.flow, body=config.body)
+    wake.reset(replace(developed_state(), substep=0, action=0.0))
+    states, done = [], 0
+    for wanted in periods:
+        for _ in range(wanted - done):
+            wake.advance(0.0)
+        done = wanted
+        states.append(replace(wake.state(), substep=0, action=0.0))
+    return tuple(states)

@@ -1,0 +1,67 @@
+"""A campaign's rows as tables: the matrix for people, and CSV for programs."""
+
+import csv
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Final
+
+from contract.atomic import replacing
+from firmware_sim.campaign.judgement import Row, Spread
+
+HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
+"""Of `cells`."""
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A row of the matrix in words, by `HEADS`."""
+    return (
+        row.scenario.name,
+        safe_word(row),
+        row.use.value,
+        spread(row.reduction, ".1f"),
+        spread(row.abs_Cl, ".2f"),
+        number(row.in_control, ".0f"),
+        str(row.latches) if row.latches else "",
+    )
+
+
+def safe_word(row: Row) -> str:
+    """Whether it is safe, in a word that needs no colour."""
+    return "safe" if row.safe else "UNSAFE"
+
+
+def spread(value: Spread, style: str) -> str:
+    """Mean (least to most); the mean alone where all phases agree or there is one."""
+    mean, least, most = (number(one, style) for one in (value.mean, value.least, value.most))
+    return mean if least == most else f"{mean} ({least} to {most})"
+
+
+def number(value: float, style: str) -> str:
+    """A number in that format; a dash where there is none."""
+    return f"{value:{style}}" if isfinite(value) else "-"
+
+
+def headline(rows: Sequence[Row]) -> str:
+    """The campaign in a sentence."""
+    safe = sum(row.safe for row in rows)
+    uses = [sum(row.use == use for row in rows) for use in ("useful", "marginal", "none")]
+    unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
+    ending = f"; UNSAFE: {unsafe}" if unsafe else ""
+    return f"{safe} of {len(rows)} scenarios safe; {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use{ending}."
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """Write every figure of every row, whole or not at all; a figure that does not exist is empty."""
+    figures = [row.figures() for row in rows]
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(figures[0])
+        for row in figures:
+            writer.writerow(
+                ["; ".join(_listed(value)) if isinstance(value, list | dict) else value for value in row.values()]
+            )
+
+
+def _listed(value: list[str] | dict[str, int]) -> list[str]:
+    return value if isinstance(value, list) else [f"{name} {count}" for name, count in value.items()]

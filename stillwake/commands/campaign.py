@@ -1,0 +1,208 @@
+"""The command that runs a test plan: the loop under every disturbance, in parallel, and one report of it."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from contract.config.tree import Config
+from contract.errors import StillwakeError
+from contract.release.bundle import Bundle
+from contract.results import versions, write_result
+from stillwake.outputs import check_json
+from stillwake.releases import Trust, describe, open_release
+from stillwake.settings import settings
+from stillwake.stopping import go_on_with
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+
+if TYPE_CHECKING:
+    from firmware_sim.campaign.conduct import Campaign, Result
+    from firmware_sim.campaign.folder import CampaignFolder
+
+NOT_SAFE: Final = 3
+"""Exit status of a campaign that is whole, but in which an invariant broke."""
+_USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
+_QUICK: Final = {"phases": 1, "controlled": 40.0, "settle": 20.0}
+"""One start and two thirds of the time: a look, not a figure."""
+_WHOLE: Final = {"phases": 3, "controlled": 60.0, "settle": 20.0}
+_LONGEST: Final = 1e6
+"""t_c: a run of a day."""
+_MOST_PHASES: Final = 25
+"""A shedding cycle has as many control periods."""
+
+
+def campaign(
+    output: Annotated[
+        Path | None, typer.Argument(help="Folder to write; a campaign that was stopped there goes on.")
+    ] = None,
+    scenarios: Annotated[
+        list[Path],
+        typer.Option(
+            help="TOML file with scenarios of your own, beside the built-in ones (repeatable).", metavar="FILE"
+        ),
+    ] = [],  # noqa: B006  (typer reads it, nothing writes it)
+    only: Annotated[
+        list[str],
+        typer.Option(help="Only scenarios whose name matches, e.g. 'noise_*' (repeatable).", metavar="GLOB"),
+    ] = [],  # noqa: B006
+    list_them: Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One starting phase and 40 t_c with control: a look, not a figure.")
+    ] = False,
+    phases: Annotated[
+        int | None, typer.Option(help="Starts, equal parts of a shedding cycle apart (3).", min=1, max=_MOST_PHASES)
+    ] = None,
+    controlled: Annotated[
+        float | None, typer.Option(help="Time with control, t_c (60).", min=0.2, max=_LONGEST)
+    ] = None,
+    settle: Annotated[
+        float | None, typer.Option(help="Left out of the averages, t_c (20).", min=0.0, max=_LONGEST)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything that the disturbances draw.", min=0)] = 0,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes, a run each at a time; default: one a core.", min=1)
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Run on this dask scheduler's workers.")] = None,
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    trust: Trust = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a campaign with other settings that is in the folder.")
+    ] = False,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Run a test plan: the loop under noise, delay, lying sensors, a bad bus, another flow, each from several starts.
+
+    Writes a table, figures and one page into the folder. It can be stopped at
+    any time: finished runs are kept, and the same command goes on. Another
+    seed, bundle, span or setting makes another campaign.
+
+    Exit status 3: an invariant broke in a scenario. What is of no use to the
+    drag is a figure, no failure.
+    """
+    from firmware_sim.campaign.folder import CampaignFolder
+    from firmware_sim.campaign.listing import listing
+
+    if output is None and not list_them:
+        raise StillwakeError("name the folder to write, or give --list to see the test plan")
+    check_json(json_file)
+    config = settings("campaign", config_file, overrides, uses=_USES).config
+    release = open_release(bundle, trust)
+    defaults = _QUICK if quick else _WHOLE
+    given = {"phases": phases, "controlled": controlled, "settle": settle}
+    spans = {name: defaults[name] if value is None else value for name, value in given.items()}
+    planned = _planned(release, config, scenarios, only, spans, seed)
+    if list_them or output is None:
+        lines = listing(planned.scenarios, phases=planned.phases, combine=planned.combine)
+        console.print(*lines, sep="\n", soft_wrap=True, markup=False, highlight=False)
+        return
+    folder = CampaignFolder(output)
+    folder.check(planned.label(), overwrite=overwrite)
+    console.print(*describe(release), sep="\n", soft_wrap=True)
+    result = _conducted(planned, folder, _cores() if workers is None else workers, scheduler)
+
+    from firmware_sim.campaign.report import write_report
+
+    write_report(folder, planned, result, date.today())
+    if json_file is not None:
+        facts = {
+            **planned.label(),
+            "bundle_name": release.manifest.name,
+            "versions": versions("stillwake", "numpy", "numba"),
+        }
+        write_result(json_file, figures=[row.figures() for row in result.rows], facts=facts, on=date.today())
+    _print(result)
+    console.print(f"wrote {folder.report} and {folder.table}", soft_wrap=True, markup=False)
+    if not result.safe:
+        raise typer.Exit(NOT_SAFE)
+
+
+def _planned(
+    release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
+) -> "Campaign":
+    """The campaign that was asked for, checked: whatever is wrong with it is said before anything runs."""
+    from contract.body_sensors import layout_of
+    from firmware_sim.campaign.conduct import Campaign
+    from firmware_sim.campaign.plan_file import whole_plan
+    from firmware_sim.campaign.scenario import COMBINED, Place, matches, selected
+    from firmware_sim.campaign.task import MARGIN, Timing
+    from firmware_sim.ecu.fit import check_flow, check_sensors
+
+    check_flow(release, config.flow)
+    layout = layout_of(config.body)
+    check_sensors(release, layout)
+    sensors = release.manifest.sensors
+    on_base = {layout.names[column] for column in layout.base}
+    # The controller's window fills without control, with what the disturbed sensors read.
+    lead_in = (release.manifest.window + MARGIN) * config.flow.control_period
+    place = Place(
+        sensors=sensors,
+        base_sensor=next((name for name in sensors if name in on_base), None),
+        enabled_s=(release.manifest.window + MARGIN) * config.period_ns / 1e9,
+        t_c_s=config.operating_point.convective_time,
+    )
+    campaign = Campaign(
+        scenarios=selected(whole_plan(files, place), only),
+        bundle=release,
+        config=replace(config, mpc=release.manifest.mpc),
+        timing=Timing(lead_in=lead_in, controlled=spans["controlled"], settle=spans["settle"]),
+        phases=int(spans["phases"]),
+        seed=seed,
+        combine=matches(COMBINED, only),
+    )
+    campaign.check()
+    return campaign
+
+
+def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, scheduler: str | None) -> "Result":
+    """Run what is missing, with progress; when it is stopped, say how to go on."""
+    from firmware_sim.campaign.conduct import conduct
+
+    # A run takes half a minute: the speed is that of the last hour.
+    with progress_bar("runs", estimate_over=3600.0) as bar:
+        task = bar.add_task("campaign", total=None, note="")
+        bar.update(task, completed=0, note="preparing the starts")
+
+        def show(done: int, total: int, name: str) -> None:
+            bar.update(task, completed=done, total=total, note=name, refresh=True)
+
+        try:
+            return conduct(planned, folder, workers=workers, scheduler=scheduler, progress=show)
+        except KeyboardInterrupt:
+            if not folder.finished:
+                raise
+            with go_on_with(f"{folder.path} keeps {folder.finished} finished runs, the same command continues it"):
+                raise
+
+
+def _print(result: "Result") -> None:
+    """The matrix, and the headline last, where a terminal is read first."""
+    from firmware_sim.campaign.tables import HEADS, cells, headline
+
+    table = Table(*HEADS)
+    for row in result.rows:
+        styles = ["", "green" if row.safe else "bold red", {"useful": "blue", "marginal": "yellow"}.get(row.use, "red")]
+        words = cells(row)
+        table.add_row(
+            *(Text(word, style=style) for word, style in zip(words, [*styles, *[""] * len(words)], strict=False))
+        )
+    console.print(table)
+    if result.kept:
+        console.print(f"{result.made} runs made, {result.kept} kept from before", soft_wrap=True)
+    console.print(headline(result.rows), soft_wrap=True, markup=False)
+    for row in result.rows:
+        for text in row.broken:
+            console.print(
+                f"{row.scenario.name}: {text}", style="bold red", soft_wrap=True, markup=False, highlight=False
+            )
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

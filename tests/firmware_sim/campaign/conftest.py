@@ -1,0 +1,76 @@
+"""Outcomes made by hand, so that what is made of them can be worked out on paper."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import pytest
+
+from firmware_sim.campaign.judgement import Phase, Row, judged
+from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
+from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
+
+FREE = Figures(Cd=1.0, abs_Cl=0.9, mean_Cl=0.0, rms_action=0.0)
+
+
+def scenario_of(name: str, group: str = "a group", **fields) -> Scenario:
+    return Scenario(name=name, group=group, sentence=f"What {name} says.", **fields)
+
+
+def phase_of(
+    Cd: float = 0.8,
+    *,
+    abs_Cl: float = 0.2,
+    in_control: int = 100,
+    latches: int = 0,
+    broken: Sequence[str] = (),
+    failure: str = "",
+) -> Phase:
+    """A run of 100 periods against a free flow with Cd = 1 and |Cl| = 0.9."""
+    course = Course(
+        t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=[0.9, abs_Cl, -abs_Cl], action=[0.0, 0.01, 0.02], enabled_t=0.2
+    )
+    service = Service(
+        requested=100,
+        in_control=in_control,
+        latches=latches,
+        reasons={} if in_control == 100 else {"STREAM_LOST": 100 - in_control},
+        frames_sent=200,
+        frames_lost=3,
+        frames_rejected=1,
+        violations=len(broken),
+        broken=list(broken),
+    )
+    under = Outcome(
+        key="k", figures=Figures(Cd=Cd, abs_Cl=abs_Cl, mean_Cl=0.01, rms_action=0.03), course=course, service=service
+    )
+    if failure:
+        under = Outcome(key="k", failure=failure)
+    return Phase(under=under, free=Outcome(key="f", figures=FREE, course=replace(course, action=[0.0] * 3)))
+
+
+def rows_of(*others: tuple[Scenario, Sequence[Phase]], undisturbed: Sequence[Phase] | None = None) -> tuple[Row, ...]:
+    """The undisturbed scenario, 20 % less drag if nothing is said, and others."""
+    first = (scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()])
+    everything = [first, *others]
+    return judged([one for one, _ in everything], {one.name: phases for one, phases in everything})
+
+
+@pytest.fixture
+def scenario() -> Callable[..., Scenario]:
+    return scenario_of
+
+
+@pytest.fixture
+def phase() -> Callable[..., Phase]:
+    return phase_of
+
+
+@pytest.fixture
+def rows() -> Callable[..., tuple[Row, ...]]:
+    return rows_of
+
+
+@pytest.fixture
+def place() -> Place:
+    """A release whose third sensor is on the base; control is asked for at 0.7 s, and a t_c takes 0.1 s."""
+    return Place(sensors=("upper_39", "lower_39", "base_0", "base_9"), base_sensor="base_0", enabled_s=0.7, t_c_s=0.1)

@@ -1,0 +1,158 @@
+"""A campaign's stages: what is run, what is kept, and what is combined; the runs themselves are made up here."""
+
+from dataclasses import replace
+
+import pytest
+
+from contract.config.tree import Config
+from contract.errors import ConfigError, StillwakeError
+from contract.release import bundle
+from firmware_sim.campaign import conduct as conducting
+from firmware_sim.campaign.conduct import Campaign, conduct
+from firmware_sim.campaign.folder import CampaignFolder
+from firmware_sim.campaign.outcome import Outcome
+from firmware_sim.campaign.task import Timing
+from tests.firmware_sim.campaign.conftest import phase_of, scenario_of
+
+SCENARIOS = (
+    scenario_of("undisturbed"),
+    scenario_of("noise_0.5", "A", disturb=("noise:level=0.5",)),
+    scenario_of("gust", "B", disturb=("gust:amplitude=0.1,period=20",)),
+)
+DRAG = {"undisturbed": 0.8, "noise_0.5": 0.85, "gust": 0.95, "two_worst": 0.97}
+
+
+@pytest.fixture
+def campaign(bundle_of) -> Campaign:
+    timing = Timing(lead_in=1.2, controlled=60.0, settle=20.0)
+    return Campaign(scenarios=SCENARIOS, bundle=bundle_of(), config=Config(), timing=timing, phases=2)
+
+
+class Worker:
+    """Runs nothing, and says by the scenario's name what came of it; stops when it is told to."""
+
+    def __init__(self) -> None:
+        self.ran: list[str] = []
+        self.stop_after = 10**6
+        self.failing = ""
+
+    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
+        for task in tasks:
+            if len(self.ran) == self.stop_after:
+                raise KeyboardInterrupt
+            self.ran.append(task.name)
+            scenario = task.name.rpartition(".phase")[0]
+            outcome = phase_of(DRAG.get(scenario, 1.0)).under if task.controlled else phase_of().free
+            finished(task, Outcome(key="", failure="it fell over") if task.name == self.failing else outcome)
+
+
+@pytest.fixture
+def worker(monkeypatch) -> Worker:
+    from wake.truck.state import developed_state
+
+    made = Worker()
+    monkeypatch.setattr(conducting, "execute", made)
+    monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (developed_state(),) * phases)
+    return made
+
+
+def test_every_scenario_runs_from_every_phase_and_the_two_worst_at_the_end(campaign, worker, tmp_path) -> None:
+    result = conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1)
+    assert worker.ran == [
+        *("uncontrolled.phase0", "undisturbed.phase0", "uncontrolled.phase1", "undisturbed.phase1"),
+        *("noise_0.5.phase0", "noise_0.5.phase1"),
+        *("gust.uncontrolled.phase0", "gust.phase0", "gust.uncontrolled.phase1", "gust.phase1"),
+        # The gust blows in the combination as well, so it is held against a flow of its own.
+        *("two_worst.uncontrolled.phase0", "two_worst.phase0", "two_worst.uncontrolled.phase1", "two_worst.phase1"),
+    ]
+    assert [row.scenario.name for row in result.rows] == ["undisturbed", "noise_0.5", "gust", "two_worst"]
+    assert [row.reduction.mean for row in result.rows] == pytest.approx([20.0, 15.0, 5.0, 3.0])
+    assert result.rows[-1].scenario.disturb == ("noise:level=0.5", "gust:amplitude=0.1,period=20")
+    assert (result.made, result.kept, result.safe) == (14, 0, True)
+
+
+def test_a_second_call_runs_nothing_and_says_the_same(campaign, worker, tmp_path) -> None:
+    first = conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1)
+    worker.ran.clear()
+    second = conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1)
+    assert worker.ran == []
+    assert (second.rows, second.kept) == (first.rows, 14)
+
+
+def test_a_campaign_that_is_stopped_goes_on(campaign, worker, tmp_path) -> None:
+    folder = CampaignFolder(tmp_path / "c")
+    worker.stop_after = 5
+    with pytest.raises(KeyboardInterrupt):
+        conduct(campaign, folder, workers=1)
+    assert folder.finished == 5
+    worker.stop_after = 10**6
+    result = conduct(campaign, folder, workers=1)
+    assert len(worker.ran) == len(set(worker.ran)) == 14
+    assert (result.made, result.kept) == (9, 5)
+
+
+def test_a_campaign_that_is_stopped_before_its_first_run_leaves_nothing(campaign, worker, tmp_path) -> None:
+    worker.stop_after = 0
+    with pytest.raises(KeyboardInterrupt):
+        conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_that_changed_is_run_again_and_no_other(campaign, worker, tmp_path) -> None:
+    conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1)
+    worker.ran.clear()
+    louder = replace(SCENARIOS[1], disturb=("noise:level=0.6",))
+    changed = replace(campaign, scenarios=(SCENARIOS[0], louder, SCENARIOS[2]), combine=False)
+    conduct(changed, CampaignFolder(tmp_path / "c"), workers=1)
+    assert worker.ran == ["noise_0.5.phase0", "noise_0.5.phase1"]
+
+
+def test_a_campaign_that_replaces_another_keeps_the_runs_they_share(campaign, worker, tmp_path) -> None:
+    folder = CampaignFolder(tmp_path / "c")
+    conduct(campaign, folder, workers=1)
+    worker.ran.clear()
+    fewer = replace(campaign, phases=1)
+    folder.check(fewer.label(), overwrite=True)
+    assert conduct(fewer, folder, workers=1).kept == 7
+    assert worker.ran == []
+    folder.check(fewer.label(), overwrite=False)
+    assert folder.finished == 7
+
+
+def test_another_seed_is_another_campaign(campaign, worker, tmp_path) -> None:
+    assert campaign.label() != replace(campaign, seed=1).label()
+    assert campaign.label() == replace(campaign, scenarios=SCENARIOS[:1]).label()
+
+
+def test_a_run_that_did_not_finish_is_unsafe_and_tried_again(campaign, worker, tmp_path) -> None:
+    worker.failing = "noise_0.5.phase1"
+    result = conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1)
+    assert not result.safe
+    assert result.rows[1].broken == ["phase 1: did not finish: it fell over"]
+    worker.failing = ""
+    worker.ran.clear()
+    assert conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1).safe
+    assert worker.ran == ["noise_0.5.phase1"]
+
+
+def test_progress_ends_at_its_total(campaign, worker, tmp_path) -> None:
+    seen = []
+    conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1, progress=lambda *of: seen.append(of))
+    assert seen[0] == (0, 10, "")
+    assert seen[-1] == (14, 14, "two_worst.phase1")
+    assert [done for done, _, _ in seen] == sorted(done for done, _, _ in seen)
+
+
+def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:
+    campaign = replace(campaign, bundle=bundle.load(short_release))
+    for wrong in (
+        scenario_of("wrong", disturb=("dead:sensor=upper_00",)),
+        scenario_of("wrong", settings=("bus.interface=virtual",)),
+        scenario_of("wrong", settings=("vehicle.actuator_delay=300",)),
+    ):
+        with pytest.raises(ConfigError, match="scenario 'wrong': "):
+            replace(campaign, scenarios=(*SCENARIOS, wrong)).check()
+    with pytest.raises(StillwakeError, match=r"--settle 59\.9: must be at most 59\.8"):
+        replace(campaign, timing=replace(campaign.timing, settle=59.9)).check()
+    replace(campaign, timing=replace(campaign.timing, settle=59.8)).check()
+    campaign.check()

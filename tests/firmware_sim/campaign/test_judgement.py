@@ -1,0 +1,84 @@
+"""What came of a campaign: worked out on paper."""
+
+import json
+from math import isnan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_sim.campaign.judgement import Use, use_of
+from firmware_sim.campaign.scenario import Criteria
+from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
+
+numbers = st.floats(-200, 200)
+
+
+def test_reduction_is_against_the_same_phase_and_spreads_over_them() -> None:
+    _, row = rows_of((scenario_of("one"), [phase_of(0.9), phase_of(0.7)]))
+    found = row.reduction
+    assert (found.mean, found.least, found.most) == pytest.approx((20.0, 10.0, 30.0))
+    assert row.lost == pytest.approx(0.0)
+    assert row.figures()["reduction_percent_min"] == pytest.approx(10.0)
+    assert row.figures()["reduction_percent_max"] == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(
+    ("Cd", "abs_Cl", "use"),
+    [
+        # Undisturbed there is 20 % less: three quarters of it are 15 %.
+        (0.85, 0.2, Use.USEFUL),
+        (0.86, 0.2, Use.MARGINAL),
+        (0.99, 0.2, Use.MARGINAL),
+        (1.00, 0.2, Use.NONE),
+        (1.10, 0.2, Use.NONE),
+        # Without control |Cl| is 0.9: less drag with more side force is not useful.
+        (0.80, 0.91, Use.MARGINAL),
+        (0.80, 0.90, Use.USEFUL),
+    ],
+)
+def test_use_follows_its_criteria(Cd, abs_Cl, use) -> None:
+    _, row = rows_of((scenario_of("one"), [phase_of(Cd, abs_Cl=abs_Cl)] * 2))
+    assert row.use == use
+
+
+def test_a_scenarios_own_criteria_count() -> None:
+    strict = scenario_of("one", criteria=Criteria(useful=1.2))
+    assert rows_of((strict, [phase_of()]))[1].use == Use.MARGINAL
+
+
+@given(numbers, numbers, numbers)
+def test_more_reduction_is_never_less_useful(one, other, undisturbed) -> None:
+    order = [Use.NONE, Use.MARGINAL, Use.USEFUL]
+    low, high = sorted((one, other))
+    first, second = (use_of(value, undisturbed, 0.5, Criteria()) for value in (low, high))
+    assert order.index(first) <= order.index(second)
+
+
+def test_nothing_is_useful_beside_a_loop_that_reduces_nothing() -> None:
+    rows = rows_of((scenario_of("one"), [phase_of(0.5)]), undisturbed=[phase_of(1.0)])
+    assert [row.use for row in rows] == [Use.NONE, Use.NONE]
+
+
+def test_one_broken_invariant_in_one_phase_is_unsafe_however_useful() -> None:
+    _, row = rows_of((scenario_of("one"), [phase_of(), phase_of(broken=["period 7: the jets move in OFF"])]))
+    assert (row.safe, row.use, row.violations) == (False, Use.USEFUL, 1)
+    assert row.broken == ["phase 1: period 7: the jets move in OFF"]
+
+
+def test_a_run_that_did_not_finish_is_unsafe_and_has_no_figures() -> None:
+    _, row = rows_of((scenario_of("one"), [phase_of(), phase_of(failure="the flow diverged")]))
+    assert not row.safe
+    assert row.use == Use.NONE
+    assert isnan(row.reduction.mean)
+    assert row.broken == ["phase 1: did not finish: the flow diverged"]
+    figures = row.figures()
+    assert figures["reduction_percent"] is None
+    assert json.loads(json.dumps(figures, allow_nan=False)) == figures
+
+
+def test_time_in_control_and_reasons_are_of_all_phases() -> None:
+    _, row = rows_of((scenario_of("one"), [phase_of(in_control=50, latches=2), phase_of()]))
+    assert row.in_control == pytest.approx(75.0)
+    assert row.reasons == {"STREAM_LOST": 50}
+    assert row.figures()["latches"] == 2

@@ -1,0 +1,117 @@
+"""Test plans from TOML: the built-in one, a user's, and what is said of one that is wrong."""
+
+from collections import Counter
+
+import pytest
+
+from contract.errors import ConfigError
+from firmware_sim.campaign.plan_file import read_plan, whole_plan
+from firmware_sim.campaign.scenario import Criteria
+
+OWN = """
+[criteria]
+useful = 0.5
+
+[[group]]
+title = "Mine"
+
+[[group.scenario]]
+name = "late_{each}"
+each = [1, 2.5]
+sentence = "It is {each} late."
+disturb = ["noise:level={each}@{after:20}..{after:22.5}"]
+set = ["ecu.delay_steps=2"]
+
+[[group.scenario]]
+name = "each_{each}"
+each = "sensors"
+sentence = "{each}, {base_sensor} and {sensor_2}, for {seconds:20} s."
+criteria = { useful = 1, marginal = 0.25 }
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text: str | bytes):
+        path = tmp_path / "plan.toml"
+        path.write_bytes(text.encode() if isinstance(text, str) else text)
+        return path
+
+    return write
+
+
+def test_an_entry_stands_for_a_scenario_a_value(written, place) -> None:
+    first, second, *sensors = read_plan(written(OWN), place)
+    assert (first.name, first.sentence, first.group) == ("late_1", "It is 1 late.", "Mine")
+    # Control is asked for at 0.7 s, and 20 t_c are 2 s.
+    assert first.disturb == ("noise:level=1@2.7..2.95",)
+    assert first.settings == ("ecu.delay_steps=2",)
+    assert second.name == "late_2.5"
+    assert first.criteria == Criteria(useful=0.5)
+    assert [one.name for one in sensors] == ["each_upper_39", "each_lower_39", "each_base_0", "each_base_9"]
+    assert sensors[0].sentence == "upper_39, base_0 and lower_39, for 2 s."
+    assert sensors[0].criteria == Criteria(useful=1.0, marginal=0.25)
+
+
+def test_the_built_in_plan_has_what_was_promised(place) -> None:
+    plan = whole_plan([], place)
+    names = {one.name for one in plan}
+    assert names >= {f"noise_0.{level}" for level in range(1, 10)}
+    for delay in (2, 4, 8, 12):
+        (compensated,) = (one for one in plan if one.name == f"delay_{delay}")
+        (uncompensated,) = (one for one in plan if one.name == f"delay_{delay}_uncompensated")
+        assert set(compensated.settings) - set(uncompensated.settings) == {f"ecu.delay_steps={delay}"}
+    assert names >= {"undisturbed", "dead_base_sensor", "frames_lost_0.3", "frames_corrupted_0.3", "bus_load_0.9"}
+    assert names >= {f"{fault}_{sensor}" for fault in ("dead", "stuck") for sensor in place.sensors}
+    assert names >= {"reynolds_300", "reynolds_700", "reynolds_1000", "gust", "action_limit_halved", "swapped"}
+    assert plan[0].name == "undisturbed"
+    assert 45 <= len(plan) <= 60
+    assert max(Counter(one.sentence for one in plan).values()) == 1
+
+
+def test_a_users_scenarios_come_after_the_built_in_ones(written, place) -> None:
+    built_in = whole_plan([], place)
+    both = whole_plan([written(OWN)], place)
+    assert both[: len(built_in)] == built_in
+    assert [one.group for one in both[len(built_in) :]] == ["Mine"] * 6
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[[group]\n", r"plan\.toml: "),
+        (b"\xff\xfe", "UTF-8"),
+        ("", "group"),
+        ("[[group]]\ntitle = 'x'\n", "scenario"),
+        (OWN.replace('sentence = "It', 'sentense = "It'), r"'late_\{each\}'.*'sentense'"),
+        (OWN.replace("each = [1, 2.5]", "each = 'wheels'"), r"'late_\{each\}'.*each = 'wheels'"),
+        (OWN.replace("each = [1, 2.5]", "each = []"), "each"),
+        (OWN.replace("disturb = [", "disturb = [3, "), r"'late_\{each\}'.*disturb"),
+        (OWN.replace("useful = 0.5", "useful = 'much'"), r"criteria\.useful = 'much'"),
+        (OWN.replace("useful = 1,", "useful = nan,"), r"'each_\{each\}'.*useful"),
+        (OWN.replace("{after:20}", "{before:20}"), r"'late_\{each\}'.*\{before\}"),
+        (OWN.replace("{after:20}", "{after:soon}"), "soon"),
+        (OWN.replace("{after:20}", "{after"), "cannot be filled in"),
+        (OWN.replace("late_{each}", "Late {each}"), "lower-case"),
+        ("criteria = 1\ngroup = []", "criteria"),
+        ("group = 3", "group"),
+    ],
+)
+def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place, text, says) -> None:
+    with pytest.raises(ConfigError, match=says) as raised:
+        read_plan(written(text), place)
+    line = str(raised.value)
+    assert "plan.toml: " in line
+    assert "\n" not in line
+
+
+def test_a_missing_file_is_named(tmp_path, place) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
+        read_plan(tmp_path / "nowhere.toml", place)
+
+
+def test_a_release_without_a_sensor_on_the_base_is_told_which_text_needs_one(written, place) -> None:
+    from dataclasses import replace
+
+    with pytest.raises(ConfigError, match=r"\{base_sensor\}"):
+        read_plan(written(OWN), replace(place, base_sensor=None))

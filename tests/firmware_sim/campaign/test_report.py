@@ -1,0 +1,150 @@
+"""What a campaign writes for readers: page, figures, table and the plan itself."""
+
+import csv
+import io
+import re
+from dataclasses import replace
+from datetime import date
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from contract.config.tree import Config
+from firmware_sim.campaign import paper
+from firmware_sim.campaign.conduct import Campaign, Result
+from firmware_sim.campaign.figures import curve, figures_of
+from firmware_sim.campaign.folder import CampaignFolder
+from firmware_sim.campaign.judgement import Spread
+from firmware_sim.campaign.listing import listing
+from firmware_sim.campaign.plan_file import whole_plan
+from firmware_sim.campaign.report import write_report
+from firmware_sim.campaign.scenario import Criteria
+from firmware_sim.campaign.tables import cells, headline, spread
+from firmware_sim.campaign.task import Timing
+from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
+
+pytestmark = pytest.mark.slow  # draws pages
+
+
+@pytest.fixture
+def some_rows():
+    return rows_of(
+        (scenario_of("noise_0.5", "Noise"), [phase_of(0.85), phase_of(0.87)]),
+        (scenario_of("delay_4", "Delay", settings=("ecu.delay_steps=4",)), [phase_of(0.82), phase_of(0.8)]),
+        (scenario_of("delay_4_uncompensated", "Delay"), [phase_of(1.1), phase_of(1.0)]),
+        (scenario_of("lost", "Bus", disturb=("ecu:drop",)), [phase_of(1.0, in_control=9, latches=1), phase_of()]),
+    )
+
+
+@pytest.fixture
+def written(bundle_of, tmp_path):
+    def write(rows) -> tuple[CampaignFolder, str]:
+        campaign = Campaign(
+            scenarios=tuple(row.scenario for row in rows),
+            bundle=bundle_of(name="<b>evil</b>"),
+            config=Config(),
+            timing=Timing(lead_in=1.2, controlled=60.0, settle=20.0),
+            phases=2,
+        )
+        folder = CampaignFolder(tmp_path / "c")
+        write_report(folder, campaign, Result(rows=rows, made=1, kept=0), date(2026, 1, 2))
+        return folder, folder.report.read_text(encoding="utf-8")
+
+    return write
+
+
+def test_the_page_needs_no_other_file_and_escapes_names(written, some_rows) -> None:
+    _, page = written(some_rows)
+    references = re.findall(r"""(?:src|srcset|href)\s*=\s*["']([^"'#][^"']*)""", page) + re.findall(
+        r"url\(([^)]*)", page
+    )
+    # Three figures, and the course of each scenario.
+    assert len(references) == 3 + len(some_rows)
+    assert all(reference.startswith("data:image/png;base64,iVBOR") for reference in references)
+    assert "<b>evil" not in page
+    assert "&lt;b&gt;evil" in page
+
+
+def test_the_matrix_comes_first_and_says_each_verdict_in_words(written, some_rows) -> None:
+    _, page = written(some_rows)
+    matrix = page[: page.index("</table>")]
+    for row in some_rows:
+        verdict = f'<td class="word safe">safe</td><td class="word {row.use}">{row.use}</td>'
+        assert f"<td>{row.scenario.name}</td>{verdict}" in matrix
+    assert page.index("</table>") < page.index("<img")
+
+
+def test_an_unsafe_campaign_says_so_before_anything_else(written) -> None:
+    rows = rows_of(
+        (scenario_of("bad"), [phase_of(broken=["period 3: jets_shut: <em>"])]),
+        (scenario_of("worse"), [phase_of(failure="it diverged")]),
+    )
+    _, page = written(rows)
+    box = page.index('<p class="trouble" role="alert">1 of 3 scenarios safe')
+    assert "UNSAFE: bad, worse" in page[box : page.index("<table>")]
+    assert "phase 0: period 3: jets_shut: &lt;em&gt;" in page
+    assert "did not finish: it diverged" in page
+
+
+def test_criteria_of_its_own_stand_with_the_scenario(written) -> None:
+    rows = rows_of((scenario_of("strict", criteria=Criteria(useful=0.9)), [phase_of()]))
+    _, page = written(rows)
+    assert page.count("Judged by criteria of its own: at least 0.9 of") == 1
+
+
+def test_the_table_has_every_figure_by_name(written, some_rows) -> None:
+    folder, _ = written(some_rows)
+    with folder.table.open(encoding="utf-8", newline="") as file:
+        found = {row["name"]: row for row in csv.DictReader(file)}
+    assert float(found["noise_0.5"]["reduction_percent"]) == pytest.approx(14.0)
+    assert float(found["noise_0.5"]["reduction_percent_min"]) == pytest.approx(13.0)
+    assert found["lost"]["not_in_control_reasons"] == "STREAM_LOST 91"
+    assert found["lost"]["safe"] == "True"
+
+
+def test_figures_are_pictures_and_the_same_in_every_drawing(written, some_rows) -> None:
+    folder, page = written(some_rows)
+    names = sorted(path.name for path in folder.figures.iterdir())
+    assert names == ["delay.png", "noise.png", "overview.png"]
+    for path in folder.figures.iterdir():
+        with Image.open(io.BytesIO(path.read_bytes())) as picture:
+            assert picture.size[0] == 1000
+    assert written(some_rows)[1] == page
+
+
+def test_curves_take_the_scenarios_of_their_name_alone(some_rows) -> None:
+    delays = curve(some_rows, "compensated", r"delay_(\d+)")
+    assert [(x, row.scenario.name) for x, row in delays.points] == [(0.0, "undisturbed"), (4.0, "delay_4")]
+    axes = figures_of(some_rows)["delay"].axes[0]
+    drawn = {str(one.get_label()): np.asarray(one[0].get_ydata()) for one in axes.containers}
+    assert drawn["compensated"] == pytest.approx([20.0, 19.0])
+    assert drawn["not compensated"] == pytest.approx([20.0, -5.0])
+    (stars,) = (line for line in axes.lines if str(line.get_label()).startswith("paper"))
+    assert np.asarray(stars.get_xydata()).ravel() == pytest.approx([0, 12.65, 12, 9.61], abs=0.01)
+    assert not {"noise", "delay"} & figures_of(some_rows[:1]).keys()
+
+
+def test_the_papers_figures() -> None:
+    # "a gradual increase from 0.918 (d = 0) to 0.950 (d = 12)", baseline 1.051.
+    assert paper.reduction_percent(0.918) == pytest.approx(100 * (1.051 - 0.918) / 1.051)
+    assert round(paper.reduction_percent(paper.DELAYED_CD[12]), 1) == 9.6
+
+
+def test_words_of_the_matrix(some_rows) -> None:
+    assert cells(some_rows[1]) == ("noise_0.5", "safe", "marginal", "14.0 (13.0 to 15.0)", "0.20", "100", "")
+    assert headline(some_rows) == "5 of 5 scenarios safe; 2 useful, 2 marginal, 1 of no use."
+    nothing = Spread(mean=float("nan"), least=float("nan"), most=float("nan"))
+    assert spread(nothing, ".1f") == "-"
+
+
+def test_the_listing_reads_like_a_test_plan(place) -> None:
+    plan = whole_plan([], place)
+    own = replace(plan[1], criteria=Criteria(useful=0.9))
+    text = "\n".join(listing([plan[0], own, *plan[2:]], phases=3, combine=True))
+    for scenario in plan:
+        assert f"  {scenario.name}: {scenario.sentence}\n" in text
+    assert "useful: at least 0.9 of the undisturbed drag reduction" in text
+    assert text.startswith(f"{len(plan) + 1} scenarios, from 3 starting phases each.")
+    assert "      --set vehicle.actuator_delay=12  --set ecu.delay_steps=12" in text
+    assert "two_worst" not in "\n".join(listing(plan, phases=1, combine=False))

@@ -1,0 +1,69 @@
+"""Runs as values: their settings, seeds and hashes."""
+
+from dataclasses import replace
+
+import pytest
+
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
+from contract.errors import ConfigError
+from firmware_sim.campaign.starts import phases_apart
+from firmware_sim.campaign.task import Task, Timing, seed_of, settings_of
+from tests.firmware_sim.campaign.conftest import scenario_of
+
+TASK = Task(
+    name="one",
+    disturb=("noise:level=0.5",),
+    config=Config(),
+    controlled=True,
+    phase=0,
+    seed=1,
+    timing=Timing(lead_in=7.0, controlled=60.0, settle=20.0),
+)
+
+
+def test_a_scenarios_settings_go_on_top() -> None:
+    base = Config(ecu=EcuConfig(hold_periods=2))
+    config = settings_of(scenario_of("late", settings=("ecu.delay_steps=12", "bus.background.load=0.9")), base)
+    assert (config.ecu.delay_steps, config.ecu.hold_periods, config.bus.background.load) == (12, 2, 0.9)
+    assert settings_of(scenario_of("none"), base) == base
+
+
+@pytest.mark.parametrize(
+    "text", ["ecu.delay=1", "ecu.delay_steps=-1", "flow.reynolds=700", "train.epochs=3", "nonsense"]
+)
+def test_a_wrong_setting_is_refused_with_its_scenario(text) -> None:
+    with pytest.raises(ConfigError, match="scenario 'wrong': "):
+        settings_of(scenario_of("wrong", settings=(text,)), Config())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"disturb": ("noise:level=0.6",)},
+        {"config": Config(ecu=EcuConfig(delay_steps=1))},
+        {"controlled": False},
+        {"seed": 2},
+        {"timing": Timing(lead_in=7.0, controlled=60.0, settle=30.0)},
+    ],
+)
+def test_whatever_decides_a_run_is_in_its_key(change) -> None:
+    assert replace(TASK, **change).key("b", "s", "1") != TASK.key("b", "s", "1")
+
+
+def test_bundle_start_and_version_are_in_the_key_and_the_name_is_not() -> None:
+    keys = {TASK.key(*others) for others in (("b", "s", "1"), ("c", "s", "1"), ("b", "t", "1"), ("b", "s", "2"))}
+    assert len(keys) == 4
+    assert replace(TASK, name="other").key("b", "s", "1") == TASK.key("b", "s", "1")
+
+
+def test_every_run_has_a_seed_of_its_own() -> None:
+    seeds = {seed_of(seed, name, phase) for seed in (0, 1) for name in ("a", "b") for phase in range(3)}
+    assert len(seeds) == 12
+    assert all(0 <= seed < 2**32 for seed in seeds)
+
+
+def test_phases_are_equal_parts_of_a_cycle_of_25_periods() -> None:
+    assert phases_apart(1, 0.2) == [0]
+    assert phases_apart(3, 0.2) == [0, 8, 17]
+    assert phases_apart(25, 0.2) == list(range(25))

@@ -1,0 +1,146 @@
+"""The command around a campaign: the plan it lists, what it refuses, how it ends."""
+
+import json
+
+import pytest
+
+from firmware_sim.campaign import conduct as conducting
+from tests.firmware_sim.campaign.conftest import phase_of
+
+OWN = """
+[[group]]
+title = "Mine"
+[[group.scenario]]
+name = "mine"
+sentence = "Something of my own."
+disturb = ["noise:level=0.3"]
+"""
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(OWN)
+    return path
+
+
+class Executor:
+    """Stands for the workers, whose runs take minutes: made-up outcomes, by the scenario's name."""
+
+    def __init__(self) -> None:
+        self.ran: list[str] = []
+        self.unsafe: str = ""
+        self.stop_after = 10**6
+
+    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
+        for task in tasks:
+            if len(self.ran) == self.stop_after:
+                raise KeyboardInterrupt
+            self.ran.append(task.name)
+            broken = ["period 3: jets_shut"] if task.name.startswith(f"{self.unsafe}.") else []
+            finished(task, phase_of(broken=broken).under if task.controlled else phase_of().free)
+
+
+@pytest.fixture
+def executor(monkeypatch) -> Executor:
+    from wake.truck.state import developed_state
+
+    made = Executor()
+    monkeypatch.setattr(conducting, "execute", made)
+    monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (developed_state(),) * phases)
+    return made
+
+
+def test_the_plan_is_listed_and_nothing_is_run(cli, executor, plan, tmp_path) -> None:
+    outcome = cli("campaign", "--list", "--scenarios", plan)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "  undisturbed: " in outcome.out
+    assert "  mine: Something of my own.\n      noise:level=0.3\n" in outcome.out
+    # Times in the texts are of the run: control is requested after the window of 32 periods and two more.
+    assert "dead:sensor=base_7@2.68.." in outcome.out
+    few = cli("campaign", tmp_path / "out", "--list", "--only", "delay_1*")
+    assert "noise" not in few.out
+    assert "delay_12_uncompensated" in few.out
+    assert executor.ran == []
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.toml"]
+
+
+@pytest.mark.slow  # draws pages
+def test_a_campaign_writes_page_table_figures_and_results(cli, executor, plan, tmp_path) -> None:
+    folder, file = tmp_path / "out", tmp_path / "campaign.json"
+    call = ("campaign", folder, "--scenarios", plan, "--only", "mine", "--phases", 2, "--json", file)
+    outcome = cli(*call)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.rstrip().splitlines()[-2] == "2 of 2 scenarios safe; 2 useful, 0 marginal, 0 of no use."
+    assert {path.name for path in folder.iterdir()} >= {"report.html", "table.csv", "figures", "runs", "starts"}
+    result = json.loads(file.read_text())
+    assert [row["name"] for row in result["figures"]] == ["undisturbed", "mine"]
+    row = result["figures"][1]
+    assert (row["safe"], row["use"], row["phases"]) == (True, "useful", 2)
+    assert (row["reduction_percent"], row["abs_Cl"]) == (pytest.approx(20.0), 0.2)
+    assert (result["facts"]["seed"], result["facts"]["controlled"]) == (0, 60.0)
+    executor.ran.clear()
+    again = cli(*call)
+    assert executor.ran == []
+    assert "0 runs made, 6 kept from before" in again.out
+
+
+@pytest.mark.slow  # draws pages
+def test_one_broken_invariant_is_status_3(cli, executor, tmp_path) -> None:
+    executor.unsafe = "gust"
+    outcome = cli("campaign", tmp_path / "out", "--only", "gust", "--quick")
+    assert outcome.code == 3
+    assert "1 of 2 scenarios safe" in outcome.out
+    assert "gust: phase 0: period 3: jets_shut" in outcome.out
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_stopped_campaign_says_how_to_go_on(cli, executor, tmp_path) -> None:
+    executor.stop_after = 2
+    outcome = cli("campaign", tmp_path / "out", "--only", "gust", "--quick")
+    assert outcome.code == 130
+    assert outcome.err == f"stopped; {tmp_path / 'out'} keeps 2 finished runs, the same command continues it\n"
+    executor.ran.clear()
+    executor.stop_after = 0
+    nothing = cli("campaign", tmp_path / "other", "--only", "gust", "--quick")
+    assert (nothing.code, nothing.err) == (130, "stopped\n")
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ((), "name the folder"),
+        (("out", "--only", "noize*"), "noize"),
+        (("out", "--scenarios", "nowhere.toml"), "plan nowhere.toml: No such file"),
+        (("out", "--settle", "60"), "--settle 60"),
+        (("out", "--set", "train.epochs=3"), "train.epochs"),
+        (("out", "--set", "flow.control_period=0.3"), "control period"),
+        (("out", "--set", "bus.interface=virtual"), "bus.interface"),
+    ],
+)
+def test_a_call_that_cannot_be_is_one_line(cli, executor, tmp_path, monkeypatch, options, says) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = cli("campaign", *options)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: ")
+    assert outcome.err.count("\n") == 1
+    assert says in outcome.err
+    assert list(tmp_path.iterdir()) == []
+    assert executor.ran == []
+
+
+def test_a_scenario_that_could_not_act_is_named(cli, executor, plan, tmp_path) -> None:
+    plan.write_text(OWN.replace("noise:level=0.3", "noise:level=0.3@99.."))
+    outcome = cli("campaign", tmp_path / "out", "--scenarios", plan)
+    assert outcome.code == 1
+    assert "scenario 'mine': " in outcome.err
+    assert "when the run has ended" in outcome.err
+
+
+def test_another_campaign_is_not_continued(cli, executor, tmp_path) -> None:
+    executor.stop_after = 2
+    cli("campaign", tmp_path / "out", "--only", "gust", "--quick")
+    outcome = cli("campaign", tmp_path / "out", "--only", "gust", "--quick", "--seed", 1)
+    assert outcome.code == 1
+    assert "other seed; give --overwrite" in outcome.err
