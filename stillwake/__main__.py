@@ -20,6 +20,7 @@ from stillwake.commands.bundle import bundle
 from stillwake.commands.can import can
 from stillwake.commands.config import config
 from stillwake.commands.dataset import dataset
+from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
@@ -67,7 +68,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, mcu),
+    CONTROL: (run, report, ecu, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),

@@ -163,22 +163,33 @@ class Ecu:
             interventions=Intervention(0),
         )
 
-    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
+    ) -> list[Frame]:
         """One control period.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
+            fault: for which the ECU must switch itself off, found by what is around it.
 
         Returns:
             A JetCommand and an EcuStatus.
         """
-        outcome = self.next(self._state, now_ns, frames, health)
+        outcome = self.next(self._state, now_ns, frames, health, fault=fault)
         self._state, self.trace = outcome.state, outcome.trace
         return outcome.frames
 
-    def next(self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> StepOutcome:
+    def next(
+        self,
+        state: EcuState,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = HEALTHY,
+        *,
+        fault: Reason | None = None,
+    ) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
         timing = state.timing.next(now_ns, self._period_ns, config)
@@ -192,7 +203,7 @@ class Ecu:
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            fault=timing.fault or _bus_fault(state.health, health),
+            fault=timing.fault or _bus_fault(state.health, health) or fault,
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)

@@ -1,0 +1,64 @@
+"""What systemd is told, by datagrams to a socket that it names: sd_notify(3), without its library.
+
+The watchdog hears of control steps that came through, and of nothing else: a loop that hangs is restarted.
+"""
+
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Final
+
+PER_INTERVAL: Final = 4
+"""Signs of life in the time after which systemd restarts the process; sd_watchdog_enabled(3) recommends 2."""
+
+
+class Notifier:
+    """Says nothing where systemd did not ask.
+
+    Args:
+        environment: of the process: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are looked at.
+        pid: of the process.
+    """
+
+    def __init__(self, environment: Mapping[str, str], pid: int) -> None:
+        self._address = environment.get("NOTIFY_SOCKET", "")
+        self._socket: socket.socket | None = None
+        if self._address.startswith(("/", "@")):
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+        interval = environment.get("WATCHDOG_USEC", "")
+        is_ours = environment.get("WATCHDOG_PID", str(pid)) == str(pid)
+        self._interval_ns = int(interval) * 1000 // PER_INTERVAL if is_ours and interval.isdecimal() else 0
+        self._due_ns = 0
+
+    def ready(self, status: str) -> None:
+        """The jets can be controlled from now on."""
+        self._tell(f"READY=1\nSTATUS={status}")
+
+    def status(self, text: str) -> None:
+        """One line for `systemctl status`."""
+        self._tell(f"STATUS={text}")
+
+    def came_through(self, now_ns: int) -> None:
+        """A control step did; tells it now and then."""
+        if self._interval_ns and now_ns >= self._due_ns:
+            self._due_ns = now_ns + self._interval_ns
+            self._tell("WATCHDOG=1")
+
+    def stopping(self) -> None:
+        """The process is about to end by itself."""
+        self._tell("STOPPING=1")
+
+    def close(self) -> None:
+        """Tell no more."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _tell(self, text: str) -> None:
+        if self._socket is None:
+            return
+        address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
+        # Whether systemd hears it must not matter to the control loop; without signs of life it acts by itself.
+        with suppress(OSError):
+            self._socket.sendto(text.encode(), address)
