@@ -182,7 +182,7 @@ def _stage(periods: Periods, i: int, medians: dict[Stage, float]) -> Stage:
     link = periods.links[i]
     if link in lost_in:
         return lost_in[link]
-    candidates = CHAIN if link is Link.WHOLE else (Stage.SAMPLE, Stage.BUS_TO_ECU)
+    candidates = {Link.WHOLE: CHAIN, Link.OVERTAKEN: CHAIN[:-1]}.get(link, (Stage.SAMPLE, Stage.BUS_TO_ECU))
     excess = {stage: float(periods.stages[stage][i]) - medians[stage] for stage in candidates}
     if np.isnan(excess[Stage.BUS_TO_ECU]) and link is Link.NOT_IN_TIME:
         return Stage.BUS_TO_ECU

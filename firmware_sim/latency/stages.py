@@ -29,7 +29,7 @@ class Stage(StrEnum):
     BUS_TO_ECU = "bus_to_ecu"
     """The Pressure frame written, sent and received by the ECU's receiving thread."""
     WAIT = "wait"
-    """From there to the ECU's deadline: intended, and what absorbs the bus's jitter."""
+    """From there to the deadline of the step that takes it: intended, as it absorbs the jitter of the bus."""
     RECEIVE = "receive"
     """From the deadline, or the frame if that came after it, to the controller's call: waking up, checking, window."""
     PLAN = "plan"
@@ -39,8 +39,8 @@ class Stage(StrEnum):
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The JetCommand frame sent, and received by the vehicle."""
     ALL = "all"
-    """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones. It is
-    due by the next sampling instant."""
+    """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones, of those
+    that the vehicle took: one a period, the newest. It is due by the next sampling instant."""
     ACTUATE = "actuate"
     """From that instant to the jets' driver taking the command."""
 
@@ -65,6 +65,7 @@ class Link(StrEnum):
     NOT_TAKEN = "the ECU had no step for their frame"
     NOT_IN_TIME = "their frame came after the step it was due at"
     NOT_PLANNED = "the ECU made no plan from them"
+    OVERTAKEN = "their command came after its boundary, and the next one overtook it"
     NO_COMMAND = "their command did not come"
 
 
@@ -271,4 +272,7 @@ def _link(grid: _Grid, i: int, steps: Index, took: Times, command: Array) -> Lin
         return Link.NOT_IN_TIME
     if took[step, EcuStage.PLAN_BEGAN] <= 0:
         return Link.NOT_PLANNED
-    return Link.WHOLE if np.isfinite(command[row]) else Link.NO_COMMAND
+    if np.isfinite(command[row]):
+        return Link.WHOLE
+    was_late = took[step, EcuStage.STEP_ENDED] > grid.scheduled[i] + grid.period_ns
+    return Link.OVERTAKEN if was_late else Link.NO_COMMAND

@@ -178,6 +178,14 @@ def test_a_lost_command(tables):
     assert (miss.link, miss.stage, miss.cause) == (Link.NO_COMMAND, Stage.BUS_TO_VEHICLE, Cause.UNKNOWN)
 
 
+def test_a_late_command_that_the_next_one_overtook_is_not_blamed_on_the_bus(tables):
+    run = tables(100)
+    run.later(40, EcuStage.PLAN_ENDED, 9.0)
+    run.lose_command(40)  # the vehicle notes the newest command of a period alone
+    miss = only(run)
+    assert (miss.link, miss.stage, miss.cause) == (Link.OVERTAKEN, Stage.PLAN, Cause.SLOW_PLAN)
+
+
 def test_a_vehicle_that_slept_with_the_idle_loop(tables):
     run = tables(100)
     run.stall_vehicle(40, 2)
