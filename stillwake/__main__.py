@@ -28,6 +28,7 @@ from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
 from stillwake.commands.run import report, run
 from stillwake.commands.train import train
+from stillwake.commands.vehicle import vehicle
 from stillwake.endings import status_of
 from stillwake.stopping import ends_like_ctrl_c
 from stillwake.terminal import console
@@ -69,7 +70,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, ecu, mcu),
+    CONTROL: (run, report, ecu, vehicle, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),

@@ -9,6 +9,8 @@ from typing import Literal
 from contract.config.tree import Config
 from contract.errors import PlantError
 from wake.plant import LivePlant
+from wake.solver.grid import box_grid
+from wake.truck.regrid import SETTLE_TIME, moved
 from wake.truck.state import State, check_body, developed_state, develops, load_state, start_name
 from wake.truck.truck_wake import TruckWake
 
@@ -28,11 +30,11 @@ def open_plant(
     """A developed wake at t = 0.
 
     Args:
-        name: the own solver from its shipped start, or OpenFOAM.
+        name: the own solver from its shipped start, which `flow.refinement` moves to another grid; or OpenFOAM.
         output: run folder; OpenFOAM's case lives in it while it runs, and its developed start stays there.
         config: clock and bounds.
         duration: how long the run will be, t_c; OpenFOAM needs it in advance.
-        progress: called with (time, total) while OpenFOAM's start develops.
+        progress: called with (time, total) while OpenFOAM's start develops, or the shipped one settles on another grid.
         start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
 
     Raises:
@@ -41,7 +43,11 @@ def open_plant(
     """
     if name == "stillwake":
         wake = TruckWake(config.flow, body=config.body)
-        wake.reset(_start(start, config))
+        state = _start(start, config)
+        if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
+            moved(state, box_grid(config.body.length), wake, SETTLE_TIME, progress)
+        else:
+            wake.reset(state)
         yield wake
         return
     if start is not None:
@@ -50,6 +56,11 @@ def open_plant(
     from wake.openfoam.plant import OpenFoamWake
 
     require_truck(config.body)
+    if config.flow.refinement != 1.0:
+        raise PlantError(
+            f"flow.refinement = {config.flow.refinement:g}: is of the own solver's grid; OpenFOAM's mesh takes "
+            "openfoam.refinement"
+        )
     folder = output / "openfoam"
     begin = developed(folder, config.flow, config.openfoam, progress)
     refinement = config.openfoam.refinement

@@ -67,7 +67,7 @@ def main(
 def _study(
     refinement: float, substeps: int, develop_time: float, average_time: float, settle_time: float, bar: Progress
 ) -> dict[str, Any]:
-    wake = TruckWake(FlowConfig(substeps=substeps), refinement)
+    wake = TruckWake(FlowConfig(substeps=substeps, refinement=refinement))
     nx, ny = wake.grid.shape
     task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + 2 * average_time + settle_time, note="")
     began = time.process_time()

@@ -67,7 +67,8 @@ def main(
 
 
 def _plant(refinement: float) -> TruckWake:
-    wake = TruckWake(FlowConfig(substeps=round(FlowConfig().substeps * max(1.0, refinement))), refinement)
+    substeps = round(FlowConfig().substeps * max(1.0, refinement))
+    wake = TruckWake(FlowConfig(substeps=substeps, refinement=refinement))
     develop(wake, _SETTLE)
     return wake
 

@@ -73,7 +73,7 @@ def main(
 
 
 def _study(refinement: float, substeps: int, develop_time: float, average_time: float, bar: Progress) -> dict[str, Any]:
-    wake = TruckWake(FlowConfig(reynolds=REYNOLDS, substeps=substeps), refinement, body=SQUARE)
+    wake = TruckWake(FlowConfig(reynolds=REYNOLDS, substeps=substeps, refinement=refinement), body=SQUARE)
     nx, ny = wake.grid.shape
     task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + average_time, note="")
     develop(wake, develop_time, lambda t, _: bar.update(task, completed=round(t, 1)))

@@ -1,6 +1,7 @@
 """Settings of the flow, its forcing and the second plant.
 
-Not in the paper: `FlowConfig.substeps`, `ForcingConfig.exploration_time` and the second plant.
+Not in the paper: `FlowConfig.substeps` and `FlowConfig.refinement`, `ForcingConfig.exploration_time` and the second
+plant.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ class FlowConfig(Settings):
     substeps: AtLeastOne[int] = 30
     """Time steps of the solver in a control period: dt = 1/150, set by the jets at full amplitude."""
     action_limit: Annotated[Positive[float], FLOW_RATE] = 0.075
+    refinement: Positive[float] = 1.0
+    """Divides every spacing of the own solver's grid: below 1 it is coarser, and faster. The shipped recording, and so
+    the shipped controller, is of 1."""
 
 
 @dataclass(frozen=True, kw_only=True)

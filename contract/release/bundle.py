@@ -131,9 +131,19 @@ def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:
 
 
 def renew(
-    path: Path, target: Path, *, name: str, created: str, key: Ed25519PrivateKey, trusted: PublicKey | None = None
+    path: Path,
+    target: Path,
+    *,
+    name: str,
+    created: str,
+    key: Ed25519PrivateKey,
+    trusted: PublicKey | None = None,
+    operating_point: Mapping[str, float] | None = None,
 ) -> Bundle:
     """Write a bundle of another version's DBC anew, with this version's, under another name, and sign it.
+
+    Or of another operating point: the controller knows Cp and U_inf W, not Pa and m/s; the control period, and with it
+    the budget, follow.
 
     Everything else about the old bundle must be in order. Its controller is kept to the byte; the new manifest's
     provenance names the old one's hash. A controller knows pressures and flow rates, not frames, so a change of the DBC
@@ -142,6 +152,7 @@ def renew(
     Args:
         created: day, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
+        operating_point: width, speed or density in place of the old bundle's, by name.
 
     Raises:
         BundleError: as `load` does, and for a bad name or a target that holds something else.
@@ -150,6 +161,9 @@ def renew(
     old = _verified(path, read_files(path), trusted, any_dbc=True)
     provenance = {**old.manifest.provenance, "renewed_from": old.digest}
     manifest = replace(old.manifest, name=name, created=created, provenance=provenance)
+    if operating_point:
+        point = replace(manifest.operating_point, **operating_point)
+        manifest = replace(manifest, operating_point=point, budget_ms=point.period_ns(manifest.control_period) / 1e6)
     write(target, manifest, old.files, key)
     return load(target, signing.public_key(key))
 

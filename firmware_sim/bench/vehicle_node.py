@@ -87,8 +87,8 @@ class VehicleNode:
         self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
-    def sample(self, cp: Array, *, enable_request: bool, now_ns: int) -> Frame:
-        """The Pressure frame for the plant's wall pressures Cp of this instant.
+    def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
+        """The Pressure frame for the plant's wall pressures Cp of the instant `now_ns`, handed over `age_ns` later.
 
         A pressure beyond the transducer's range saturates and is marked invalid; one that is no number is sent as 0.
         """
@@ -98,7 +98,7 @@ class VehicleNode:
             pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
             valid=tuple(bool(value) for value in np.abs(pressure_pa) <= limit),
             enable_request=enable_request,
-            age_ns=0,
+            age_ns=age_ns,
         )
         frame = self._sender.frame(self._messages.pressure.emit(message), now_ns=now_ns)
         self.frames_sent += 1
@@ -154,6 +154,21 @@ class VehicleNode:
         """The action of `actuator_delay` periods ago, this one being the newest."""
         self._commanded = self._commanded.pushed(action)
         return self._commanded.in_force
+
+    @property
+    def foreseen_action(self) -> float:
+        """What the jets will have reached at the end of the period whose pressures were sampled last, U_inf W, by the
+        commands so far: one for the next period is for this one now."""
+        return self._commanded.pushed(self._action if self._requested else 0.0).in_force
+
+    @property
+    def accepted_freshness(self) -> tuple[int, int]:
+        """Identifier of the jet commands, and the newest freshness accepted with one; 0 without authentication."""
+        return self._receiver.spec.frame_id, self._verifier.freshness
+
+    def counter_of(self, frame: Frame) -> int:
+        """The E2E counter of a Pressure frame."""
+        return profile_of(self._sender.spec).counter_of(frame.data)
 
     @property
     def frames_rejected(self) -> int:

@@ -15,7 +15,8 @@ from contract.release import signing
 from contract.release.bundle import Bundle
 from stillwake.outputs import Overwrite, check_output
 from stillwake.releases import Trust, describe, locate, open_release, signature
-from stillwake.terminal import console
+from stillwake.settings import settings
+from stillwake.terminal import Overrides, console
 
 bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
 
@@ -46,15 +47,27 @@ def renew(
     key: KeyFile,
     trust: Trust = None,
     overwrite: Overwrite = False,
+    overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Make a bundle of the same controller for this version's stillwake.dbc, and sign it.
 
     The old bundle must be in order but for its DBC. The new one names it by its hash.
+    With --set operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed.
     """
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip")
     _, trusted = locate(path, trust)
     private = signing.read_private_key(key)
-    renewed = bundles.renew(path, output, name=name, created=date.today().isoformat(), key=private, trusted=trusted)
+    loaded = settings("bundle renew", None, overrides, uses=["operating_point"])
+    given = [name.removeprefix("operating_point.") for name in loaded.given]
+    renewed = bundles.renew(
+        path,
+        output,
+        name=name,
+        created=date.today().isoformat(),
+        key=private,
+        trusted=trusted,
+        operating_point={name: getattr(loaded.config.operating_point, name) for name in given},
+    )
     console.print(*describe(renewed), sep="\n", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
 

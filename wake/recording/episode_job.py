@@ -21,7 +21,7 @@ from wake.recording.plan import Plan
 from wake.shipped import developed
 from wake.solver.grid import box_grid
 from wake.truck.sample import Sample
-from wake.truck.state import State, check_body, check_reynolds, developed_state, load_state
+from wake.truck.state import State, check_body, check_grid, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 
 Progress = Callable[[str, int, int], None]
@@ -117,9 +117,10 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
     """
     return {
         "body": asdict(config.body),
-        "flow": asdict(config.flow),
+        # The grid says more than its refinement, and stands in every recording that was made before there was one.
+        "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
-        "grid": list(box_grid(config.body.length).shape),
+        "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
         # The path is of one machine: name and hash tell which state it was.
         "start": (developed() if start is None else start).name,
         "start_sha256": _sha256(developed() if start is None else start),
@@ -136,6 +137,7 @@ def check_start(config: Config, start: Path | None) -> None:
     if origin is not None:
         check_body(origin, config.body)
         check_reynolds(origin, config.flow.reynolds)
+        check_grid(origin, box_grid(config.body.length, config.flow.refinement).shape)
 
 
 def _sha256(path: Path) -> str:

@@ -99,7 +99,9 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
     ]
     slot_cells = len(y_parts[1]) - 1
     if slot_cells < 2:
-        raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")
+        raise ConfigError(
+            f"refinement = {refinement:g}: gives {slot_cells} cells a slot, must give at least 2: take 0.38 or more"
+        )
     half = _join(y_parts)
     yf = np.concatenate([-half[:0:-1], half])
     centre = len(half) - 1

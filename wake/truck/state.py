@@ -85,6 +85,16 @@ def check_body(origin: Origin, body: BodyConfig) -> None:
         )
 
 
+def check_grid(origin: Origin, shape: tuple[int, int]) -> None:
+    """Raise PlantError if a state was made on another grid than the plant's, whose cells are `shape`."""
+    if origin.shape != shape:
+        (nx, ny), (mine_x, mine_y) = origin.shape, shape
+        raise PlantError(
+            f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}: `stillwake develop` "
+            "with the same --set flow.refinement makes a start for it"
+        )
+
+
 def save_state(path: Path, state: State) -> None:
     """Write a state, whole or not at all.
 

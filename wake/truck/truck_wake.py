@@ -21,7 +21,7 @@ from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
 from wake.truck.sample import Sample
-from wake.truck.state import Origin, State, check_body, check_reynolds
+from wake.truck.state import Origin, State, check_body, check_grid, check_reynolds
 from wake.truck.surface import Surface
 
 
@@ -29,23 +29,21 @@ class TruckWake:
     """The flow around the truck, or around another body.
 
     Args:
-        config: Reynolds number, control period, substeps and action bound.
-        refinement: divides every grid spacing; 1 is the grid all shipped data was recorded on.
+        config: Reynolds number, control period, substeps, action bound and the grid's refinement.
         body: the truck by default.
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
 
     Raises:
+        ConfigError: if the grid is too coarse for the slots.
         PlantError: if the time step is bound to diverge on this grid.
     """
 
-    def __init__(
-        self, config: FlowConfig | None = None, refinement: float = 1.0, *, body: BodyConfig = TRUCK_BODY
-    ) -> None:
+    def __init__(self, config: FlowConfig | None = None, *, body: BodyConfig = TRUCK_BODY) -> None:
         self.config = FlowConfig() if config is None else config
         self.body, self.layout = body, layout_of(body)
-        self.grid = box_grid(body.length, refinement)
+        self.grid = box_grid(body.length, self.config.refinement)
         self.boundary = boundary.build(self.grid, partial(signed_distance, body=body))
         profile = jets.slot_profile(self.grid)
         viscosity = 1.0 / self.config.reynolds
@@ -172,9 +170,7 @@ class TruckWake:
     def _check_origin(self, origin: Origin, substep: int) -> None:
         config = self.config
         check_body(origin, self.body)
-        if origin.shape != self.grid.shape:
-            (nx, ny), (mine_x, mine_y) = origin.shape, self.grid.shape
-            raise PlantError(f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}")
+        check_grid(origin, self.grid.shape)
         check_reynolds(origin, config.reynolds)
         # At t = 0 every clock agrees.
         clock = (origin.control_period, origin.substeps)

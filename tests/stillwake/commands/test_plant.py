@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from contract.config.plant import FlowConfig
 from wake.truck import develop, steady, truck_wake
 from wake.truck.state import load_state
 from wake.truck.truck_wake import TruckWake
@@ -14,7 +15,7 @@ from wake.truck.truck_wake import TruckWake
 
 @pytest.fixture(scope="module")
 def coarse() -> TruckWake:
-    return TruckWake(refinement=0.5)
+    return TruckWake(FlowConfig(refinement=0.5))
 
 
 @pytest.fixture

@@ -56,7 +56,7 @@ def test_a_state_of_another_mesh_is_refused(wake: TruckWake, tmp_path: Path) -> 
     # The same number of cells; a transposed buffer would even have the right size for a square.
     with pytest.raises(PlantError, match=f"{ny} x {nx} cells, this grid needs {nx} x {ny}"):
         wake.reset(_state(Origin(shape=(ny, nx), reynolds=500.0)))
-    coarse = TruckWake(refinement=0.5)
+    coarse = TruckWake(FlowConfig(refinement=0.5))
     save_state(tmp_path / "coarse.npz", coarse.state())
     before = wake.flow.flat.copy()
     with pytest.raises(PlantError, match="cells, this grid needs"):

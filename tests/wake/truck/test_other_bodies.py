@@ -25,7 +25,7 @@ ROUND_NOSE = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3,
 
 @pytest.fixture(scope="module")
 def square_plant() -> TruckWake:
-    return TruckWake(FlowConfig(reynolds=100.0, substeps=15), 0.5, body=SQUARE)
+    return TruckWake(FlowConfig(reynolds=100.0, substeps=15, refinement=0.5), body=SQUARE)
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_a_state_of_another_body_is_refused_by_name(square: TruckWake, wake: Tru
 
 
 def test_sensors_do_not_matter_to_a_state(square: TruckWake) -> None:
-    more = TruckWake(square.config, 0.5, body=dataclasses.replace(SQUARE, sensors_per_side=9))
+    more = TruckWake(square.config, body=dataclasses.replace(SQUARE, sensors_per_side=9))
     more.reset(square.state())
     assert len(more.sample().Cp) == 22
 

@@ -1,0 +1,150 @@
+"""The own solver in a process of its own, one control period ahead of the bus.
+
+At a sampling instant the action of the period to come is known: an ECU that plans ahead says it a period before. So the
+solver has the whole period to get to the next sampling instant. If it does not, that instant passes without pressures,
+and the flow's time falls behind the clock's by a period.
+"""
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.body_sensors import layout_of
+from contract.config.tree import Config
+from contract.errors import PlantError, StillwakeError
+from contract.sensor_layout import SensorLayout
+from firmware_sim.bench.real_time.speed import Speed
+from firmware_sim.ecu.real_time.privileges import stay_ordinary
+
+LONGEST_END_S: Final = 5.0
+"""What the process is given to end by itself: the longest control period, and Python's own end."""
+
+
+class LiveWake:
+    """Use as a context manager; its start takes seconds.
+
+    Args:
+        config: flow and body.
+        start: a state to begin from; the shipped one, moved to the grid in use, without.
+        progress: called with (t_c, t_c in all) while the start settles.
+
+    Attributes:
+        speed: measured before the start.
+
+    Raises:
+        StillwakeError: if the plant cannot be made.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        start: Path | None = None,
+        progress: Callable[[float, float], None] = lambda t, total: None,
+    ) -> None:
+        self._layout = layout_of(config.body)
+        # Not forked: this process has threads, whose locks a fork would keep as they are.
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_run, args=(theirs, config, start), name="live-wake", daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            while (word := self._answer())[0] == "settling":
+                progress(*word[1:])
+        except BaseException:
+            self._end()
+            raise
+        _, self.speed, self._about, self._cp = word
+        self._is_busy = False
+
+    @property
+    def layout(self) -> SensorLayout:
+        """Of the body."""
+        return self._layout
+
+    @property
+    def description(self) -> str:
+        """Solver, grid and time step."""
+        return f"live wake: {self._about}"
+
+    def sampled(self) -> Array | None:
+        """Cp at the end of the period that was driven last; None while it is being computed.
+
+        Raises:
+            PlantError: if the flow diverged or its process died.
+        """
+        if self._is_busy and not self._pipe.poll():
+            return None
+        if self._is_busy:
+            _, self._cp = self._answer()
+            self._is_busy = False
+        return np.asarray(self._cp)
+
+    def drive(self, action: float) -> None:
+        """Advance a control period, the jets ramping to `action`; while one is under way, nothing: see `sampled`."""
+        if not self._is_busy:
+            try:
+                self._pipe.send(action)
+            except OSError as error:
+                raise PlantError(f"the live wake's process ended: {error}") from error
+            self._is_busy = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._end()
+
+    def _answer(self) -> tuple[Any, ...]:
+        try:
+            word: tuple[Any, ...] = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            self._process.join(LONGEST_END_S)
+            raise PlantError(f"the live wake's process ended with status {self._process.exitcode}") from error
+        if isinstance(word[0], StillwakeError):
+            raise word[0]
+        return word
+
+    def _end(self) -> None:
+        self._pipe.close()
+        self._process.join(LONGEST_END_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+
+def _run(pipe: Connection, config: Config, start: Path | None) -> None:
+    """The process: settle, then a control period for every action that comes."""
+    # A stop may go to all processes of a terminal or a service; the vehicle ends this one when it has said goodbye.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    stay_ordinary()
+    from firmware_sim.bench.real_time.speed import measured
+    from wake.plants import open_plant
+    from wake.truck.truck_wake import TruckWake
+
+    def say(*word: object) -> None:
+        pipe.send(word)
+
+    try:
+        with open_plant("stillwake", Path(), config, progress=lambda *at: say("settling", *at), start=start) as wake:
+            assert isinstance(wake, TruckWake)
+            wake.advance(0.0)
+            say("ready", Speed.of(measured(wake)), wake.description, wake.sample().Cp)
+            while True:
+                sample = wake.advance(pipe.recv())
+                say("sample", sample.Cp)
+    except StillwakeError as error:
+        say(error)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        # The vehicle has closed the pipe.
+        return

@@ -1,0 +1,87 @@
+"""Where the pressures come from: what the loop asks of a flow, and a recording that is played again."""
+
+from typing import Protocol
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Dataset
+from contract.recording.episode import Episode
+from contract.sensor_layout import SensorLayout
+
+
+class Pressures(Protocol):
+    """A flow that goes on in real time."""
+
+    @property
+    def layout(self) -> SensorLayout:
+        """Of the sensors."""
+
+    @property
+    def description(self) -> str:
+        """In a few words, and whether it answers the jets."""
+
+    def sampled(self) -> Array | None:
+        """Cp at the sampling instant that has come, (sensors,); None if the flow has not got there yet."""
+
+    def drive(self, action: float) -> None:
+        """Let the jets ramp from this sampling instant to `action`, U_inf W, at the next one."""
+
+
+class Replay:
+    """Recorded pressures, one row a period. They do not answer the jets.
+
+    Args:
+        dataset: the recording.
+        episode: its name; the first that was recorded without a controller if None.
+        first: control step to begin with.
+
+    Attributes:
+        rounds: how often the recording began again; the pressures jump then.
+
+    Raises:
+        DatasetError: if there is no such episode.
+        ConfigError: if it is shorter than `first`.
+    """
+
+    def __init__(self, dataset: Dataset, episode: str | None = None, first: int = 0) -> None:
+        chosen = _episode(dataset, episode)
+        if not 0 <= first < len(chosen):
+            raise ConfigError(f"control step {first}: episode {chosen.name} has 0..{len(chosen) - 1}")
+        self._layout = dataset.layout
+        self._cp = chosen.series["Cp"]
+        self._name = chosen.name
+        self._next = first
+        self.rounds = 0
+
+    @property
+    def layout(self) -> SensorLayout:
+        """Of the recording."""
+        return self._layout
+
+    @property
+    def description(self) -> str:
+        """The episode, and what it is not."""
+        return f"recorded episode {self._name}, {len(self._cp)} periods: the pressures do not answer the jets"
+
+    def sampled(self) -> Array:
+        """The row of this period; after the last one the first."""
+        if self._next == len(self._cp):
+            self._next = 0
+            self.rounds += 1
+        row = np.asarray(self._cp[self._next], dtype=np.float64)
+        self._next += 1
+        return row
+
+    def drive(self, action: float) -> None:
+        """Nothing: what is recorded has happened."""
+
+
+def _episode(dataset: Dataset, name: str | None) -> Episode:
+    if name is None:
+        return next((item for item in dataset.episodes if item.role != "controlled"), dataset.episodes[0])
+    for item in dataset.episodes:
+        if item.name == name:
+            return item
+    raise DatasetError(f"episode {name!r}: the data set has {', '.join(item.name for item in dataset.episodes)}")

@@ -1,0 +1,154 @@
+"""A run of the vehicle's side: bus, receiving thread, privileges and clock around `VehicleLoop`."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.receive_thread import ReceiveThread
+from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.secoc.key import read_key
+from can_bridge.wire.message_sets import message_set
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from firmware_sim.bench.real_time.figures import Figures
+from firmware_sim.bench.real_time.heard import Heard, line
+from firmware_sim.bench.real_time.inbox import Inbox
+from firmware_sim.bench.real_time.pressures import Pressures
+from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.ecu.real_time import clock
+from firmware_sim.ecu.real_time.deadlines import Deadlines
+from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
+from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
+
+LEAD_IN_NS = 50_000_000
+"""From the loop's making to its first sampling instant."""
+SILENCE_S = 1.0
+"""Without a usable command, after which it is said what is heard instead."""
+WRITTEN_EVERY = 500
+"""Commands between two writes of the freshness file: ten seconds at 20 ms."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """How a run goes.
+
+    Attributes:
+        periods: its length; endless if None.
+        enable_after_s: when control begins to be wanted; never if None.
+        stage_times: file to write them to, at the end.
+        freshness: file of the node's power cycles, with `bus.key`.
+        wanted: privileges to ask for.
+    """
+
+    periods: int | None = None
+    enable_after_s: float | None = 2.0
+    stage_times: Path | None = None
+    freshness: Path | None = None
+    wanted: Wanted = field(default_factory=Wanted)
+
+
+def run_vehicle(
+    bus: PythonCanBus,
+    sensors: Sequence[str],
+    pressures: Pressures,
+    config: Config,
+    course: Course,
+    *,
+    is_stopped: Callable[[], bool] = lambda: False,
+    tell: Callable[[str], None] = lambda line: None,
+    progress: Callable[[Figures], None] = lambda figures: None,
+) -> Figures:
+    """Run until the course is done or a stop is asked for; then withdraw the wish for control and tell the ECU so.
+
+    Args:
+        bus: open.
+        sensors: names, in the order of the Pressure message.
+        pressures: what they read.
+        config: of the vehicle.
+        course: how long, and what else.
+        is_stopped: asked every period.
+        tell: called with lines for people, from this thread.
+        progress: called about every half second.
+
+    Raises:
+        ConfigError: `bus.key` and the course's freshness file do not go together, or the pressures lack a sensor.
+        BusError: if the bus is lost.
+        StillwakeError: if a file cannot be written, or the live wake fails.
+    """
+    store, node = _node(sensors, pressures, config, course)
+    per_second = max(1, round(SILENCE_S * 1e9 / config.period_ns))
+    enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)
+    times = None
+    if course.stage_times is not None:
+        times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
+    bus.receive_all()  # what came before the run
+    inbox = Inbox()
+    with ExitStack() as stack:
+        tell(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
+        receiving = stack.enter_context(ReceiveThread(bus, inbox.put))
+        first_ns = clock.now_ns() + LEAD_IN_NS
+        deadlines = Deadlines(period_ns=config.period_ns, due_ns=first_ns, grace_ns=config.period_ns // 2)
+        loop = VehicleLoop(config, node, pressures, bus, inbox, deadlines, stage_times=times)
+        silence = _Silence(loop, bus, config, tell)
+        figures, begun = loop.figures, 0
+        while not is_stopped() and (course.periods is None or begun < course.periods):
+            loop.period(enable_request=enable_from is not None and begun >= enable_from)
+            begun += 1
+            receiving.check()
+            if begun % per_second == 0:
+                silence.look()
+            if begun % max(1, per_second // 2) == 0:
+                progress(figures)
+            if store is not None and begun % WRITTEN_EVERY == 0:
+                store.accepted(*node.accepted_freshness)
+        loop.finish()
+    if store is not None:
+        store.accepted(*node.accepted_freshness)
+    if times is not None and course.stage_times is not None:
+        times.save(course.stage_times)
+    if inbox.lost:
+        tell(f"{inbox.lost} frames were received faster than they could be looked at, and lost")
+    return figures
+
+
+def _node(
+    sensors: Sequence[str], pressures: Pressures, config: Config, course: Course
+) -> tuple[FreshnessStore | None, VehicleNode]:
+    store, authentication = None, None
+    if config.bus.key:
+        if course.freshness is None:
+            raise ConfigError(f"bus.key = {config.bus.key!r}: needs --freshness FILE, which counts the power cycles")
+        store = FreshnessStore(course.freshness, every=1)
+        authentication = store.begin(read_key(Path(config.bus.key)))
+    elif course.freshness is not None:
+        raise ConfigError(f"--freshness {course.freshness}: nothing is authenticated without bus.key")
+    return store, VehicleNode(sensors, config, pressures.layout, authentication)
+
+
+class _Silence:
+    """Says once when no command comes for a second, and once when they come again."""
+
+    def __init__(self, loop: VehicleLoop, bus: PythonCanBus, config: Config, tell: Callable[[str], None]) -> None:
+        self._loop, self._bus, self._tell = loop, bus, tell
+        self._messages = message_set(config.bus)
+        self._commands = 0
+        self._rejected = dict(bus.rejected)
+        self._is_told = False
+
+    def look(self) -> None:
+        """At what came since the last look."""
+        commands, heard = self._loop.figures.commands, self._loop.heard
+        rejected = dict(self._bus.rejected)
+        self._loop.heard = Heard()
+        if commands > self._commands:
+            if self._is_told:
+                self._tell("usable commands come")
+            self._is_told = False
+        elif not self._is_told:
+            new = {reason: count - self._rejected[reason] for reason, count in rejected.items()}
+            self._tell(line(heard, self._messages, new, seconds=SILENCE_S))
+            self._is_told = True
+        self._commands, self._rejected = commands, rejected

@@ -1,0 +1,187 @@
+"""A vehicle in real time: at every sampling instant the jets take over what was commanded, and pressures go out.
+
+Period k begins at the absolute instant t_k. What arrived before t_k belongs to period k - 1, however late this process
+woke. The jets' driver, `VehicleNode`, keeps all its doubts: they count in periods.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from contract.config.tree import Config
+from contract.errors import BusError
+from firmware_sim.bench.real_time.figures import Figures
+from firmware_sim.bench.real_time.heard import Heard
+from firmware_sim.bench.real_time.inbox import Inbox
+from firmware_sim.bench.real_time.pressures import Pressures
+from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
+from firmware_sim.ecu.real_time import clock
+from firmware_sim.ecu.real_time.deadlines import Deadlines
+from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
+
+UNSENT_LIMIT = 50
+"""Frames in a row that the bus does not take, after which it counts as lost: a second at 20 ms."""
+FAREWELL = 3
+"""Periods at the end in which control is no longer wanted: as many frames may be lost as the ECU rides out, and one
+still arrives."""
+LONGEST_FAREWELL = 10
+"""Periods that it may take if the live wake has no pressures for some of them."""
+
+
+class Sends(Protocol):
+    """What the loop needs of a bus."""
+
+    def send(self, frame: Frame) -> None:
+        """Hand over one frame; raises BusError if the bus does not take it."""
+
+
+class VehicleLoop:
+    """Runs periods one by one.
+
+    Args:
+        config: of the vehicle.
+        node: transducers and jets.
+        pressures: what the transducers read.
+        bus: takes the pressure frames.
+        inbox: has what the bus receives.
+        deadlines: the first period's.
+        stage_times: to fill in; none if None.
+        now_ns, sleep_until: the clock of deadlines and inbox.
+
+    Attributes:
+        figures: so far.
+        heard: everything received since it was set, for whoever wonders where the commands are.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        node: VehicleNode,
+        pressures: Pressures,
+        bus: Sends,
+        inbox: Inbox,
+        deadlines: Deadlines,
+        *,
+        stage_times: StageTimes | None = None,
+        now_ns: Callable[[], int] = clock.now_ns,
+        sleep_until: Callable[[int], None] = clock.sleep_until,
+    ) -> None:
+        self._node, self._pressures, self._bus, self._inbox = node, pressures, bus, inbox
+        self._deadlines = deadlines
+        self._stage_times = stage_times
+        self._now_ns, self._sleep_until = now_ns, sleep_until
+        messages = message_set(config.bus)
+        self._parse, self._spec = messages.command.parse, messages.command.spec
+        self._unsent_in_a_row = 0
+        self._has_begun = False
+        self._overslept = 0
+        self.figures = Figures()
+        self.heard = Heard()
+
+    def period(self, *, enable_request: bool) -> None:
+        """Wait for the next sampling instant, and do what it asks for.
+
+        Raises:
+            BusError: if the bus has taken no frame for UNSENT_LIMIT periods.
+            PlantError: if the live wake failed.
+        """
+        due_ns = self._next_instant()
+        if self._has_begun:
+            self._end_period(due_ns)
+        self._begin_period(due_ns, enable_request=enable_request)
+        self._has_begun = True
+        self._deadlines = self._deadlines.after(self._now_ns())
+
+    def finish(self) -> None:
+        """Wait for the last period's end, so that its command counts, and shut the jets and tell the ECU so."""
+        due_ns = self._next_instant()
+        if self._has_begun:
+            self._end_period(due_ns)
+        sent = 0
+        for _ in range(LONGEST_FAREWELL):
+            sent += self._sample(due_ns, enable_request=False)
+            if sent == FAREWELL:
+                break
+            self._deadlines = self._deadlines.after(self._now_ns())
+            due_ns = self._next_instant()
+
+    def _next_instant(self) -> int:
+        """Wait for it; one that was slept past by half a period or more is left out like one that was worked past."""
+        while True:
+            due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
+            self._sleep_until(due_ns)
+            if (now_ns := self._now_ns()) - due_ns < latest_ns:
+                self.figures.left_out = self._deadlines.left_out + self._overslept
+                return due_ns
+            self._overslept += 1
+            self._deadlines = self._deadlines.after(now_ns)
+
+    def _end_period(self, due_ns: int) -> None:
+        """Let the jets' driver have what came in the period that ends now."""
+        frames = self._inbox.before(due_ns)
+        self.heard.add(frames)
+        actuation = self._node.apply_commands([frame for frame in frames if self._spec.names(frame)])
+        figures = self.figures
+        figures.acted(actuation.action)
+        if actuation.command is None:
+            figures.misses += figures.commands > 0
+            return
+        figures.commands += 1
+        self._look_at(actuation, actuation.command)
+
+    def _look_at(self, actuation: Actuation, frame: Frame) -> None:
+        command = self._parse(frame.data[: self._spec.protected])
+        if command is None:
+            return
+        self.figures.modes[command.mode] += 1
+        self.figures.latest_mode = command.mode
+        self.figures.at_once += not actuation.next_period
+        if actuation.sampled_ns is not None:
+            self.figures.ages.add(frame.timestamp_ns - actuation.sampled_ns)
+        self._note(VehicleStage.COMMAND_ARRIVED, frame.timestamp_ns)
+        echoed = NOTHING if command.pressure_counter is None else command.pressure_counter
+        self._note(VehicleStage.ECHOED_COUNTER, echoed)
+        self._note(VehicleStage.ACTUATED, self._now_ns())
+
+    def _begin_period(self, due_ns: int, *, enable_request: bool) -> None:
+        if self._stage_times is not None:
+            self._stage_times.begin()
+        self.figures.periods += 1
+        self.figures.lateness.add(self._now_ns() - due_ns)
+        self._note(VehicleStage.PERIOD, self._deadlines.number)
+        self._note(VehicleStage.SCHEDULED, due_ns)
+        self._sample(due_ns, enable_request=enable_request, is_noted=True)
+
+    def _sample(self, due_ns: int, *, enable_request: bool, is_noted: bool = False) -> bool:
+        """Send the pressures of this instant; whether they went out."""
+        cp = self._pressures.sampled()
+        if cp is None:
+            self.figures.unsampled += is_noted
+            return False
+        sampled_ns = self._now_ns()
+        # The row is of the instant that was due; what this process woke late is the frame's age.
+        frame = self._node.sample(
+            np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
+        )
+        self._pressures.drive(self._node.foreseen_action)
+        try:
+            self._bus.send(frame)
+            self._unsent_in_a_row = 0
+        except BusError as error:
+            self.figures.unsent += is_noted
+            self._unsent_in_a_row += 1
+            if self._unsent_in_a_row >= UNSENT_LIMIT:
+                raise BusError(f"{error}; nor were the {UNSENT_LIMIT - 1} before it") from error
+            return False
+        if is_noted:
+            self._note(VehicleStage.SAMPLED, sampled_ns)
+            self._note(VehicleStage.SENT, self._now_ns())
+            self._note(VehicleStage.PRESSURE_COUNTER, self._node.counter_of(frame))
+        return True
+
+    def _note(self, stage: VehicleStage, value: int) -> None:
+        if self._stage_times is not None:
+            self._stage_times.note(stage, value)

@@ -1,0 +1,268 @@
+"""The command that is the other side of an ECU's bus, in real time."""
+
+from contextlib import ExitStack
+from dataclasses import replace
+from datetime import date
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.table import Table
+
+from contract.atomic import check_writable
+from contract.config.loading import to_tree
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from contract.release.bundle import Bundle
+from contract.results import versions, write_result
+from stillwake.outputs import check_json
+from stillwake.releases import Trust, open_release
+from stillwake.settings import settings
+from stillwake.stopping import until_stopped
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+
+if TYPE_CHECKING:
+    from firmware_sim.bench.real_time.figures import Figures
+    from firmware_sim.bench.real_time.pressures import Pressures
+
+NO_COMMANDS: Final = 3
+"""Exit status of a run in which no usable command came."""
+_BUS: Final = (
+    "bus.interface",
+    "bus.channel",
+    "bus.nominal_bitrate",
+    "bus.data_bitrate",
+    "bus.frames",
+    "bus.key",
+    "bus.e2e",
+)
+_USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle")
+
+
+def vehicle(
+    bundle: Annotated[
+        Path | None, typer.Option(help="Release bundle that names the sensors; default: the shipped one.")
+    ] = None,
+    trust: Trust = None,
+    dataset: Annotated[
+        Path | None, typer.Option(help="Recording to replay; default: the shipped one.", metavar="FILE")
+    ] = None,
+    episode: Annotated[
+        str | None, typer.Option(help="Episode of it; default: the first recorded without a controller.")
+    ] = None,
+    begin: Annotated[float, typer.Option("--from", help="Where in the episode to begin, t_c.", min=0.0)] = 0.0,
+    live: Annotated[
+        bool, typer.Option("--live", help="A live wake, which answers the jets, and no recording.")
+    ] = False,
+    start: Annotated[
+        Path | None, typer.Option(help="With --live: flow state to begin from (`develop`).", metavar="FILE")
+    ] = None,
+    slow_down: Annotated[
+        float, typer.Option(help="Divide the vehicle's speed: periods take so many times as long.", min=1.0)
+    ] = 1.0,
+    periods: Annotated[
+        int | None, typer.Option(help="End after so many control periods; default: on Ctrl-C or SIGTERM.", min=1)
+    ] = None,
+    enable_after: Annotated[float, typer.Option(help="Seconds until control is wanted.", min=0.0)] = 2.0,
+    freshness: Annotated[
+        Path | None, typer.Option(help="With bus.key: file that counts this node's power cycles.", metavar="FILE")
+    ] = None,
+    stage_times: Annotated[
+        Path | None, typer.Option(help="Write the instants of every period's stages (.npz).", metavar="FILE")
+    ] = None,
+    ordinary: Annotated[
+        bool, typer.Option("--ordinary", help="Ask the system for no real-time priority and no locked memory.")
+    ] = False,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Be the vehicle of an ECU on a bus, in real time: send pressures every control period, drive the jets as told.
+
+    The pressures are a recording's, and do not answer the jets: whether bus and
+    ECU keep their times can be seen, but no drag reduction. With --live they
+    are of a wake that is computed meanwhile, on a grid on which this computer
+    keeps up, for example --set flow.refinement=0.65 --set flow.substeps=14.
+
+    --slow-down 4 makes it a vehicle of a quarter of the speed, whose wake and
+    control period are four times as slow. Its ECU needs a bundle of that
+    operating point (`bundle renew --set operating_point.speed=...`).
+
+    Ctrl-C, SIGTERM and --periods end it well: the wish for control is
+    withdrawn, and the ECU is told so. Exit status 3: no usable command came.
+    """
+    check_json(json_file)
+    if stage_times is not None:
+        check_writable(stage_times)
+    loaded = settings("vehicle", config_file, overrides, uses=_USES)
+    config = slowed(loaded.config, slow_down)
+    for option, given in {"--dataset": dataset, "--episode": episode, "--from": begin or None}.items():
+        if live and given is not None:
+            raise ConfigError(f"{option} {given}: of a recording; does not go with --live")
+    if start is not None and not live:
+        raise ConfigError(f"--start {start}: where a live wake begins; needs --live")
+    if not isfinite(enable_after):
+        raise ConfigError(f"--enable-after {enable_after}: must be a number of seconds")
+    release = open_release(bundle, trust)
+
+    from can_bridge.bus.python_can import PythonCanBus
+    from firmware_sim.bench.real_time.running import Course, run_vehicle
+    from firmware_sim.ecu.fit import check_sensors
+    from firmware_sim.ecu.real_time.privileges import Wanted
+
+    course = Course(
+        periods=periods,
+        enable_after_s=enable_after,
+        stage_times=stage_times,
+        freshness=freshness,
+        wanted=Wanted(priority=0, lock_memory=False, without_collector=False) if ordinary else Wanted(),
+    )
+    with ExitStack() as stack:
+        bus = stack.enter_context(PythonCanBus.open(config.bus))
+        _say_what_it_is(config, release)
+        pressures = _live(stack, config, start) if live else _replay(config, dataset, episode, begin)
+        check_sensors(release, pressures.layout)
+        console.print(pressures.description, soft_wrap=True, markup=False, highlight=False)
+        is_stopped = stack.enter_context(until_stopped())
+        with progress_bar("periods") as bar:
+            task = bar.add_task("vehicle", total=periods, note="")
+
+            def show(figures: "Figures") -> None:
+                bar.update(task, completed=figures.periods, note=note_of(figures))
+
+            figures = run_vehicle(
+                bus,
+                release.manifest.sensors,
+                pressures,
+                config,
+                course,
+                is_stopped=is_stopped,
+                tell=lambda text: bar.console.print(text, soft_wrap=True, markup=False, highlight=False),
+                progress=show,
+            )
+            bar.update(task, completed=figures.periods, note=note_of(figures))
+        was_cut_short = is_stopped() and periods is not None and figures.periods < periods
+    _print(figures)
+    if json_file is not None:
+        facts = {
+            "bundle": release.digest,
+            "pressures": pressures.description,
+            "config": to_tree(config),
+            "versions": versions("stillwake", "numpy", "python-can"),
+        }
+        write_result(json_file, figures=figures.as_dict(), facts=facts, on=date.today())
+    ended = "stopped" if is_stopped() else "done"
+    console.print(f"{ended}: control is no longer wanted, the jets are shut, and the ECU was told", soft_wrap=True)
+    if was_cut_short:
+        raise KeyboardInterrupt
+    if figures.commands == 0:
+        raise typer.Exit(NO_COMMANDS)
+
+
+def slowed(config: Config, factor: float) -> Config:
+    """The same vehicle at a speed divided by the factor: times grow by it, pressures and flow rates shrink.
+
+    Raises:
+        ConfigError: if the factor is not a number from 1 to 1000.
+    """
+    if not (isfinite(factor) and 1.0 <= factor <= 1000.0):
+        raise ConfigError(f"--slow-down {factor:g}: must be a number from 1 to 1000")
+    point = config.operating_point
+    return replace(config, operating_point=replace(point, speed=point.speed / factor))
+
+
+def note_of(figures: "Figures") -> str:
+    """How it goes, for the progress line."""
+    if figures.commands == 0:
+        return "no usable command yet"
+    mode = figures.latest_mode
+    parts = [
+        "" if mode is None else mode.name,
+        f"age {figures.ages.quantile_ms(0.5):.1f} ms",
+        f"misses {figures.misses}",
+        f"action rms {figures.rms_action:.4f}",
+    ]
+    late = figures.left_out + figures.unsampled
+    return "  ".join([part for part in parts if part] + ([f"late {late}"] if late else []))
+
+
+def _say_what_it_is(config: Config, release: Bundle) -> None:
+    point, bus = config.operating_point, config.bus
+    console.print(
+        f"vehicle at {point.speed:g} m/s, control period {config.period_ns / 1e6:g} ms, "
+        f"on {bus.interface} {bus.channel}",
+        soft_wrap=True,
+        markup=False,
+        highlight=False,
+    )
+    built = release.manifest.operating_point
+    if built != point:
+        console.print(
+            f"warning: bundle {release.manifest.name} is for {built.width:g} m, {built.speed:g} m/s, "
+            f"{built.density:g} kg/m3: an ECU with it has another control period and other scales; `stillwake bundle "
+            f"renew ... --set operating_point.speed={point.speed:g}` makes one for this vehicle",
+            style="yellow",
+            soft_wrap=True,
+            markup=False,
+        )
+
+
+def _replay(config: Config, dataset: Path | None, episode: str | None, begin: float) -> "Pressures":
+    from contract.recording.dataset import read
+    from firmware_sim.bench.real_time.pressures import Replay
+    from wake.shipped import recording
+
+    first = begin / config.flow.control_period
+    if not first < 1e9:
+        raise ConfigError(f"--from {begin:g}: must be a number of t_c within the episode")
+    return Replay(read(recording() if dataset is None else dataset), episode, round(first))
+
+
+def _live(stack: ExitStack, config: Config, start: Path | None) -> "Pressures":
+    from firmware_sim.bench.real_time.live_wake import LiveWake
+
+    with progress_bar("t_c") as bar:
+        tasks: list[Any] = []
+
+        def settling(t: float, total: float) -> None:
+            if not tasks:
+                tasks.append(bar.add_task("wake settles on this grid", total=total, note=""))
+            bar.update(tasks[0], completed=round(t, 1))
+
+        wake = stack.enter_context(LiveWake(config, start, settling))
+    flow = config.flow
+    warning = wake.speed.check(config.period_ns / 1e6, refinement=flow.refinement, substeps=flow.substeps)
+    console.print(
+        f"the wake takes {wake.speed.typical_ms:.1f} ms for a control period, at worst {wake.speed.worst_ms:.1f} ms",
+        highlight=False,
+    )
+    if warning is not None:
+        console.print(warning, style="yellow", soft_wrap=True, markup=False)
+    return wake
+
+
+def _print(figures: "Figures") -> None:
+    table = Table("vehicle", "")
+    modes = ", ".join(f"{mode.name} {count}" for mode, count in sorted(figures.modes.items())) or "none"
+
+    def quantiles(times: Any) -> str:
+        if figures.commands == 0 and times is figures.ages:
+            return "none"
+        return " / ".join(f"{times.quantile_ms(share):.2f}" for share in (0.5, 0.99, 1.0)) + " ms"
+
+    for label, value in (
+        ("periods", str(figures.periods)),
+        ("of these left out: the vehicle itself was late", str(figures.left_out)),
+        ("of these without pressures: the live wake was late", str(figures.unsampled)),
+        ("pressure frames that the bus did not take", str(figures.unsent)),
+        ("usable commands received", str(figures.commands)),
+        ("misses: periods without one, after the first", str(figures.misses)),
+        ("commands that were for the period they came in", str(figures.at_once)),
+        ("age of the pressures at the command's arrival, p50 / p99 / max", quantiles(figures.ages)),
+        ("lateness of the sampling, p50 / p99 / max", quantiles(figures.lateness)),
+        ("action, rms / largest", f"{figures.rms_action:.4f} / {figures.largest:.4f} U_inf W"),
+        ("modes of the ECU in them", modes),
+    ):
+        table.add_row(label, value)
+    console.print(table)

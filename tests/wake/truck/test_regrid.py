@@ -1,0 +1,86 @@
+"""A developed wake moved to another grid."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.errors import ConfigError, PlantError
+from wake.plants import open_plant
+from wake.solver.flow import Flow
+from wake.solver.grid import truck_grid
+from wake.truck.averages import over_cycles
+from wake.truck.regrid import interpolated, moved
+from wake.truck.state import State, developed_state, save_state
+from wake.truck.truck_wake import TruckWake
+
+COARSE = FlowConfig(refinement=0.4, substeps=12)
+
+
+def test_a_linear_flow_is_interpolated_exactly() -> None:
+    fine, coarse = truck_grid(), truck_grid(0.4)
+
+    def linear(grid):
+        flow = Flow.zeros(grid.shape)
+        for name, values in (("u", flow.faces_u), ("v", flow.faces_v), ("p", flow.cells_p)):
+            x, y = np.meshgrid(*grid.axes(name), indexing="ij")
+            values[:] = 0.3 + 0.07 * x - 0.11 * y
+        return flow
+
+    found = interpolated(State(flat=linear(fine).flat, substep=0, action=0.0), fine, coarse)
+    # Also beyond the outermost points of the fine grid, in double precision over some 30 W.
+    assert np.abs(found.flat - linear(coarse).flat).max() < 1e-12
+
+
+def test_the_same_grid_gives_the_same_flow() -> None:
+    state, grid = developed_state(), truck_grid()
+    flow, before = interpolated(state, grid, grid), Flow.of(state.flat, grid.shape)
+    for one, other in ((flow.faces_u, before.faces_u), (flow.faces_v, before.faces_v), (flow.cells_p, before.cells_p)):
+        assert np.abs(one - other).max() < 1e-13
+
+
+def test_the_wake_goes_on_shedding_on_the_coarse_grid() -> None:
+    wake = TruckWake(COARSE)
+    told: list[tuple[float, float]] = []
+    state = moved(developed_state(), truck_grid(), wake, 10.0, lambda t, total: told.append((t, total)))
+    assert (wake.t, state.substep, state.action) == (0.0, 0, 0.0)
+    assert len(told) == 50 and told[-1] == pytest.approx((10.0, 10.0))
+    samples = [wake.advance(0.0) for _ in range(75)]
+    cycles = over_cycles(np.array([s.t for s in samples]), np.array([s.Cl for s in samples]))
+    # The default grid sheds at 0.1994; a wake that fell back to the steady flow would have no cycle here.
+    assert cycles.frequency == pytest.approx(0.1994, abs=0.01)
+    assert np.abs(wake.solver.divergence(wake.flow)).max() < 1e-9
+
+
+def test_a_run_begins_in_the_shipped_wake_on_any_grid(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("wake.plants.SETTLE_TIME", 0.2)
+    told: list[float] = []
+    with open_plant("stillwake", tmp_path, Config(flow=COARSE), progress=lambda t, _: told.append(t)) as wake:
+        assert wake.t == 0.0
+        assert wake.grid.shape == truck_grid(0.4).shape
+    assert told == [pytest.approx(0.2)]
+
+
+def test_a_start_of_another_grid_is_refused_with_what_would_do(tmp_path) -> None:
+    save_state(tmp_path / "fine.npz", replace(developed_state(), substep=0))
+    with (
+        pytest.raises(PlantError, match=r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
+        open_plant("stillwake", tmp_path, Config(flow=COARSE), start=tmp_path / "fine.npz"),
+    ):
+        pass
+
+
+def test_openfoam_has_a_mesh_of_its_own(tmp_path) -> None:
+    with (
+        pytest.raises(PlantError, match=r"flow\.refinement = 0\.4: .* openfoam\.refinement"),
+        open_plant("openfoam", tmp_path, Config(flow=COARSE)),
+    ):
+        pass
+
+
+def test_a_grid_too_coarse_for_the_slots_is_refused_with_what_would_do() -> None:
+    with pytest.raises(ConfigError, match=r"refinement = 0\.35: gives 1 cells a slot, .* take 0\.38 or more"):
+        TruckWake(FlowConfig(refinement=0.35))
+    assert truck_grid(0.38).slot_cells == 2
