@@ -35,11 +35,11 @@ class Cause(StrEnum):
     PAGE_FAULTS = "page faults"
     PREEMPTED = "another process took the processor"
     SLOW_PLAN = "ONNX Runtime or the library was slow"
-    UNKNOWN = "unknown"
+    UNKNOWN = "unexplained"
 
     @property
     def is_ours(self) -> bool:
-        """Whether it can be put right in this project."""
+        """Whether the machine is not to blame."""
         return self not in (Cause.IDLE_LOOP, Cause.WAITED, Cause.STOLEN, Cause.PREEMPTED)
 
 
@@ -118,7 +118,7 @@ def counted(misses: Sequence[Miss]) -> dict[Cause, int]:
 
 
 def ours(misses: Sequence[Miss]) -> int:
-    """How many of them can be put right in this project."""
+    """How many of them are not the machine's, the unexplained ones included."""
     return sum(miss.cause.is_ours for miss in misses)
 
 
@@ -143,8 +143,6 @@ def _evidence(ecu: Times, idle: IdleTimes, begin: int, end: int) -> _Evidence:
     rows = idle.rows
     asleep = (rows[:, IdleStage.SCHEDULED] < end) & (rows[:, IdleStage.WOKE] > begin)
     late = rows[asleep, IdleStage.WOKE] - rows[asleep, IdleStage.SCHEDULED]
-    woke = rows[:, IdleStage.WOKE]
-    waited = rows[:, IdleStage.ECU_WAITED] + rows[:, IdleStage.VEHICLE_WAITED]
     # What the ECU counted since its row before, up to the end of the row that ends within or after the period.
     ended = ecu[:, EcuStage.STEP_ENDED]
     before = np.concatenate([[np.iinfo(np.int64).min], ended[:-1]])
@@ -153,8 +151,8 @@ def _evidence(ecu: Times, idle: IdleTimes, begin: int, end: int) -> _Evidence:
     plans = counts[:, EcuStage.PLAN_ENDED] - counts[:, EcuStage.PLAN_BEGAN]
     return _Evidence(
         idle_late_ns=float(late.max(initial=0)),
-        waited_ns=_beyond_usual(woke, waited, begin, end),
-        stolen_ns=_beyond_usual(woke, rows[:, IdleStage.STOLEN], begin, end),
+        waited_ns=sum(_waited(rows, node, begin, end) for node in (IdleStage.ECU_WAITED, IdleStage.VEHICLE_WAITED)),
+        stolen_ns=_stolen(rows, begin, end),
         collections=int(counts[:, EcuStage.COLLECTIONS].sum()),
         minor_faults=int(counts[:, EcuStage.MINOR_FAULTS].sum()),
         major_faults=int(counts[:, EcuStage.MAJOR_FAULTS].sum()),
@@ -163,12 +161,27 @@ def _evidence(ecu: Times, idle: IdleTimes, begin: int, end: int) -> _Evidence:
     )
 
 
-def _beyond_usual(ends: Times, amounts: Times, begin: int, end: int) -> float:
-    """Of amounts of time summed up from row to row, what exceeds their median and can lie between two instants."""
-    starts = np.concatenate([ends[:1], ends[:-1]])
+def _waited(rows: Times, column: IdleStage, begin: int, end: int) -> float:
+    """Of times summed up from row to row, what exceeds their median and can lie between two instants.
+
+    A waiting is counted when it ends: what a row holds may have begun so much before it.
+    """
+    ends, amounts = rows[:, IdleStage.WOKE], rows[:, column].astype(float)
+    if not len(rows):
+        return 0.0
+    starts = np.concatenate([ends[:1], ends[:-1]]) - amounts
     overlap = np.minimum(ends, end) - np.maximum(starts, begin)
-    unusual = amounts - float(np.median(amounts)) if len(amounts) else amounts
-    return float(np.clip(np.minimum(unusual, overlap), 0.0, None).sum())
+    return float(np.clip(np.minimum(amounts - np.median(amounts), overlap), 0.0, None).sum())
+
+
+def _stolen(rows: Times, begin: int, end: int) -> float:
+    """What the host took in the rows that touch the time between two instants.
+
+    It is counted in ticks of the clock, 10 ms mostly, and only when one is full.
+    """
+    ends = rows[:, IdleStage.WOKE]
+    starts = np.concatenate([ends[:1], ends[:-1]])
+    return float(rows[(ends > begin) & (starts < end), IdleStage.STOLEN].sum())
 
 
 def _stage(periods: Periods, i: int, medians: dict[Stage, float]) -> Stage:
@@ -184,8 +197,9 @@ def _stage(periods: Periods, i: int, medians: dict[Stage, float]) -> Stage:
         return lost_in[link]
     candidates = {Link.WHOLE: CHAIN, Link.OVERTAKEN: CHAIN[:-1]}.get(link, (Stage.SAMPLE, Stage.BUS_TO_ECU))
     excess = {stage: float(periods.stages[stage][i]) - medians[stage] for stage in candidates}
-    if np.isnan(excess[Stage.BUS_TO_ECU]) and link is Link.NOT_IN_TIME:
-        return Stage.BUS_TO_ECU
+    if np.isnan(excess[Stage.BUS_TO_ECU]):
+        # When the frame came is not known; a vehicle that was late by all there was to spare explains it.
+        return Stage.SAMPLE if excess[Stage.SAMPLE] >= medians[Stage.WAIT] else Stage.BUS_TO_ECU
     return max(excess, key=lambda stage: excess[stage])
 
 

@@ -12,8 +12,8 @@ from firmware_sim.latency.stages import Stage
 
 LIMITS: Final[Mapping[str, str]] = {"p50_ms": "p50", "p99_ms": "p99", "p99_9_ms": "p99_9", "max_ms": "max"}
 """What may be limited of a stage, and the field of `Quantiles` that it limits."""
-COUNTS: Final = ("misses", "misses_ours")
-"""What may be limited of a run as a whole."""
+COUNTS: Final = ("misses", "misses_ours", "misses_unexplained")
+"""What may be limited of a run as a whole; unexplained ones count as ours."""
 LARGEST_FILE: Final = 2**16
 """Bytes."""
 LONGEST_MS: Final = 86_400_000

@@ -83,7 +83,7 @@ def timeline_figure(run: Measured) -> Figure:
     axes = figure.subplots()
     for i in range(first, last + 1):
         _draw_period(axes, run, i, origin, strong=i == worst)
-    _draw_idle(axes, run, origin)
+    _draw_idle(axes, run, origin, shown_ms=shown + period_ms)
     for i in range(first, last + 2):
         axes.axvline((i - worst) * period_ms, color="0.35", linewidth=0.9)
     axes.axvline(period_ms, color="tab:red", linewidth=1.4, linestyle="--")
@@ -117,10 +117,11 @@ def _draw_period(axes: Axes, run: Measured, i: int, origin: float, *, strong: bo
         at += took
 
 
-def _draw_idle(axes: Axes, run: Measured, origin: float) -> None:
+def _draw_idle(axes: Axes, run: Measured, origin: float, *, shown_ms: float) -> None:
     """A bar from each deadline of the idle loop to its waking up; a mark where the bar is too short to be seen."""
     began = run.periods.origin_ns + origin
     rows = run.idle.rows
+    rows = rows[(rows[:, IdleStage.WOKE] > began - shown_ms * 1e6) & (rows[:, IdleStage.SCHEDULED] < began + shown_ms * 1e6)]
     scheduled = (rows[:, IdleStage.SCHEDULED] - began) / 1e6
     late = (rows[:, IdleStage.WOKE] - rows[:, IdleStage.SCHEDULED]) / 1e6
     axes.barh(_ROWS.index("idle loop"), late, left=scheduled, height=0.62, color="0.3", linewidth=0)

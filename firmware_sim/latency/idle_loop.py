@@ -22,6 +22,8 @@ from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
 from firmware_sim.ecu.real_time.stage_times import LONGEST
 from firmware_sim.latency.idle_times import IdleStage, IdleTimes
 
+LOOK_EVERY: Final = 25
+"""Periods between two looks for new threads: half a second."""
 _STEAL: Final = 8
 """Position in the first line of /proc/stat (proc(5)), whose first word is its name."""
 _LINE: Final = 512
@@ -40,12 +42,12 @@ def main(arguments: Sequence[str]) -> None:
     # Ctrl-C in a terminal reaches all processes of it; whoever started this one decides what ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with ExitStack() as stack:
-        waited = [waiting_of(int(pid), stack) for pid in watched]
+        waited = [Waiting(int(pid), stack) for pid in watched]
         stolen = stolen_time(stack)
         privileges = stack.enter_context(taken(Wanted()))
         print(in_words(privileges), flush=True)
-        rows = run(int(period_ns), [*(reader or _nothing for reader in waited), stolen or _nothing], lambda: bool(stopped))
-    IdleTimes(rows=rows, knows_waiting=all(reader is not None for reader in waited)).save(Path(path))
+        rows = run(int(period_ns), [*waited, stolen or _nothing], lambda: bool(stopped))
+    IdleTimes(rows=rows, knows_waiting=all(one.is_known for one in waited)).save(Path(path))
 
 
 def run(
@@ -74,12 +76,40 @@ def run(
     return table[:count]
 
 
-def waiting_of(pid: int, stack: ExitStack) -> Callable[[], int] | None:
-    """What reads how long the main thread of a process was ready without a processor, ns; None where that is unknown.
+class Waiting:
+    """How long a process was ready without a processor, ns, since this was made; it calls like a counter.
 
-    After the end of the process it is what it was.
+    Of its main thread, and of those others that have a real-time priority: the one that receives, but not one that
+    writes logs. Threads that come later are found within `LOOK_EVERY` calls; after their end they are what they were.
+
+    Args:
+        pid: of the process.
+        stack: closes what is opened.
+
+    Attributes:
+        is_known: whether this system tells.
     """
-    return _number(Path(f"/proc/{pid}/schedstat"), 1, stack)
+
+    def __init__(self, pid: int, stack: ExitStack) -> None:
+        self._pid, self._stack = pid, stack
+        self._readers: dict[int, tuple[Callable[[], int], int]] = {}
+        self._calls = 0
+        self._look()
+        self.is_known = bool(self._readers)
+
+    def __call__(self) -> int:
+        self._calls += 1
+        if self._calls % LOOK_EVERY == 0:
+            self._look()
+        return sum(read() - before for read, before in self._readers.values())
+
+    def _look(self) -> None:
+        for name in _names(Path(f"/proc/{self._pid}/task")):
+            thread = int(name)
+            if thread not in self._readers and (thread == self._pid or _is_urgent(thread)):
+                read = _number(Path(f"/proc/{self._pid}/task/{thread}/schedstat"), 1, self._stack)
+                if read is not None:
+                    self._readers[thread] = read, read()
 
 
 def stolen_time(stack: ExitStack) -> Callable[[], int] | None:
@@ -104,6 +134,20 @@ def _number(path: Path, position: int, stack: ExitStack) -> Callable[[], int] | 
         return latest
 
     return read
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _is_urgent(thread: int) -> bool:
+    try:
+        return os.sched_getscheduler(thread) in (os.SCHED_FIFO, os.SCHED_RR)
+    except OSError:
+        return False
 
 
 def _nothing() -> int:

@@ -214,8 +214,10 @@ def vehicle_command(subject: Subject, chosen: Path, *, periods: int) -> list[str
 
 def figures(runs: "Sequence[Measured]") -> dict[str, Any]:
     """Of a results file: counts over all runs, and each run's own under its controller's name."""
+    from firmware_sim.latency.budget import COUNTS
+
     own = {run.name: run.figures() for run in runs}
-    totals = {name: sum(run[name] for run in own.values()) for name in ("periods", "misses", "misses_ours")}
+    totals = {name: sum(run[name] for run in own.values()) for name in ("periods", *COUNTS)}
     return {**totals, **own}
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.ecu.real_time.stage_times import EcuStage
+from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage
 from firmware_sim.latency.attribution import SLOW_PLAN, Cause, Miss, attributed, counted, ours, slack_ns
 from firmware_sim.latency.idle_times import IdleStage
 from firmware_sim.latency.stages import Link, Stage
@@ -81,18 +81,25 @@ def test_waiting_that_is_usual_excuses_nothing(tables):
     assert only(run).cause is Cause.UNKNOWN
 
 
-def test_more_waiting_than_fits_into_the_period_is_not_counted_for_it(tables):
+def test_waiting_that_ended_before_the_period_or_began_after_it_excuses_nothing(tables):
     run = late_run(tables)
-    # The row ends 5.08 ms after the sampling instant: of its 18 ms no more than those can be this period's.
-    run.idle[40, IdleStage.ECU_WAITED] = 18 * MS
-    assert SLACK_MS > 5.08
+    # Row 39 ends 14.92 ms before the period, row 43 begins 25.08 ms after its end: 18 ms of it cannot lie within.
+    run.idle[[39, 43], IdleStage.ECU_WAITED] = 18 * MS
     assert only(run).cause is Cause.UNKNOWN
 
 
-def test_stolen_time(tables):
+def test_waiting_is_counted_when_it_ends(tables):
     run = late_run(tables)
-    run.idle[41, IdleStage.STOLEN] = 10 * MS
-    assert only(run).cause is Cause.STOLEN
+    # Counted between 25.08 and 45.08 ms after the sampling instant; 30 ms of it began at 15.08 ms at the latest.
+    run.idle[42, IdleStage.ECU_WAITED] = 30 * MS
+    assert only(run).cause is Cause.WAITED
+
+
+@pytest.mark.parametrize(("row", "cause"), [(39, Cause.UNKNOWN), (40, Cause.STOLEN), (41, Cause.STOLEN), (42, Cause.UNKNOWN)])
+def test_a_tick_of_stolen_time(tables, row, cause):
+    run = late_run(tables)
+    run.idle[row, IdleStage.STOLEN] = 10 * MS
+    assert only(run).cause is cause
 
 
 def test_a_garbage_collection_is_ours(tables):
@@ -158,6 +165,14 @@ def test_a_frame_that_missed_its_step_had_only_the_wait_to_spare(tables):
     assert miss.cause is Cause.UNKNOWN
     run.idle[40, IdleStage.WOKE] = run.idle[40, IdleStage.SCHEDULED] + round(TOOK["wait"] * MS)
     assert only(run).cause is Cause.IDLE_LOOP
+
+
+def test_a_vehicle_that_was_late_by_all_there_was_to_spare(tables):
+    run = tables(100)
+    run.lose_frame(40)
+    run.vehicle[40, VehicleStage.SAMPLED] += round((TOOK["wait"] + 0.1) * MS)
+    miss = only(run)
+    assert (miss.link, miss.stage) == (Link.NOT_IN_TIME, Stage.SAMPLE)
 
 
 def test_a_loop_that_is_always_late_has_no_excuse(tables):
