@@ -19,7 +19,7 @@ from firmware_sim.latency.idle_times import IdleStage, IdleTimes
 from firmware_sim.latency.stages import CHAIN, Link, Periods, Stage, Times
 
 SLOW_PLAN: Final = 2.0
-"""Medians of the plan's time from which on a plan counts as slow. Its work is the same each period, to the operation."""
+"""Medians of the plan's time from which on a plan counts as slow: its work is the same each period, to an operation."""
 MINOR_FAULT_NS: Final = 1_000
 """Of a page fault without reading: about 0.5 us on a bare machine, twice that in a virtual one."""
 

@@ -108,7 +108,9 @@ def _ms(path: Path, name: str, limit: str, value: Any) -> float:
         raise ConfigError(f"budget {path}: {name} is not known: must be one of {', '.join(LIMITS)}")
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not 0 < value <= LONGEST_MS:
-        raise ConfigError(f"budget {path}: {name} = {_short(value)}: must be a number of ms, positive and at most a day")
+        raise ConfigError(
+            f"budget {path}: {name} = {_short(value)}: must be a number of ms, positive and at most a day"
+        )
     return float(value)
 
 

@@ -8,8 +8,10 @@ from typing import Final
 
 PRIORITY: Final = 50
 """The same as the idle loop's."""
-_THREAD: Final = re.compile(r"T:\s*\d+ .*?P:\s*(?P<priority>\d+) .*?C:\s*(?P<count>\d+) .*?"
-                            r"Min:\s*(?P<min>\d+) .*?Avg:\s*(?P<avg>\d+) .*?Max:\s*(?P<max>\d+)")
+_THREAD: Final = re.compile(
+    r"T:\s*\d+ .*?P:\s*(?P<priority>\d+) .*?C:\s*(?P<count>\d+) .*?"
+    r"Min:\s*(?P<min>\d+) .*?Avg:\s*(?P<avg>\d+) .*?Max:\s*(?P<max>\d+)"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +36,15 @@ def started(period_ns: int) -> "subprocess.Popen[str] | None":
     program = shutil.which("cyclictest")
     if program is None:
         return None
-    # Without --default-system it would keep the processors out of their power-saving states, also for those measured here.
-    command = [program, "--quiet", "--default-system", "--mlockall", f"--priority={PRIORITY}", f"--interval={period_ns // 1000}"]
+    # Without --default-system it would keep the processors awake, also for the processes that are measured.
+    command = [
+        program,
+        "--quiet",
+        "--default-system",
+        "--mlockall",
+        f"--priority={PRIORITY}",
+        f"--interval={period_ns // 1000}",
+    ]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 

@@ -98,7 +98,11 @@ def timeline_figure(run: Measured) -> Figure:
     reason = "in time" if cause is None else str(cause)
     axes.set_title(f"{run.name}, period {periods.first + worst}: {took}, {reason}", fontsize=10, loc="left")
     figure.legend(
-        handles=[_patch(stage) for stage in CHAIN], loc="outside lower center", ncols=len(CHAIN), frameon=False, fontsize=8
+        handles=[_patch(stage) for stage in CHAIN],
+        loc="outside lower center",
+        ncols=len(CHAIN),
+        frameon=False,
+        fontsize=8,
     )
     return figure
 
@@ -121,7 +125,9 @@ def _draw_idle(axes: Axes, run: Measured, origin: float, *, shown_ms: float) -> 
     """A bar from each deadline of the idle loop to its waking up; a mark where the bar is too short to be seen."""
     began = run.periods.origin_ns + origin
     rows = run.idle.rows
-    rows = rows[(rows[:, IdleStage.WOKE] > began - shown_ms * 1e6) & (rows[:, IdleStage.SCHEDULED] < began + shown_ms * 1e6)]
+    rows = rows[
+        (rows[:, IdleStage.WOKE] > began - shown_ms * 1e6) & (rows[:, IdleStage.SCHEDULED] < began + shown_ms * 1e6)
+    ]
     scheduled = (rows[:, IdleStage.SCHEDULED] - began) / 1e6
     late = (rows[:, IdleStage.WOKE] - rows[:, IdleStage.SCHEDULED]) / 1e6
     axes.barh(_ROWS.index("idle loop"), late, left=scheduled, height=0.62, color="0.3", linewidth=0)

@@ -45,7 +45,8 @@ def main(arguments: Sequence[str]) -> None:
         waited = [Waiting(int(pid), stack) for pid in watched]
         stolen = stolen_time(stack)
         privileges = stack.enter_context(taken(Wanted()))
-        print(in_words(privileges), flush=True)
+        sys.stdout.write(f"{in_words(privileges)}\n")
+        sys.stdout.flush()
         rows = run(int(period_ns), [*waited, stolen or _nothing], lambda: bool(stopped))
     IdleTimes(rows=rows, knows_waiting=all(one.is_known for one in waited)).save(Path(path))
 
@@ -113,7 +114,7 @@ class Waiting:
 
 
 def stolen_time(stack: ExitStack) -> Callable[[], int] | None:
-    """What reads the time that this virtual machine's host kept from it, ns, in steps of a clock tick; None if unknown."""
+    """What reads the time that the host of a virtual machine kept from it, ns, in clock ticks; None if unknown."""
     ticks = _number(Path("/proc/stat"), _STEAL, stack)
     tick_ns = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
     return None if ticks is None else lambda: ticks() * tick_ns

@@ -21,7 +21,7 @@ class IdleStage(IntEnum):
     SCHEDULED = 1
     WOKE = 2
     ECU_WAITED = 3
-    """Time in which threads of the ECU that have to be on time were ready to run and had no processor (schedstat), ns."""
+    """Time in which the ECU's threads that have to be on time were ready and had no processor (schedstat), ns."""
     VEHICLE_WAITED = 4
     STOLEN = 5
     """Time that the host of a virtual machine kept from all of its processors (/proc/stat), ns."""

@@ -1,4 +1,4 @@
-"""One run judged: quantiles of every stage and of the idle loop, misses with their causes, and the verdict in a line."""
+"""One run judged: quantiles of every stage and of the idle loop, misses with causes, and the verdict in a line."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -51,7 +51,7 @@ class Measured:
         # A period more on both sides: the idle loop may sleep across the edge.
         idle = recorded.idle.between(begin - period_ns, begin + int(periods.scheduled[-1]) + period_ns)
         if not len(idle.rows):
-            raise StillwakeError("the idle loop did not run at the same time: there is no baseline to judge the misses by")
+            raise StillwakeError("the idle loop did not run at the same time: there is no baseline")
         late = idle.late(period_ns)
         return cls(
             name=name,

@@ -32,7 +32,7 @@ LABELS: Final[Mapping[Stage, str]] = {
 
 
 def stage_rows(run: Measured) -> Iterator[tuple[str, ...]]:
-    """A row for each stage, the idle loop and cyclictest; times in ms. A stage's misses are those it had most part in."""
+    """A row for each stage, the idle loop and cyclictest; times in ms. A stage has the misses it had most part in."""
     for stage, quantiles in run.latencies.items():
         misses = len(run.misses) if stage is Stage.ALL else sum(miss.stage is stage for miss in run.misses)
         yield (LABELS[stage], *_cells(quantiles), str(misses) if misses or stage is Stage.ALL else "")

@@ -1,14 +1,15 @@
 """What became of the pressures of each control period, from the sampling instant to the command that rests on them.
 
-The tables of vehicle and ECU are laid side by side by the pressure counter that the frames carry. Everything is measured
-against the instant that was scheduled, and no period is left out because a node slept through it: the pressures of such
-a period are answered when those of a later one are. Otherwise a loop that stalls would count one slow period where it
-had many (Tene's "coordinated omission").
+The tables of vehicle and ECU are laid side by side by the pressure counter that the frames carry. Everything is
+measured against the instant that was scheduled, and no period is left out because a node slept through it: the
+pressures of such a period are answered when those of a later one are. Otherwise a loop that stalls would count one slow
+period where it had many (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -39,8 +40,8 @@ class Stage(StrEnum):
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The JetCommand frame sent, and received by the vehicle."""
     ALL = "all"
-    """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones, of those
-    that the vehicle took: one a period, the newest. It is due by the next sampling instant."""
+    """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones, of
+    those that the vehicle took: one a period, the newest. It is due by the next sampling instant."""
     ACTUATE = "actuate"
     """From that instant to the jets' driver taking the command."""
 
@@ -250,7 +251,7 @@ def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     found = []
-    for before, after in zip(rows, rows[1:], strict=False):
+    for before, after in pairwise(rows):
         left_out = int(after[EcuStage.PERIOD] - before[EcuStage.PERIOD]) - 1
         whole = int(after[EcuStage.SCHEDULED] - before[EcuStage.SCHEDULED]) / (left_out + 1)
         began = int(after[EcuStage.STEP_BEGAN] - after[EcuStage.SCHEDULED])

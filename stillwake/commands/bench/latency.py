@@ -149,7 +149,7 @@ def with_bus(loaded: Loaded) -> Loaded:
         bus = replace(bus, interface=INTERFACE)
     if bus.interface in ("simulated", "virtual"):
         raise ConfigError(
-            f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE} or socketcan"
+            f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
         # Of the group of addresses that no router passes on (RFC 2365); two measurements do not hear each other.

@@ -15,7 +15,15 @@ PERIOD = 20 * MS
 START = 7_000 * MS
 COUNTERS = 256
 
-TOOK = {"sample": 0.3, "bus_to_ecu": 0.5, "wait": 3.2, "receive": 0.25, "plan": 8.0, "gate": 0.125, "bus_to_vehicle": 0.4}
+TOOK = {
+    "sample": 0.3,
+    "bus_to_ecu": 0.5,
+    "wait": 3.2,
+    "receive": 0.25,
+    "plan": 8.0,
+    "gate": 0.125,
+    "bus_to_vehicle": 0.4,
+}
 """ms of each stage where nothing is planted; binary fractions or not, the sums are of whole nanoseconds."""
 
 
@@ -87,7 +95,10 @@ class Tables:
         for j in range(i, i + periods):
             self.lose_frame(j)
         after = slice(i + periods, None)
-        for table, column in ((self.vehicle, VehicleStage.PRESSURE_COUNTER), (self.vehicle, VehicleStage.ECHOED_COUNTER)):
+        for table, column in (
+            (self.vehicle, VehicleStage.PRESSURE_COUNTER),
+            (self.vehicle, VehicleStage.ECHOED_COUNTER),
+        ):
             table[after, column] = (table[after, column] - periods) % COUNTERS
         counters = self.ecu[after, EcuStage.PRESSURE_COUNTER]
         self.ecu[after, EcuStage.PRESSURE_COUNTER] = (counters - periods) % COUNTERS

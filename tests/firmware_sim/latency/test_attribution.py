@@ -95,7 +95,9 @@ def test_waiting_is_counted_when_it_ends(tables):
     assert only(run).cause is Cause.WAITED
 
 
-@pytest.mark.parametrize(("row", "cause"), [(39, Cause.UNKNOWN), (40, Cause.STOLEN), (41, Cause.STOLEN), (42, Cause.UNKNOWN)])
+@pytest.mark.parametrize(
+    ("row", "cause"), [(39, Cause.UNKNOWN), (40, Cause.STOLEN), (41, Cause.STOLEN), (42, Cause.UNKNOWN)]
+)
 def test_a_tick_of_stolen_time(tables, row, cause):
     run = late_run(tables)
     run.idle[row, IdleStage.STOLEN] = 10 * MS

@@ -20,7 +20,9 @@ MEASURED = {stage: Quantiles.of(np.arange(1.0, 1001.0) * 1e4) for stage in Stage
 
 
 def test_each_limit_beside_what_was_measured(tmp_path):
-    budget = budget_of(tmp_path, "misses_ours = 0\n[all]\np99_ms = 9.9\np99_9_ms = 9.98\n[plan]\nmax_ms = 10\np50_ms = 5")
+    budget = budget_of(
+        tmp_path, "misses_ours = 0\n[all]\np99_ms = 9.9\np99_9_ms = 9.98\n[plan]\nmax_ms = 10\np50_ms = 5"
+    )
     found = verdicts(budget, {"misses": 3, "misses_ours": 1, "misses_unexplained": 1}, MEASURED)
     assert found == [
         Verdict("misses_ours", 0, 1),

@@ -68,7 +68,7 @@ def test_threads_of_no_urgency_are_left_out():
     try:
         with ExitStack() as stack:
             waiting = Waiting(os.getpid(), stack)
-            assert list(waiting._readers) == [os.getpid()]  # noqa: SLF001
+            assert list(waiting._readers) == [os.getpid()]
     finally:
         ended.set()
 

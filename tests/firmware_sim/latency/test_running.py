@@ -34,7 +34,7 @@ def ran(folder: Path, ecu: str, vehicle: str = "") -> None:
 
 
 def test_an_ecu_that_does_not_start_is_quoted(tmp_path):
-    with pytest.raises(BusError, match="the ecu did not start: error: no such bus$"):
+    with pytest.raises(BusError, match=r"the ecu did not start: error: no such bus$"):
         ran(tmp_path, "import sys; print('a line'); print('error: no such bus', file=sys.stderr); sys.exit(1)")
 
 
@@ -65,7 +65,7 @@ def test_an_ecu_that_ignores_its_end_is_killed(tmp_path, monkeypatch):
 
 
 def test_processes_that_leave_no_table(tmp_path):
-    with pytest.raises(StillwakeError, match="vehicle_times.npz"):
+    with pytest.raises(StillwakeError, match=r"vehicle_times\.npz"):
         ran(tmp_path, READY + "time.sleep(60)", "import time; time.sleep(1)")
 
 

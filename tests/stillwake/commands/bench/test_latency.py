@@ -96,9 +96,7 @@ def test_a_short_run_on_a_real_bus(cli, tmp_path):
     budget = tmp_path / "budget.toml"
     budget.write_text("misses = 100000\n[plan]\np50_ms = 0.1\n")
     result = tmp_path / "latency.json"
-    found = cli(
-        "bench", "latency", tmp_path / "report", "--periods", 100, "--budget", budget, "--json", result
-    )
+    found = cli("bench", "latency", tmp_path / "report", "--periods", 100, "--budget", budget, "--json", result)
     assert found.code == 3, found.err
     assert "over budget: plan.p50_ms" in found.out
     figures = json.loads(result.read_text())["figures"]
