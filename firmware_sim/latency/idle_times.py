@@ -45,7 +45,8 @@ class IdleTimes:
         numbers = np.arange(self.rows[0, IdleStage.PERIOD], self.rows[-1, IdleStage.PERIOD] + 1)
         row = np.searchsorted(self.rows[:, IdleStage.PERIOD], numbers)
         before = self.rows[row, IdleStage.PERIOD] - numbers
-        return (woke[row] - scheduled[row] + before * period_ns).astype(float)
+        late: Array = (woke[row] - scheduled[row] + before * period_ns).astype(float)
+        return late
 
     def between(self, begin_ns: int, end_ns: int) -> Self:
         """Of the periods scheduled from one instant to another."""

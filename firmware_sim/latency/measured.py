@@ -79,8 +79,8 @@ class Measured:
         if total:
             causes = ", ".join(f"{count} {cause}" for cause, count in counted(self.misses).items())
             found = (
-                f"{total} of {len(self.periods)} commands missed their boundary; {own} of these are ours or unexplained "
-                f"({causes})."
+                f"{total} of {len(self.periods)} commands missed their boundary; {own} of these are ours or "
+                f"unexplained ({causes})."
             )
         else:
             found = f"All {len(self.periods)} commands came by the boundary they were due at."
@@ -114,7 +114,7 @@ class Measured:
                 name: row | {"misses": sum(miss.stage == name for miss in self.misses)} for name, row in rows.items()
             }
             | {Stage.ALL.value: rows[Stage.ALL] | {"misses": len(self.misses)}},
-            "baseline": _ms(self.idle_latency) | {"misses": self.idle_misses, "periods": self.idle_latency.count},
+            "baseline": _ms(self.idle_latency) | {"misses": self.idle_misses, "periods": self.idle_latency.number},
             "cyclictest": None if other is None else asdict(other),
             "privileges": self.recorded.privileges,
             "missed": [

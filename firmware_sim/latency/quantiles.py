@@ -16,14 +16,14 @@ class Quantiles(NamedTuple):
 
     Attributes:
         p50, p99, p99_9, max: percentiles.
-        count: of the values.
+        number: of the values.
     """
 
     p50: float | None
     p99: float | None
     p99_9: float | None
     max: float | None
-    count: int
+    number: int
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:

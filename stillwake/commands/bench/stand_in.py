@@ -3,6 +3,7 @@
 The time of a control step depends on the shapes, not on the weights; what it commands means nothing.
 """
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -38,8 +39,6 @@ def write_stand_in(folder: Path, release: Bundle, config: Config) -> StandIn:
     Raises:
         LibraryError, ExportError, StillwakeError: it cannot be made or written.
     """
-    from dataclasses import replace
-
     from export.int8.rounded_program import Program, rounded_to_nearest
     from export.program.program_hash import program_sha256
     from export.program.random_program import random_program, random_window
@@ -56,15 +55,17 @@ def write_stand_in(folder: Path, release: Bundle, config: Config) -> StandIn:
     lowered = lower(lowered_from, calibration=windows, with_library=True)
     assert lowered.library is not None
     paths = StandIn(folder / "bundle", folder / "library")
+    unknown = "0" * 64
     stands_in = replace(
         manifest,
         name=f"random, of the size of {manifest.name}",
         created=date.today().isoformat(),
         scaling=program.scaling,
         program_sha256=program_sha256(lowered.effective),
-        **{name: "0" * 64 for name in ("dataset_sha256", "weights_sha256")},
+        dataset_sha256=unknown,
+        weights_sha256=unknown,
         provenance=Provenance(
-            dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={}
+            dataset_sha256=unknown, weights_sha256=unknown, metrics={}, versions={}, config={}
         ).training(),
     )
     bundles.write(paths.bundle, stands_in, {bundles.CONTROLLER: lowered.graph}, None)

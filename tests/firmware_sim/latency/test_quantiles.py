@@ -39,7 +39,7 @@ def test_without_values_there_are_none():
 
 def test_what_never_came_counts_and_what_was_not_due_does_not():
     found = Quantiles.of(np.array([1e6, np.nan, np.inf]))
-    assert found.count == 2
+    assert found.number == 2
     assert found.p50 == 1.0
     assert found.max == np.inf
 
