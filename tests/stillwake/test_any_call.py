@@ -40,6 +40,7 @@ BEGINNINGS = (
     "wake.recording.parallel.run_parallel",
     "wake.pictures.drawing.save_figure",
     "can_bridge.tools.raw_bus.open_bus",
+    "firmware_sim.ecu.daemon.service.serve",
 )
 """Where the work of a command begins."""
 

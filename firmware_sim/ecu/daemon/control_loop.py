@@ -78,7 +78,7 @@ class ControlLoop:
         tell: Tell,
         after_step: Callable[[int, Counters], None] = lambda now_ns, counters: None,
         stage_times: StageTimes | None = None,
-        real_time: RealTime = RealTime(),  # noqa: B008  (a constant)
+        real_time: RealTime = RealTime(),
     ) -> None:
         self._ecu, self._controller, self._connection, self._inbox = ecu, controller, connection, inbox
         self._tell, self._after_step, self._stages, self._clock = tell, after_step, stage_times, real_time
@@ -130,9 +130,9 @@ class ControlLoop:
         """The last frames: jets at zero and not enabled, as at power-on."""
         self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
         for _ in range(SHUT_FRAMES):
+            self._clock.sleep_until(self._deadlines.due_ns)
             self._connection.send(self._ecu.step(self._clock.now_ns(), [], self._connection.health()))
             self._deadlines = self._deadlines.after(self._clock.now_ns())
-            self._clock.sleep_until(self._deadlines.due_ns)
 
     def _look_at_bus(self) -> None:
         match self._connection.look():
@@ -147,7 +147,7 @@ class ControlLoop:
                 )
 
     def _other_ecu(self, now_ns: int, foreign: int) -> Reason | None:
-        """INTERNAL while another ECU commands on this bus: whose command the jets follow would be a matter of chance."""
+        """INTERNAL while another ECU commands on this bus: chance would say whose command the jets follow."""
         if foreign:
             if self._other_until_ns is None:
                 self._tell("other_ecu", "another ECU sends jet commands on this bus: jets shut", frames=foreign)

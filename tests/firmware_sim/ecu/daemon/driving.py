@@ -1,0 +1,73 @@
+"""A vehicle in real time opposite an ECU that runs by itself, in a thread or a process of its own.
+
+It asserts no times: on a machine that is busy with other things control may take long to come, or need another edge.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.secoc.node import Authentication
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import EcuStatus, JetCommand
+from contract import sensors
+from contract.config.tree import Config
+from firmware_sim.bench.vehicle_node import VehicleNode
+
+PATIENCE_S = 60.0
+"""How long a test waits for another process before it fails; never reached when all is well."""
+ANEW = 50
+"""Periods after which the wish is raised again."""
+
+
+class Vehicle:
+    """Samples and drives every period while it is asked to."""
+
+    def __init__(self, config: Config, bus: PythonCanBus, authentication: Authentication | None = None) -> None:
+        names = ("upper_39", "lower_39", "base_0", "base_9")
+        self.node = VehicleNode(names, config, authentication=authentication)
+        self._bus, self._period_s, self._messages = bus, config.period_ns / 1e9, message_set(config.bus)
+        self._due = time.monotonic()
+        self._phase = 0
+        self.commands: list[JetCommand] = []
+        self.statuses: list[EcuStatus] = []
+        self.action = 0.0
+        self.largest_action = 0.0
+
+    def period(self, *, wish: bool) -> None:
+        """Wait for it, send pressures, and do what was commanded since the last one."""
+        self._due = max(self._due + self._period_s, time.monotonic())
+        time.sleep(max(0.0, self._due - time.monotonic()))
+        self._phase += 1
+        cp = 0.3 * np.sin(0.25 * self._phase + np.arange(sensors.COUNT))
+        self._bus.send(self.node.sample(cp, enable_request=wish, now_ns=time.monotonic_ns()))
+        heard = self._bus.receive_all()
+        self._read(heard)
+        spec = self._messages.command.spec
+        self.action = self.node.apply_commands([frame for frame in heard if spec.names(frame)]).action
+        self.largest_action = max(self.largest_action, abs(self.action))
+
+    def until(self, condition: Callable[[], object], *, wish: bool | None = None) -> None:
+        """Drive until it holds; without a stated wish, one that is raised anew again and again."""
+        begin = time.monotonic()
+        number = 0
+        while not condition():
+            assert time.monotonic() - begin < PATIENCE_S, f"it did not happen: {self.statuses[-1:]}"
+            number += 1
+            self.period(wish=number % ANEW > 5 if wish is None else wish)
+
+    def into_control(self) -> None:
+        """Drive until the jets move."""
+        self.largest_action = 0.0
+        self.until(lambda: self.largest_action > 0.0)
+
+    def _read(self, frames: list[Frame]) -> None:
+        command, status = self._messages.command, self._messages.status
+        for frame in frames:
+            if command.spec.names(frame) and (said := command.parse(frame.data[: command.spec.protected])):
+                self.commands.append(said)
+            if status.spec.names(frame) and (told := status.parse(frame.data[: status.spec.protected])):
+                self.statuses.append(told)

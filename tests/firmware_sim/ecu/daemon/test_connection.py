@@ -1,0 +1,124 @@
+"""A bus that goes and comes back: a serial adapter on a pseudo-terminal, pulled out and plugged in again."""
+
+import os
+import time
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+
+import can
+import pytest
+
+from can_bridge.bus.interface import BusState
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+from firmware_sim.ecu.daemon.connection import Back, Connection, Lost
+from tests.can_bridge.bus.backends.ptys import adapter
+from tests.firmware_sim.ecu.daemon.conftest import wait_for
+
+CHANNELS = count()
+FRAME = Frame(frame_id=0x130, data=bytes(8))
+LINE = b"b12091122334455667788990A0B0C\r"
+
+
+def changed(connection: Connection) -> Lost | Back:
+    found = []
+    wait_for(lambda: (change := connection.look()) is not None and (found.append(change) or True))
+    return found[0]
+
+
+def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path):
+    port = tmp_path / "ttyACM0"
+    config = BusConfig(interface="slcan", channel=str(port))
+    heard: list[Frame] = []
+    with adapter() as first:
+        port.symlink_to(first.port)
+        connection = Connection(
+            lambda: PythonCanBus.open(config, settle_s=0.0), heard.append, first_pause_s=0.01
+        ).__enter__()
+        assert connection.send([FRAME])
+        first.write(LINE)
+        wait_for(lambda: len(heard) == 1)
+        assert connection.look() is None
+        os.close(first.fd)
+        port.unlink()
+        lost = changed(connection)
+        assert isinstance(lost, Lost)
+        assert "CAN bus failed" in lost.why
+    assert connection.is_lost
+    assert (connection.health().state, connection.health().bus_off) == (BusState.BUS_OFF, 1)
+    assert not connection.send([FRAME, FRAME])
+    assert (connection.not_sent, connection.why_not_sent) == (2, "the bus is lost")
+    assert connection.look() is None
+    with adapter() as second:
+        port.symlink_to(second.port)
+        back = changed(connection)
+        assert isinstance(back, Back)
+        assert back.after_s > 0.0
+        assert (connection.health().state, connection.health().bus_off) == (BusState.ERROR_ACTIVE, 1)
+        assert connection.losses == 1
+        second.write(LINE)
+        wait_for(lambda: len(heard) == 2)
+        assert connection.send([FRAME])
+        connection.__exit__(None, None, None)
+
+
+def virtual() -> tuple[list[can.BusABC], Connection]:
+    channel, opened = f"connection-{next(CHANNELS)}", list[can.BusABC]()
+
+    def opens() -> PythonCanBus:
+        opened.append(can.Bus(interface="virtual", channel=channel, protocol=can.CanProtocol.CAN_FD))
+        return PythonCanBus(opened[-1])
+
+    return opened, Connection(opens, lambda frame: None, first_pause_s=0.01)
+
+
+def test_each_loss_counts_as_one_bus_off():
+    opened, connection = virtual()
+    with connection:
+        for losses in (1, 2, 3):
+            opened[-1].shutdown()
+            assert isinstance(changed(connection), Lost)
+            assert connection.health().bus_off == losses
+            assert isinstance(changed(connection), Back)
+            assert connection.health().bus_off == losses
+
+
+def test_a_bus_that_cannot_be_opened_at_the_start_is_an_error():
+    connection = Connection(lambda: PythonCanBus.open(BusConfig(interface="socketcan", channel="no0")), print)
+    with pytest.raises(BusError, match="socketcan 'no0'"), connection:
+        pass
+
+
+def test_it_ends_at_once_while_a_lost_bus_is_being_waited_for():
+    """The pause before the next attempt is far longer than a test is given."""
+    opened, connection = virtual()
+    connection._first_pause_s = 3600.0
+    with connection:
+        opened[-1].shutdown()
+        assert isinstance(changed(connection), Lost)
+        begin = time.monotonic()
+    assert time.monotonic() - begin < 600.0
+    assert len(opened) == 1
+
+
+def test_attempts_come_ever_more_rarely(monkeypatch):
+    waits: list[float] = []
+    opened, connection = virtual()
+
+    def waited(pause_s: float) -> bool:
+        waits.append(pause_s)
+        return len(waits) > 12
+
+    with connection:
+        monkeypatch.setattr(connection, "_open", lambda: PythonCanBus.open(BusConfig(interface="socketcan")))
+        monkeypatch.setattr(connection._closing, "wait", waited)
+        opened[-1].shutdown()
+        assert isinstance(changed(connection), Lost)
+        wait_for(lambda: len(waits) == 13)
+    assert waits[:4] == [0.01, 0.02, 0.04, 0.08]
+    assert waits[-1] == 5.0
+    with suppress(BusError):
+        opened[-1].shutdown()

@@ -1,0 +1,249 @@
+"""The loop on a bus: when it steps, and what becomes of a late, a lost, and a contested bus."""
+
+import gc
+
+import can
+import numpy as np
+import pytest
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import JetCommand, Mode, Reason
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
+from contract.controller.interface import ControlStep
+from contract.errors import ConfigError
+from firmware_sim.ecu.daemon.control_loop import SHUT_FRAMES, check_offset
+from firmware_sim.ecu.real_time.deadlines import wrapped
+from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage
+from tests.firmware_sim.ecu.daemon.conftest import START_NS, wait_for
+
+PERIOD = Config().period_ns
+MS = 1_000_000
+
+
+class Slow:
+    """Spends the rig's time where it plans."""
+
+    def __init__(self) -> None:
+        self.rig = None
+        self.takes_ns = 0
+
+    def control_step(self, window, plan, free, weights=None) -> ControlStep:
+        self.rig.now += self.takes_ns
+        return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(7), cost=0.0)
+
+
+@pytest.fixture
+def slow(rig_of):
+    controller = Slow()
+    controller.rig = rig_of(controller)
+    return controller
+
+
+def test_a_vehicle_that_wants_control_gets_it(rig):
+    rig.into_control()
+    assert [line for line in rig.lines if line in ("OFF", "WARMUP", "CONTROL")][-1] == "CONTROL"
+    last = rig.commands[-1]
+    assert (last.mode, last.enable, last.next_period) == (Mode.CONTROL, True, True)
+    assert rig.loop.counters.left_out == rig.loop.counters.not_sent == 0
+
+
+@pytest.mark.parametrize("phase_ms", [0, 1, 7, 13, 19])
+def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
+    rig = rig_of(phase_ns=phase_ms * MS, step_offset_ms=4.0)
+    rig.run(60)
+    behind = [(due - START_NS - phase_ms * MS) % PERIOD for due in rig.column(EcuStage.SCHEDULED)]
+    assert behind[-1] == 4 * MS
+    # Never by leaps: between two steps there is a period, but for a 32nd.
+    gaps = np.diff(rig.column(EcuStage.SCHEDULED))
+    assert np.abs(gaps - PERIOD).max() <= PERIOD // 32
+
+
+def test_pressures_that_are_late_by_less_than_the_offset_cost_nothing(rig):
+    rig.into_control()
+    missed = rig.ecu.state.missed
+    rng = np.random.default_rng(1)
+    rig.delay = lambda number: int(rng.integers(0, 3 * MS))
+    rig.run(200)
+    assert rig.ecu.state.missed == missed
+    assert {command.mode for command in rig.commands[-200:]} == {Mode.CONTROL}
+
+
+def test_frames_of_a_stranger_do_not_move_the_steps(rig):
+    """Pressures that fail their check, halfway between the vehicle's."""
+    rig.into_control()
+    before = wrapped(rig.column(EcuStage.SCHEDULED)[-1], PERIOD)
+    forged = Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length))
+    for _ in range(40):
+        rig.pending.append((rig.next_sample + 10 * MS, forged))
+        rig.run(1)
+    assert wrapped(rig.column(EcuStage.SCHEDULED)[-1], PERIOD) == before
+
+
+def test_a_step_that_takes_too_long_leaves_periods_out_and_is_not_made_up_for(slow):
+    rig = slow.rig
+    rig.into_control()
+    steps, due = rig.loop.counters.steps, rig.column(EcuStage.SCHEDULED)[-1]
+    slow.takes_ns = 50 * MS
+    rig.run(1)
+    slow.takes_ns = 0
+    rig.run(10)
+    assert rig.loop.counters.left_out == 2
+    assert rig.loop.counters.steps == steps + 11
+    scheduled = rig.column(EcuStage.SCHEDULED)[-11:]
+    assert scheduled[0] - due == PERIOD
+    assert scheduled[1] - scheduled[0] == 3 * PERIOD
+    assert set(np.diff(scheduled[1:])) == {PERIOD}
+    assert rig.statuses[-1].overruns == 2
+
+
+def test_a_step_that_ends_a_little_behind_the_next_deadline_makes_that_late_and_no_more(slow):
+    rig = slow.rig
+    rig.into_control()
+    slow.takes_ns = 23 * MS
+    rig.run(1)
+    slow.takes_ns = 0
+    rig.run(3)
+    late = [woke - due for woke, due in zip(rig.column(EcuStage.WOKE), rig.column(EcuStage.SCHEDULED), strict=True)]
+    assert late[-4:] == [0, 3 * MS, 0, 0]
+    assert rig.loop.counters.left_out == 0
+
+
+def test_each_stage_is_noted(slow):
+    rig = slow.rig
+    slow.takes_ns = 6 * MS
+    rig.into_control()
+    # Until the steps lie where they are to.
+    rig.run(20)
+    row = dict(zip((stage.name for stage in EcuStage), rig.stages.rows()[-1].tolist(), strict=True))
+    sampled = row["FRAME_ARRIVED"]
+    assert wrapped(sampled - START_NS - 3 * MS, PERIOD) == 0
+    assert row["SCHEDULED"] == row["WOKE"] == row["STEP_BEGAN"] == row["PLAN_BEGAN"] == sampled + 4 * MS
+    assert row["PLAN_ENDED"] == row["STEP_ENDED"] == row["SENT"] == sampled + 10 * MS
+    assert row["PERIOD"] == len(rig.stages.rows()) - 1
+    # The counter of the DBC: what the command echoes.
+    assert row["PRESSURE_COUNTER"] == rig.commands[-1].pressure_counter
+    # Before control there is no plan.
+    assert rig.column(EcuStage.PLAN_BEGAN)[0] == 0
+
+
+def test_a_period_without_a_frame_is_noted_as_one(rig):
+    rig.delay = lambda number: None
+    rig.run(2)
+    assert rig.column(EcuStage.PRESSURE_COUNTER) == [NOTHING, NOTHING]
+    assert rig.column(EcuStage.FRAME_ARRIVED) == [0, 0]
+
+
+def test_another_ecu_on_the_bus_shuts_the_jets(rig):
+    rig.into_control()
+    other = E2eSender(JET_COMMAND)
+    content = codec.emit_jet_command(
+        JetCommand(flow_m2_per_s=1.0, mode=Mode.CONTROL, enable=True, pressure_counter=3, next_period=True)
+    )
+    for _ in range(5):
+        rig.pending.append((rig.next_sample + MS, other.frame(content, now_ns=rig.now)))
+        rig.run(1)
+    assert rig.told.count("other_ecu") == 1
+    assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-4:]} == {(Mode.FAULT, False, 0.0)}
+    assert rig.statuses[-1].reason is Reason.INTERNAL
+    assert rig.loop.counters.other_ecu == 5
+    # Its silence alone gives nothing back.
+    rig.run(100)
+    assert rig.told.count("other_ecu_gone") == 1
+    assert rig.commands[-1].mode is Mode.FAULT
+    rig.wish = False
+    rig.run(2)
+    rig.wish = True
+    rig.run(8)
+    assert rig.commands[-1].mode is Mode.CONTROL
+
+
+def test_an_edge_does_not_arm_while_the_other_ecu_is_there(rig):
+    rig.into_control()
+    other = Frame(frame_id=JET_COMMAND.frame_id, data=bytes(8))
+    for number in range(60):
+        rig.wish = number % 20 > 3
+        rig.pending.append((rig.next_sample + MS, other))
+        rig.run(1)
+    assert {command.enable for command in rig.commands[-58:]} == {False}
+
+
+def test_a_lost_bus_is_told_opened_again_and_gives_no_control_back_by_itself(rig):
+    rig.into_control()
+    rig.opened[-1].shutdown()
+    wait_for(lambda: not rig.hears)
+    rig.loop.period()
+    assert rig.told[-2:] == ["bus_lost", "mode"]
+    state = rig.ecu.state
+    assert (state.fail_safe.mode.on_wire, state.fail_safe.reason) == (Mode.FAULT, Reason.BUS_OFF)
+    assert rig.ecu.trace.action == 0.0
+    wait_for(lambda: len(rig.opened) == 2)
+    # The thread that opened it hands it over after that.
+    wait_for(lambda: not rig.connection._opener.is_alive())
+    rig.run(40)
+    assert rig.told.count("bus_back") == 1
+    assert (rig.statuses[-1].state, rig.statuses[-1].bus_off) == (Mode.FAULT, 1)
+    assert not any(command.enable for command in rig.commands[-30:])
+    assert rig.actions[-1] == 0.0
+    rig.wish = False
+    rig.run(2)
+    rig.wish = True
+    rig.run(8)
+    assert rig.commands[-1].mode is Mode.CONTROL
+
+
+def test_the_end_shuts_the_jets_on_the_bus(rig):
+    rig.into_control()
+    sent = len(rig.commands)
+    rig.loop.shut()
+    rig._apply()
+    last = rig.commands[sent:]
+    assert len(last) == SHUT_FRAMES
+    assert {(c.enable, c.flow_m2_per_s, c.mode) for c in last} == {(False, 0.0, Mode.OFF)}
+    assert rig.actions[-1] == 0.0
+    # A period lies between two of them, so that a receiver that takes one a period takes each.
+    assert rig.vehicle.frames_rejected == 0
+
+
+def test_it_stops_when_asked_and_after_so_many_steps(rig):
+    asked = iter([False, False, True])
+    rig.loop.run(lambda: next(asked))
+    assert rig.loop.counters.steps == 2
+    rig.loop.run(lambda: False, 5)
+    assert rig.loop.counters.steps == 5
+
+
+def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig, monkeypatch):
+    rig.into_control()
+
+    def refuse(message, timeout=None):
+        raise can.CanOperationError("no buffer space")
+
+    monkeypatch.setattr(rig.opened[-1], "send", refuse)
+    rig.run(3)
+    assert rig.loop.counters.not_sent == 6
+    assert "no buffer space" in rig.connection.why_not_sent
+    assert rig.column(EcuStage.SENT)[-3:] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("offset", [20.0, 1e9])
+def test_an_offset_of_a_period_or_more_is_refused(offset):
+    with pytest.raises(ConfigError, match=r"ecu\.step_offset_ms = .*must be shorter than the control period of 20 ms"):
+        check_offset(Config(ecu=EcuConfig(step_offset_ms=offset)))
+
+
+def test_steps_make_no_garbage_that_needs_collecting(rig):
+    """The collector is off for as long as the ECU runs: what only it could free would pile up."""
+    rig.into_control()
+    gc.collect()
+    gc.disable()
+    try:
+        rig.run(50)
+        rig.delay = lambda number: None
+        rig.run(50)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()

@@ -1,0 +1,120 @@
+"""Receptions in the ECU's own time, whatever is done to the date."""
+
+from dataclasses import replace
+from itertools import count, pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import Mode
+from firmware_sim.ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Inbox, received_ns
+from tests.examples import examples
+
+HOUR = 3_600_000_000_000
+NOW, DATE = 50 * HOUR, 20_000 * 24 * HOUR
+
+
+def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Inbox:
+    return Inbox(pressure=PRESSURE, command=JET_COMMAND, interface=interface, monotonic_ns=monotonic, date_ns=date)
+
+
+def pressure(stamp_ns: int = 0) -> Frame:
+    return Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length), timestamp_ns=stamp_ns)
+
+
+@given(age=st.integers(0, LONGEST_AGE_NS), date=st.integers(LONGEST_AGE_NS, 10**19), now=st.integers(10**9, 10**18))
+@examples(100)
+def test_a_sound_stamp_is_moved_to_the_other_clock_exactly(age, date, now):
+    assert received_ns(date - age, monotonic_ns=now, date_ns=date) == now - age
+
+
+@given(age=st.integers(0, 10**7), step=st.integers(-(10**18), 10**18))
+@examples(200)
+def test_a_date_that_is_set_between_stamp_and_look_does_bounded_harm(age, step):
+    """Set on: the frame looks old, and is not planned on. Set back: it looks as if it came now, never later."""
+    found = received_ns(DATE - age, monotonic_ns=NOW, date_ns=DATE + step)
+    assert NOW - LONGEST_AGE_NS <= found <= NOW
+    if step >= 0:
+        assert found <= NOW - age
+
+
+def test_soon_after_the_computer_started_no_time_is_negative():
+    assert received_ns(DATE - 5000, monotonic_ns=3000, date_ns=DATE) == 0
+
+
+@pytest.mark.parametrize("interface", ["udp_multicast", "socketcan", "slcan"])
+def test_a_frame_that_waited_in_the_kernel_is_as_old_as_it_is(interface):
+    box = inbox(interface)
+    box.put(pressure(DATE - 7_000_000))
+    (frame,) = box.take().frames
+    assert frame.timestamp_ns == NOW - 7_000_000
+
+
+@pytest.mark.parametrize("interface", ["virtual", "pcan", "python-can"])
+def test_a_stamp_of_an_unknown_clock_is_not_looked_at(interface):
+    box = inbox(interface)
+    for stamp in (0, DATE, 10**19):
+        box.put(pressure(stamp))
+    assert {frame.timestamp_ns for frame in box.take().frames} == {NOW}
+
+
+def test_a_step_of_the_date_between_two_frames_does_not_reach_the_ecu():
+    """NTP sets the date back by an hour, and on by two: stamps and looks jump together, ages stay."""
+    ticks, steps = count(NOW, 20_000_000), {3: -HOUR, 6: 2 * HOUR}
+    date_is_off = 0
+    arrivals = []
+    for number in range(10):
+        date_is_off += steps.get(number, 0)
+        now = next(ticks)
+        date = DATE + now - NOW + date_is_off
+        box = inbox("socketcan", date=lambda date=date: date, monotonic=lambda now=now: now)
+        box.put(pressure(date - 100_000))
+        arrivals.append(box.take().frames[0].timestamp_ns)
+    assert {after - before for before, after in pairwise(arrivals)} == {20_000_000}
+
+
+def test_it_is_taken_once_in_order():
+    box = inbox("udp_multicast")
+    for age in (5, 3, 1):
+        box.put(pressure(DATE - age))
+    assert [NOW - frame.timestamp_ns for frame in box.take().frames] == [5, 3, 1]
+    assert box.take() == ([], 0)
+
+
+def test_a_flood_takes_bounded_room_and_the_newest_stay():
+    box = inbox("udp_multicast")
+    for age in range(ROOM + 10, 0, -1):
+        box.put(pressure(DATE - age))
+    taken = box.take()
+    assert [NOW - frame.timestamp_ns for frame in taken.frames] == list(range(ROOM, 0, -1))
+    assert (box.received, box.dropped) == (ROOM + 10, 10)
+
+
+def test_commands_of_another_ecu_are_counted_and_other_frames_are_not():
+    box = inbox("virtual")
+    for spec, times in ((JET_COMMAND, 3), (ECU_STATUS, 2), (PRESSURE, 1)):
+        for _ in range(times):
+            box.put(Frame(frame_id=spec.frame_id, data=bytes(spec.length)))
+    assert box.take().foreign == 3
+    box.put(Frame(frame_id=JET_COMMAND.frame_id, data=b""))
+    # Whatever is in it: nobody else may send it.
+    assert box.take() == ([], 1)
+    assert (box.foreign, box.received) == (4, 5)
+
+
+@pytest.mark.parametrize("step", [-HOUR, -15_000_000, 15_000_000, HOUR])
+def test_the_date_is_set_in_mid_run_and_control_goes_on(bench_of, step):
+    """Of an ECU that plans on pressures up to a period and a half old: 15 ms in either direction would matter, too."""
+    bench = bench_of()
+    off = [0]
+    box = inbox("socketcan", date=lambda: DATE + bench.now_ns + off[0], monotonic=lambda: bench.now_ns)
+    modes = []
+    for number in range(40):
+        off[0] += step if number == 20 else 0
+        received = replace(bench.pressure(), timestamp_ns=DATE + bench.now_ns + off[0] - 200_000)
+        box.put(received)
+        modes.append(bench.step(*box.take().frames).mode)
+    assert set(modes[10:]) == {Mode.CONTROL}

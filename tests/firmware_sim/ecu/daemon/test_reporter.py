@@ -1,0 +1,114 @@
+"""What is told of the ECU, and what comes of it where nothing can be written."""
+
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from contract.errors import BusError
+from firmware_sim.ecu.daemon.counters import Counters
+from firmware_sim.ecu.daemon.events import Event
+from firmware_sim.ecu.daemon.reporter import Reporter
+from firmware_sim.ecu.ecu_state import EcuState
+
+PATIENCE_S = 10.0
+OFTEN_S = 0.01
+
+
+def by_name(event: Event) -> str:
+    return f"{event.name}: {event.text}"
+
+
+@pytest.fixture
+def counters() -> Counters:
+    return Counters(state=EcuState.power_on(window=4, sensors=4, horizon=5, delay=1), steps=3)
+
+
+def wait_for(condition) -> None:
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < PATIENCE_S
+        time.sleep(0.005)
+
+
+def test_everything_is_told_in_order_before_it_ends():
+    lines: list[str] = []
+    with Reporter(lines.append, by_name, bundle="") as reporter:
+        for number in range(100):
+            reporter.tell("a", str(number))
+    assert lines == [f"a: {number}" for number in range(100)]
+
+
+def test_telling_does_not_wait_for_a_log_that_does_not_move():
+    moves = threading.Event()
+    with Reporter(lambda line: moves.wait(PATIENCE_S), by_name, bundle="") as reporter:
+        for _ in range(1000):
+            reporter.tell("a", "b")
+        # Here only because none of them waited for the first.
+        moves.set()
+
+
+def test_a_full_disk_under_the_log_costs_lines_and_nothing_else(tmp_path: Path, counters: Counters):
+    metrics = tmp_path / "ecu.prom"
+    with open("/dev/full", "w") as full:
+
+        def write(line: str) -> None:
+            full.write(f"{line}\n")
+            full.flush()
+
+        with Reporter(write, by_name, bundle="", metrics=metrics, interval_s=OFTEN_S) as reporter:
+            reporter.tell("a", "b")
+            reporter.counters = counters
+            wait_for(metrics.exists)
+        # What could not be written is still in the file object's buffer.
+        with pytest.raises(OSError, match="No space left"):
+            full.close()
+
+
+def test_a_file_of_counters_that_cannot_be_written_is_told_once_and_once_when_it_can(tmp_path, counters):
+    lines: list[str] = []
+    folder = tmp_path / "metrics"
+    folder.write_text("a file where a folder must be")
+    looks = []
+    reporter = Reporter(
+        lines.append, by_name, bundle="", metrics=folder / "ecu.prom", keep=looks.append, interval_s=OFTEN_S
+    )
+    with reporter:
+        reporter.counters = counters
+        wait_for(lambda: len(looks) > 5)
+        folder.unlink()
+        wait_for((folder / "ecu.prom").exists)
+        seen = len(looks)
+        wait_for(lambda: len(looks) > seen + 2)
+    assert [line.split(": ")[0] for line in lines] == ["metrics_failed", "metrics_written"]
+    assert "cannot write" in lines[0]
+    assert [path.name for path in folder.iterdir()] == ["ecu.prom"]
+
+
+def test_the_last_counters_are_those_in_the_file(tmp_path, counters):
+    with Reporter(lambda line: None, by_name, bundle="", metrics=tmp_path / "ecu.prom") as reporter:
+        reporter.counters = replace(counters, steps=12345)
+    assert "stillwake_ecu_steps_total 12345\n" in (tmp_path / "ecu.prom").read_text()
+
+
+def test_what_happens_every_period_is_a_line_an_interval(counters):
+    lines: list[str] = []
+    with Reporter(lines.append, by_name, bundle="", interval_s=3600.0) as reporter:
+        for left_out in range(1, 50):
+            reporter.counters = replace(counters, left_out=left_out, not_sent=2 * left_out)
+    assert lines == ["left_out: 49 periods left out, 49 in all", "not_sent: 98 frames not sent, 98 in all"]
+
+
+def test_what_must_be_kept_and_cannot_is_told(counters):
+    lines: list[str] = []
+
+    def keep(given: Counters) -> None:
+        assert given is counters
+        raise BusError("cannot write x: no space")
+
+    with Reporter(lines.append, by_name, bundle="", keep=keep, interval_s=OFTEN_S) as reporter:
+        reporter.counters = counters
+        wait_for(lambda: lines)
+    assert lines == ["freshness_failed: cannot write x: no space"]

@@ -1,0 +1,244 @@
+"""The whole ECU in a thread of this process, on a `virtual` bus, with a vehicle opposite."""
+
+import json
+import os
+import secrets
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
+from can_bridge.secoc.node import Authentication
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig
+from contract.controller.interface import Sizes
+from contract.controller.onnx_session import OnnxController
+from contract.errors import BundleError, BusError, ConfigError, StillwakeError
+from contract.release import bundle as bundles
+from contract.release.bundle import Bundle
+from firmware_sim.ecu.daemon.counters import Counters
+from firmware_sim.ecu.daemon.events import as_json
+from firmware_sim.ecu.daemon.service import Options, freshness_file, serve
+from firmware_sim.ecu.real_time.privileges import Wanted
+from firmware_sim.ecu.real_time.stage_times import EcuStage, load
+from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
+
+CHANNELS = count()
+PLAIN = Wanted(priority=0, lock_memory=False, without_collector=False)
+"""A test process keeps what it is; privileges have tests of their own."""
+PATIENT = EcuConfig(deadline_misses=11)
+"""More than the window: late steps, of which a busy machine has many, never latch."""
+
+
+@pytest.fixture
+def release(short_release: Path) -> Bundle:
+    return bundles.load(short_release)
+
+
+@pytest.fixture
+def config() -> Config:
+    bus = BusConfig(interface="virtual", channel=f"service-{next(CHANNELS)}")
+    return Config(bus=bus, ecu=PATIENT)
+
+
+@dataclass
+class Running:
+    stop: Event = field(default_factory=Event)
+    lines: list[str] = field(default_factory=list)
+    counters: list[Counters] = field(default_factory=list)
+
+    def events(self) -> list[str]:
+        return [json.loads(line)["event"] for line in self.lines]
+
+
+@contextmanager
+def running(release: Bundle, config: Config, **options) -> Iterator[Running]:
+    """Serve while the block lasts."""
+    its = Running()
+    wanted = Options(wanted=PLAIN, environment={}, as_line=as_json)
+    wanted = replace(wanted, **options)
+    controller = OnnxController.of(release)
+
+    def work() -> None:
+        its.counters.append(
+            serve(
+                release,
+                controller,
+                config,
+                wanted,
+                is_stopped=its.stop.is_set,
+                write=its.lines.append,
+                signature="unsigned",
+            )
+        )
+
+    thread = Thread(target=work)
+    thread.start()
+    try:
+        yield its
+    finally:
+        its.stop.set()
+        thread.join(PATIENCE_S)
+    assert its.counters, "it did not end by itself"
+
+
+def test_from_power_on_to_control_and_off_again(release, config, tmp_path):
+    files = {"metrics": tmp_path / "ecu.prom", "stage_times": tmp_path / "ecu.npz"}
+    with PythonCanBus.open(config.bus) as bus:
+        vehicle = Vehicle(config, bus)
+        with running(release, config, **files) as its:
+            vehicle.until(lambda: len(vehicle.commands) > 10, wish=True)
+            # The wish stood when it was switched on: that is no edge.
+            assert {command.enable for command in vehicle.commands} == {False}
+            vehicle.into_control()
+            its.stop.set()
+            vehicle.until(lambda: its.counters, wish=True)
+        vehicle.period(wish=True)
+        assert [(c.enable, c.flow_m2_per_s) for c in vehicle.commands[-3:]] == [(False, 0.0)] * 3
+        assert vehicle.action == 0.0
+    assert its.events()[0] == "runs"
+    assert its.events()[-1] == "stopped"
+    steps = its.counters[0].steps
+    assert f"stillwake_ecu_steps_total {steps}\n" in files["metrics"].read_text()
+    rows = load(files["stage_times"], EcuStage)
+    assert len(rows) == steps
+    planned = rows[rows[:, EcuStage.PLAN_ENDED] > 0]
+    assert len(planned) > 0
+    # The order in which things happen, in every period that planned.
+    order = ["FRAME_ARRIVED", "STEP_BEGAN", "PLAN_BEGAN", "PLAN_ENDED", "STEP_ENDED", "SENT"]
+    stages = planned[:, [EcuStage[name] for name in order]]
+    assert (np.diff(stages, axis=1) >= 0).all()
+    assert (rows[:, EcuStage.WOKE] >= rows[:, EcuStage.SCHEDULED]).all()
+
+
+def test_after_so_many_periods_it_ends_by_itself(release, config):
+    with running(release, config, periods=7) as its:
+        begin = time.monotonic()
+        while not its.counters:
+            assert time.monotonic() - begin < PATIENCE_S
+            time.sleep(0.01)
+    assert its.counters[0].steps == 7
+
+
+@pytest.mark.slow  # freshness values are looked at once a second
+def test_with_a_key_a_restart_is_accepted_and_a_lost_file_is_not(release, config, tmp_path):
+    key, freshness = tmp_path / "key", tmp_path / "state" / "freshness.json"
+    write_key(key, secrets.token_bytes(KEY_LENGTH))
+    config = replace(config, bus=replace(config.bus, key=str(key)))
+    with PythonCanBus.open(config.bus) as bus:
+        vehicle = Vehicle(config, bus, Authentication(key=read_key(key), trip=5))
+        for trip in (1, 2):
+            with running(release, config, freshness=freshness):
+                vehicle.into_control()
+                # A second look at the counters, in which the vehicle's power cycle is kept.
+                vehicle.until(lambda: "290" in json.loads(freshness.read_text())["heard"], wish=True)
+            kept = json.loads(freshness.read_text())
+            assert kept["trip"] == trip
+            assert kept["heard"]["290"] >> 32 == 5
+        assert vehicle.node.frames_not_authentic == 0
+        freshness.unlink()
+        with running(release, config, freshness=freshness):
+            vehicle.until(lambda: vehicle.node.frames_not_authentic > 20, wish=True)
+            assert vehicle.action == 0.0
+
+
+def test_a_key_needs_a_place_for_what_outlives_a_restart(tmp_path):
+    with pytest.raises(ConfigError, match="--freshness FILE"):
+        freshness_file(Options(environment={}))
+    assert freshness_file(Options(environment={"STATE_DIRECTORY": f"{tmp_path}:/b"})) == tmp_path / "freshness.json"
+    assert freshness_file(Options(freshness=Path("x"), environment={"STATE_DIRECTORY": "/b"})) == Path("x")
+
+
+class NeverRun:
+    description = "none"
+
+    def warm_up(self, steps: int) -> None:
+        return
+
+    def control_step(self, window, plan, free, weights=None):
+        raise AssertionError("it ran")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"bus": BusConfig()}, BusError, "in virtual time and connects nothing real"),
+        ({"bus": BusConfig(interface="socketcan", channel="no-such0")}, BusError, "socketcan 'no-such0'"),
+        ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "another control period: 0.2"),
+        ({"ecu": EcuConfig(step_offset_ms=25.0)}, ConfigError, "ecu.step_offset_ms = 25"),
+    ],
+)
+def test_what_cannot_run_is_refused_before_a_frame_is_sent(release, config, change, error, words):
+    with PythonCanBus.open(config.bus) as bus:
+        with pytest.raises(error, match=words):
+            serve(
+                release,
+                NeverRun(),
+                replace(config, **change),
+                Options(wanted=PLAIN, environment={}),
+                is_stopped=lambda: True,
+                write=print,
+                signature="",
+            )
+        assert bus.receive_all() == []
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_start(release, config, tmp_path):
+    with pytest.raises(StillwakeError, match="cannot write"):
+        serve(
+            release,
+            NeverRun(),
+            config,
+            Options(wanted=PLAIN, environment={}, metrics=tmp_path),
+            is_stopped=lambda: True,
+            write=print,
+            signature="",
+        )
+
+
+def test_whatever_ends_it_the_jets_are_shut(release, config):
+    """Even a fault of its own, which no test knows of: here the looking for a stop fails."""
+    looks = count()
+
+    def broken() -> bool:
+        if next(looks) == 5:
+            raise RuntimeError("a fault of ours")
+        return False
+
+    with PythonCanBus.open(config.bus) as bus:
+        vehicle = Vehicle(config, bus)
+        with pytest.raises(RuntimeError, match="a fault of ours"):
+            serve(
+                release,
+                OnnxController.of(release),
+                config,
+                Options(wanted=PLAIN, environment={}),
+                is_stopped=broken,
+                write=lambda line: None,
+                signature="",
+            )
+        vehicle.period(wish=True)
+        assert [command.enable for command in vehicle.commands] == [False] * 8
+
+
+def test_onnx_runtime_has_no_thread_that_could_spin(release):
+    def threads() -> set[str]:
+        return set(os.listdir("/proc/self/task"))
+
+    controller = OnnxController.of(release)
+    before = threads()
+    shapes = Sizes.of(release.manifest).shapes()
+    another = OnnxController.of(release)
+    for _ in range(10):
+        for one in (controller, another):
+            one.control_step(*(np.zeros(shapes[name]) for name in ("window", "plan", "free")))
+    # A pool of threads would have come with the second session; some of another test may have gone.
+    assert threads() <= before

@@ -1,0 +1,190 @@
+"""`stillwake ecu`: what it refuses, and the process from its start to its end on a bus with a vehicle."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.wire.messages import Mode
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from firmware_sim.ecu.real_time.stage_times import EcuStage, load
+from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
+
+GROUP = f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
+UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
+PATIENT = ("--set", "ecu.deadline_misses=11")
+"""More than the window: late steps, of which a busy machine has many, never latch."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "bus.interface = simulated: it is in virtual time and connects nothing real"),
+        (("--set", "bus.interface=socketcan", "--set", "bus.channel=no-such0"), "CAN bus socketcan 'no-such0': "),
+        (("--set", "bus.interface=can4711"), "python-can does not know it"),
+        ((*UDP, "--set", "flow.control_period=0.1"), "was built for another control period: 0.2, the vehicle has 0.1"),
+        ((*UDP, "--set", "operating_point.speed=20"), "was built for another operating point"),
+        ((*UDP, "--set", "ecu.step_offset_ms=20"), "ecu.step_offset_ms = 20: must be shorter than the control period"),
+        ((*UDP, "--set", "ecu.compute_time_ms=5"), "--set ecu.compute_time_ms: `ecu` does not use it"),
+        ((*UDP, "--set", "mpc.horizon=5"), "does not use it"),
+        ((*UDP, "--freshness", "x"), "--freshness: goes with bus.key"),
+        ((*UDP, "--set", "bus.key=none"), "none"),
+        ((*UDP, "--metrics", "/proc/x"), "cannot write /proc/x"),
+        (("no-bundle", *UDP), "no-bundle"),
+        (("--library", ".", *UDP), "library .: "),
+    ],
+)
+def test_what_cannot_run_is_one_line(
+    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = cli("ecu", *arguments)
+    assert outcome.code == 1
+    assert words in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@dataclass
+class Process:
+    """An ECU that runs, with what it has said so far."""
+
+    popen: "subprocess.Popen[str]"
+    events: list[dict[str, Any]] = field(default_factory=list)
+    other: list[str] = field(default_factory=list)
+
+    def names(self) -> list[str]:
+        return [event["event"] for event in self.events]
+
+    def listen(self) -> None:
+        assert self.popen.stderr is not None
+        for line in self.popen.stderr:
+            try:
+                self.events.append(json.loads(line))
+            except ValueError:
+                self.other.append(line)
+
+    def ends(self, number: int) -> int:
+        self.popen.send_signal(number)
+        return self.popen.wait(PATIENCE_S)
+
+
+@contextmanager
+def process(release: Path, *arguments: str, environment: dict[str, str] | None = None) -> Iterator[Process]:
+    command = [sys.executable, "-m", "stillwake", "ecu", str(release), *UDP, *PATIENT, "--log", "json", *arguments]
+    with subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | (environment or {}),
+        # Shells start background jobs deaf to Ctrl-C, and a test may run in one.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,
+    ) as popen:
+        its = Process(popen)
+        listener = threading.Thread(target=its.listen)
+        listener.start()
+        try:
+            yield its
+        finally:
+            popen.kill()
+            listener.join(PATIENCE_S)
+
+
+@contextmanager
+def systemd(path: Path, heard: list[str]) -> Iterator[None]:
+    """Its end of the notify socket, read as it is: at once."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+        end.bind(str(path))
+
+        def listen() -> None:
+            while said := end.recv(4096).decode():
+                heard.append(said)
+
+        thread = threading.Thread(target=listen)
+        thread.start()
+        yield
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as enough:
+            enough.sendto(b"", str(path))
+        thread.join(PATIENCE_S)
+
+
+@pytest.fixture
+def vehicle() -> Iterator[Vehicle]:
+    config = Config(bus=BusConfig(interface="udp_multicast", channel=GROUP))
+    with PythonCanBus.open(config.bus) as bus:
+        yield Vehicle(config, bus)
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_path: Path, number: int) -> None:
+    metrics, stages, heard = tmp_path / "ecu.prom", tmp_path / "ecu.npz", list[str]()
+    environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
+    arguments = ("--metrics", str(metrics), "--stage-times", str(stages))
+    with systemd(tmp_path / "notify", heard), process(short_release, *arguments, environment=environment) as ecu:
+        # The wish stands when the ECU starts, and for as long as it takes: the jets stay shut.
+        vehicle.until(lambda: len(vehicle.commands) > 30, wish=True)
+        assert {command.enable for command in vehicle.commands} == {False}
+        vehicle.into_control()
+        vehicle.until(metrics.exists)
+        vehicle.until(lambda: vehicle.commands[-1].enable)
+        ecu.popen.send_signal(number)
+        vehicle.until(lambda: ecu.popen.poll() is not None, wish=True)
+        # It was asked to run until stopped, and did.
+        assert ecu.popen.returncode == 0
+        vehicle.period(wish=True)
+    assert [(c.enable, c.flow_m2_per_s) for c in vehicle.commands[-3:]] == [(False, 0.0)] * 3
+    assert vehicle.action == 0.0
+    assert any(said.startswith("READY=1") for said in heard)
+    assert "WATCHDOG=1" in heard
+    assert "STOPPING=1" in heard
+    assert ecu.other == []
+    assert (ecu.names()[0], ecu.names()[-1]) == ("runs", "stopped")
+    assert ecu.events[0]["channel"] == GROUP
+    assert {"OFF", "CONTROL"} <= {event["mode"] for event in ecu.events if event["event"] == "mode"}
+    steps = ecu.events[-1]["steps"]
+    assert f"stillwake_ecu_steps_total {steps}\n" in metrics.read_text()
+    assert len(load(stages, EcuStage)) == steps
+    # The socket is the test's; nothing half-written is left.
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ecu.npz", "ecu.prom", "notify"]
+
+
+@pytest.mark.processes
+def test_two_ecus_on_one_bus_shut_both_and_say_so(vehicle: Vehicle, short_release: Path) -> None:
+    with process(short_release) as first:
+        vehicle.into_control()
+        with process(short_release) as second:
+            vehicle.until(lambda: "other_ecu" in first.names() and "other_ecu" in second.names(), wish=True)
+            begin = len(vehicle.commands)
+            vehicle.until(lambda: len(vehicle.commands) > begin + 20)
+            assert {(c.enable, c.mode) for c in vehicle.commands[begin + 2 :]} == {(False, Mode.FAULT)}
+            assert second.ends(signal.SIGTERM) == 0
+        # With the other gone, an enable edge is enough.
+        vehicle.until(lambda: "other_ecu_gone" in first.names(), wish=True)
+        assert vehicle.action == 0.0
+        vehicle.into_control()
+
+
+@pytest.mark.processes
+def test_a_stop_before_the_stated_periods_are_over_is_told_by_the_status(short_release: Path) -> None:
+    with process(short_release, "--periods", "100000") as ecu:
+        begin = time.monotonic()
+        while "runs" not in ecu.names():
+            assert time.monotonic() - begin < PATIENCE_S, ecu.other
+            time.sleep(0.01)
+        assert ecu.ends(signal.SIGTERM) == 143
+    assert ecu.other == ["stopped\n"]
+    assert ecu.names()[-1] == "stopped"
