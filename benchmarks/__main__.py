@@ -38,6 +38,9 @@ class Measurement:
 MEASUREMENTS: Final = {
     "wake": Measurement("wake.grid_study", "the plant on several grids and time steps, without and with forcing"),
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
+    "live-speed": Measurement(
+        "wake.live_speed", "on which grids the wake keeps up with 20 ms, under control", "minutes"
+    ),
     "square": Measurement("wake.square", "a square cylinder in the same solver, beside the literature", "minutes"),
     "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),

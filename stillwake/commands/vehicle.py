@@ -71,9 +71,8 @@ def vehicle(
     stage_times: Annotated[
         Path | None, typer.Option(help="Write the instants of every period's stages (.npz).", metavar="FILE")
     ] = None,
-    ordinary: Annotated[
-        bool, typer.Option("--ordinary", help="Ask the system for no real-time priority and no locked memory.")
-    ] = False,
+    priority: Annotated[int, typer.Option(help="Of SCHED_FIFO, 1 to 99; 0: an ordinary process.", min=0, max=99)] = 50,
+    processor: Annotated[int | None, typer.Option(help="Run on this processor alone.", min=0)] = None,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
@@ -116,7 +115,7 @@ def vehicle(
         enable_after_s=enable_after,
         stage_times=stage_times,
         freshness=freshness,
-        wanted=Wanted(priority=0, lock_memory=False, without_collector=False) if ordinary else Wanted(),
+        wanted=Wanted(priority=priority, processor=processor),
     )
     with ExitStack() as stack:
         bus = stack.enter_context(PythonCanBus.open(config.bus))
@@ -153,7 +152,7 @@ def vehicle(
         }
         write_result(json_file, figures=figures.as_dict(), facts=facts, on=date.today())
     ended = "stopped" if is_stopped() else "done"
-    console.print(f"{ended}: control is no longer wanted, the jets are shut, and the ECU was told", soft_wrap=True)
+    console.print(f"{ended}: the wish for control is withdrawn, on the bus as well, and the jets are shut", soft_wrap=True)
     if was_cut_short:
         raise KeyboardInterrupt
     if figures.commands == 0:

@@ -51,7 +51,8 @@ class Figures:
         lateness: of the sampling, after its scheduled instant.
         modes: of the commands, by how often.
         latest_mode: of the newest command.
-        squares: sum of the actions' squares over all periods.
+        ended: periods whose commands are known.
+        squares: sum of the actions' squares over them.
         largest: magnitude of an action.
     """
 
@@ -66,16 +67,18 @@ class Figures:
     lateness: Durations = field(default_factory=Durations)
     modes: Counter[Mode] = field(default_factory=Counter)
     latest_mode: Mode | None = None
+    ended: int = 0
     squares: float = 0.0
     largest: float = 0.0
 
     @property
     def rms_action(self) -> float:
-        """Over all periods, U_inf W; NaN before the first."""
-        return sqrt(self.squares / self.periods) if self.periods else nan
+        """Over all periods that have ended, U_inf W; NaN before the first has."""
+        return sqrt(self.squares / self.ended) if self.ended else nan
 
     def acted(self, action: float) -> None:
         """One more period's action."""
+        self.ended += 1
         self.squares += action * action
         self.largest = max(self.largest, abs(action))
 

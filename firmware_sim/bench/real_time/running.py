@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.receive_thread import ReceiveThread
@@ -23,11 +24,11 @@ from firmware_sim.ecu.real_time.deadlines import Deadlines
 from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
 from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
 
-LEAD_IN_NS = 50_000_000
+LEAD_IN_NS: Final = 50_000_000
 """From the loop's making to its first sampling instant."""
-SILENCE_S = 1.0
+SILENCE_S: Final = 1.0
 """Without a usable command, after which it is said what is heard instead."""
-WRITTEN_EVERY = 500
+WRITTEN_EVERY: Final = 500
 """Commands between two writes of the freshness file: ten seconds at 20 ms."""
 
 

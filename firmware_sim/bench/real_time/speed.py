@@ -4,15 +4,18 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import Final
 
 from contract.errors import PlantError
 from wake.truck.truck_wake import TruckWake
 
-PERIODS = 20
+PERIODS: Final = 20
 """Control periods that are timed."""
-ROOM = 0.9
+ROOM: Final = 0.9
 """Share of a control period that the solver may take: what is left is for handing the pressures over, and for a
 processor that others use as well."""
+COARSE: Final = (0.65, 14)
+"""Refinement and time steps a control period of the coarsest grid on which the shipped controller still works."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +43,11 @@ class Speed:
         """
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (ROOM * period_ms)
+            coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
             raise PlantError(
                 f"the wake takes {self.typical_ms:.1f} ms for a control period of {period_ms:g} ms on this machine "
                 f"(flow.refinement = {refinement:g}, flow.substeps = {substeps}): it cannot keep up. Take a coarser "
-                f"grid or longer steps (--set flow.refinement=0.65 --set flow.substeps=14), or "
-                f"--slow-down {lacking:.2g}"
+                f"grid and longer steps{coarser if refinement > COARSE[0] else ''}, or --slow-down {lacking:.2g}"
             )
         if self.typical_ms > ROOM * period_ms or self.worst_ms > period_ms:
             return (

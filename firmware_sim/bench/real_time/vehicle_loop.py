@@ -5,7 +5,7 @@ woke. The jets' driver, `VehicleNode`, keeps all its doubts: they count in perio
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -22,12 +22,12 @@ from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Deadlines
 from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 
-UNSENT_LIMIT = 50
+UNSENT_LIMIT: Final = 50
 """Frames in a row that the bus does not take, after which it counts as lost: a second at 20 ms."""
-FAREWELL = 3
+FAREWELL: Final = 3
 """Periods at the end in which control is no longer wanted: as many frames may be lost as the ECU rides out, and one
 still arrives."""
-LONGEST_FAREWELL = 10
+LONGEST_FAREWELL: Final = 10
 """Periods that it may take if the live wake has no pressures for some of them."""
 
 

@@ -1,0 +1,53 @@
+"""What a vehicle counts."""
+
+import json
+from math import isnan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.wire.messages import Mode
+from firmware_sim.bench.real_time.figures import LONGEST_NS, RESOLUTION_NS, Durations, Figures
+from tests.examples import examples
+
+
+@examples(100)
+@given(
+    times=st.lists(st.integers(0, 60_000_000), min_size=1, max_size=60), share=st.sampled_from([0.01, 0.5, 0.99, 1.0])
+)
+def test_quantiles_are_numpys_to_the_resolution(times: list[int], share: float) -> None:
+    durations = Durations()
+    for time in times:
+        durations.add(time)
+    exact = np.quantile(times, share, method="inverted_cdf") / 1e6
+    assert exact - RESOLUTION_NS / 1e6 < durations.quantile_ms(share) <= exact
+
+
+def test_times_without_end_and_without_beginning_are_kept_at_the_ends() -> None:
+    durations = Durations()
+    durations.add(10**15)
+    assert durations.quantile_ms(1.0) == LONGEST_NS / 1e6
+    durations.add(-5)
+    assert durations.quantile_ms(0.5) == 0.0
+
+
+def test_nothing_is_measured_before_anything_happened() -> None:
+    figures = Figures()
+    assert isnan(figures.ages.quantile_ms(0.5))
+    assert isnan(figures.rms_action)
+    found = json.loads(json.dumps(figures.as_dict(), allow_nan=False))
+    assert found["age_p50_ms"] is None
+    assert found["rms_action"] is None
+    assert found["periods"] == 0
+
+
+def test_modes_are_named_in_a_results_file() -> None:
+    figures = Figures()
+    figures.modes.update([Mode.CONTROL, Mode.OFF, Mode.CONTROL])
+    figures.acted(-0.03)
+    figures.acted(0.04)
+    found = figures.as_dict()
+    assert found["modes"] == {"OFF": 1, "CONTROL": 2}
+    assert (found["rms_action"], found["largest_action"]) == (pytest.approx(np.sqrt(12.5e-4)), 0.04)

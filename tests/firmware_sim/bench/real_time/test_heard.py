@@ -1,0 +1,50 @@
+"""What is said when no usable command comes."""
+
+import pytest
+
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
+from firmware_sim.bench.real_time.heard import Heard, line
+
+
+def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
+    """With frames of these identifiers and lengths, fifty each."""
+    heard = Heard()
+    for frame_id, length in ids.items():
+        heard.add([Frame(frame_id=frame_id, data=bytes(length), is_fd=messages is not CLASSIC)] * 50)
+    reasons = dict.fromkeys(Rejection, 0) | {Rejection[name]: count for name, count in rejected.items()}
+    return line(heard, messages, reasons, seconds=1.0)
+
+
+@pytest.mark.parametrize(
+    ("messages", "ids", "rejected", "expected"),
+    [
+        (FD, {}, {}, "nothing at all is heard; no ECU on this bus, or it is another bus.channel"),
+        # Its own frames, which some interfaces hear again, are nothing.
+        (FD, {0x120: 16}, {"OWN": 50}, "nothing at all is heard"),
+        (FD, {0x131: 8, 0x141: 8}, {}, "the other node uses the messages for classic CAN: --set bus.frames=classic"),
+        (CLASSIC, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
+        (FD, {0x132: 24, 0x142: 48}, {}, "for CAN FD, authenticated: it has a key, --set bus.key=FILE"),
+        (SECURED, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
+        (FD, {0x130: 12}, {}, "it comes with 12 bytes and not 8, so the ECU has another DBC"),
+        (FD, {0x130: 8}, {}, "50 came, but their MAC, counter or CRC are not right: another DBC, or two nodes"),
+        (SECURED, {0x132: 24}, {}, "50 came, but their MAC, counter or CRC are not right: another bus.key or DBC"),
+        (CLASSIC, {}, {"WRONG_FORMAT": 100}, "not for bus.frames = classic: --set bus.frames=fd"),
+        (FD, {0x200: 8, 0x201: 8}, {}, "no ECU; heard are other nodes' 0x200, 0x201"),
+        (FD, dict.fromkeys(range(0x300, 0x309), 8), {}, "0x300, 0x301, 0x302, 0x303 and 5 more"),
+        (FD, {}, {"GARBAGE": 7, "EXTENDED": 3}, "what is heard cannot be used: 7 unreadable, 3 29-bit identifier"),
+    ],
+)
+def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, expected) -> None:
+    text = said(messages, ids, **rejected)
+    assert text.startswith(f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: ")
+    assert expected in text
+    assert "\n" not in text
+
+
+def test_a_bus_full_of_identifiers_takes_little_memory() -> None:
+    heard = Heard()
+    for number in range(5000):
+        heard.add([Frame(frame_id=number % 0x800, data=bytes(number // 0x800), is_fd=False)])
+    assert len(heard.frames) <= 1000

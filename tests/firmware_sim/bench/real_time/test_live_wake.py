@@ -1,0 +1,111 @@
+"""The own solver in a process of its own."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.errors import PlantError
+from firmware_sim.bench.real_time.live_wake import LiveWake
+from wake.solver.grid import truck_grid
+from wake.truck.regrid import moved
+from wake.truck.state import developed_state, save_state
+from wake.truck.truck_wake import TruckWake
+
+pytestmark = pytest.mark.processes  # each starts one, which loads the solver
+
+COARSE = Config(flow=FlowConfig(refinement=0.4, substeps=12))
+ACTIONS = (0.0, 0.03, 0.075, -0.075, 0.02)
+
+
+@pytest.fixture(scope="module")
+def wake() -> TruckWake:
+    return TruckWake(COARSE.flow)
+
+
+@pytest.fixture(scope="module")
+def start(wake: TruckWake, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("start") / "coarse.npz"
+    save_state(path, moved(developed_state(), truck_grid(), wake, 0.4))
+    return path
+
+
+def next_pressures(live: LiveWake) -> np.ndarray:
+    deadline = time.monotonic() + 60.0
+    while (cp := live.sampled()) is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    return cp
+
+
+def test_it_is_the_solver_to_the_bit(wake: TruckWake, start: Path) -> None:
+    from wake.truck.state import load_state
+
+    wake.reset(load_state(start))
+    # One period passes at the start, which compiles.
+    expected = [wake.advance(0.0).Cp, *(wake.advance(action).Cp for action in ACTIONS)]
+    with LiveWake(COARSE, start) as live:
+        found = [next_pressures(live)]
+        assert np.array_equal(next_pressures(live), found[0])
+        for action in ACTIONS:
+            live.drive(action)
+            found.append(next_pressures(live))
+        assert "177 x 66 cells" in live.description
+        assert 0.0 < live.speed.typical_ms <= live.speed.worst_ms
+    assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
+
+
+def test_a_period_that_is_being_computed_has_no_pressures(start: Path) -> None:
+    with LiveWake(COARSE, start) as live:
+        process = live._process
+        os.kill(process.pid or 0, signal.SIGSTOP)
+        live.drive(0.01)
+        assert live.sampled() is None
+        # Driving a wake that is busy changes nothing.
+        live.drive(0.05)
+        os.kill(process.pid or 0, signal.SIGCONT)
+        next_pressures(live)
+        assert live.sampled() is not None
+    assert process.exitcode == 0
+
+
+def test_a_process_that_dies_is_an_error_and_no_wait(start: Path) -> None:
+    with LiveWake(COARSE, start) as live:
+        live._process.kill()
+        live._process.join()
+        with pytest.raises(PlantError, match="the live wake's process ended"):
+            for _ in range(2):
+                live.drive(0.0)
+                live.sampled()
+
+
+def test_a_stop_of_the_whole_group_leaves_it_to_the_vehicle(start: Path) -> None:
+    with LiveWake(COARSE, start) as live:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            os.kill(live._process.pid or 0, number)
+        live.drive(0.0)
+        next_pressures(live)
+
+
+def test_what_is_wrong_with_the_flow_is_said_here(start: Path, tmp_path: Path) -> None:
+    with pytest.raises(PlantError, match="not a flow state"):
+        LiveWake(COARSE, tmp_path / "missing.npz")
+    with pytest.raises(PlantError, match=r"take at least \d+ substeps"):
+        LiveWake(Config(flow=FlowConfig(refinement=0.4, substeps=2)), start)
+
+
+def test_without_a_start_the_shipped_one_settles_and_a_stop_ends_that() -> None:
+    seen = []
+
+    def stop(t: float, total: float) -> None:
+        seen.append((t, total))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        LiveWake(COARSE, None, stop)
+    assert seen == [(pytest.approx(0.2), 60.0)]

@@ -1,0 +1,182 @@
+"""A vehicle on a virtual bus in real time, with an ECU in a thread. Nothing here depends on how fast that is."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.receive_thread import ReceiveThread
+from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.secoc.key import read_key
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Mode
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError, ConfigError, StillwakeError
+from contract.operating_point import OperatingPoint
+from firmware_sim.bench.real_time.pressures import Replay
+from firmware_sim.bench.real_time.running import Course, run_vehicle
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.real_time.privileges import Wanted
+from firmware_sim.ecu.real_time.stage_times import VehicleStage, load
+from tests.firmware_sim.bench.harness import NAMES
+from tests.firmware_sim.bench.real_time.test_pressures import episode
+
+# A third of a truck's width has a third of its control period: 60 of them take 0.4 s.
+POINT = OperatingPoint(width=2.5 / 3.0)
+BUS = BusConfig(interface="virtual", channel="test-vehicle")
+CONFIG = Config(operating_point=POINT, bus=BUS)
+ORDINARY = Wanted(priority=0, lock_memory=False, without_collector=False)
+
+
+@pytest.fixture
+def replay() -> Replay:
+    from contract.recording.dataset import Dataset
+
+    still = episode("still", "train", 50, 0.0)
+    series = {**still.series, "Cp": np.zeros_like(still.series["Cp"])}
+    return Replay(Dataset(episodes=(replace(still, series=series),)))
+
+
+@contextmanager
+def ecu_on(config: Config, ecu: Ecu) -> Iterator[list[Frame]]:
+    """An ECU that answers each pressure frame at once; what it was sent."""
+    seen: list[Frame] = []
+    pressure = message_set(config.bus).pressure.spec
+
+    with PythonCanBus.open(config.bus) as bus:
+
+        def answer(frame: Frame) -> None:
+            if pressure.names(frame):
+                seen.append(frame)
+                # In the ECU's own time every frame is on time: what is looked at is the vehicle.
+                now_ns = len(seen) * config.period_ns
+                for item in ecu.step(now_ns, [replace(frame, timestamp_ns=now_ns)]):
+                    bus.send(item)
+
+        with ReceiveThread(bus, answer) as thread:
+            yield seen
+            thread.check()
+
+
+def course(**changes) -> Course:
+    return Course(**{"periods": 60, "enable_after_s": 0.04, "wanted": ORDINARY, **changes})
+
+
+def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_controller, replay, tmp_path: Path) -> None:
+    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), CONFIG)
+    lines: list[str] = []
+    shown: list[int] = []
+    with ecu_on(CONFIG, ecu) as seen, PythonCanBus.open(BUS) as bus:
+        figures = run_vehicle(
+            bus,
+            NAMES,
+            replay,
+            CONFIG,
+            course(stage_times=tmp_path / "times.npz"),
+            tell=lines.append,
+            progress=lambda found: shown.append(found.periods),
+        )
+    wishes = [codec.parse_pressure(frame.data).enable_request for frame in seen]
+    # Wanted from six periods of 6.7 ms on; withdrawn at the end.
+    assert not any(wishes[:6])
+    assert wishes[-3:] == [False, False, False]
+    assert figures.periods == 60
+    assert figures.commands + figures.misses >= 57
+    assert figures.modes[Mode.CONTROL] > 0
+    assert figures.largest == pytest.approx(0.02, abs=1e-4)
+    assert lines[0].startswith("real time: ")
+    assert shown
+    rows = load(tmp_path / "times.npz", VehicleStage)
+    assert len(rows) == 60
+    due = rows[:, VehicleStage.SCHEDULED]
+    assert set(np.diff(due) % CONFIG.period_ns) == {0}
+    came = rows[:, VehicleStage.COMMAND_ARRIVED]
+    assert ((came == 0) | ((came >= due) & (came < due + CONFIG.period_ns))).all()
+
+
+def test_a_stop_ends_it_well(bundle_of, recording_controller, replay) -> None:
+    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), CONFIG)
+    left = iter(range(40))
+    with ecu_on(CONFIG, ecu) as seen, PythonCanBus.open(BUS) as bus:
+        figures = run_vehicle(
+            bus, NAMES, replay, CONFIG, course(periods=None), is_stopped=lambda: next(left, None) is None
+        )
+    assert figures.periods == 40
+    assert codec.parse_pressure(seen[-1].data).enable_request is False
+    assert ecu.trace.action == 0.0
+
+
+def test_a_vehicle_without_an_ecu_says_once_what_it_hears(replay) -> None:
+    lines: list[str] = []
+    with PythonCanBus.open(BUS) as bus:
+        figures = run_vehicle(bus, NAMES, replay, CONFIG, course(periods=320), tell=lines.append)
+    assert figures.commands == figures.misses == 0
+    said = [line for line in lines if "JetCommand" in line]
+    assert len(said) == 1
+    assert "nothing at all is heard" in said[0]
+
+
+def test_a_vehicle_of_another_set_says_which(bundle_of, recording_controller, replay) -> None:
+    classic = Config(operating_point=POINT, bus=replace(BUS, frames="classic"))
+    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), classic)
+    lines: list[str] = []
+    with PythonCanBus.open(classic.bus) as other, PythonCanBus.open(BUS) as bus:
+
+        class Sends:
+            """The recorded flow; with every row the other node speaks too."""
+
+            layout, description, drive, now_ns = replay.layout, "", replay.drive, 0
+
+            def sampled(self):
+                self.now_ns += CONFIG.period_ns
+                for frame in ecu.step(self.now_ns, []):
+                    other.send(frame)
+                return replay.sampled()
+
+        run_vehicle(bus, NAMES, Sends(), CONFIG, course(periods=160), tell=lines.append)
+    assert any("the other node uses the messages for classic CAN: --set bus.frames=classic" in item for item in lines)
+
+
+def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(
+    bundle_of, recording_controller, replay, tmp_path: Path
+) -> None:
+    key = tmp_path / "bus.key"
+    key.write_text("00112233445566778899aabbccddeeff\n", encoding="ascii")
+    key.chmod(0o600)
+    config = Config(operating_point=POINT, bus=replace(BUS, key=str(key)))
+    begun = FreshnessStore(tmp_path / "ecu.json").begin(read_key(key))
+    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), config, authentication=begun)
+    for trip in (1, 2):
+        with ecu_on(config, ecu), PythonCanBus.open(config.bus) as bus:
+            figures = run_vehicle(bus, NAMES, replay, config, course(periods=30, freshness=tmp_path / "vehicle.json"))
+        assert figures.commands > 0
+        assert f'"trip": {trip}' in (tmp_path / "vehicle.json").read_text(encoding="utf-8")
+    with PythonCanBus.open(config.bus) as bus, pytest.raises(ConfigError, match=r"bus\.key = .*: needs --freshness"):
+        run_vehicle(bus, NAMES, replay, config, course())
+    with PythonCanBus.open(BUS) as bus, pytest.raises(ConfigError, match="nothing is authenticated without"):
+        run_vehicle(bus, NAMES, replay, CONFIG, course(freshness=tmp_path / "x.json"))
+
+
+def test_a_bus_that_fails_is_an_error(replay) -> None:
+    class Broken(PythonCanBus):
+        """Fails as an interface that was pulled out does."""
+
+        def receive(self, timeout_s: float) -> Frame | None:
+            raise BusError("no such device")
+
+    bus = Broken.open(BUS)
+    with bus, pytest.raises(BusError, match="CAN reception ended: no such device"):
+        run_vehicle(bus, NAMES, replay, CONFIG, course())
+
+
+def test_stage_times_that_cannot_be_written_are_an_error(replay, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="ascii")
+    with PythonCanBus.open(BUS) as bus, pytest.raises(StillwakeError, match=r"file"):
+        run_vehicle(bus, NAMES, replay, CONFIG, course(periods=3, stage_times=tmp_path / "file" / "times.npz"))

@@ -1,0 +1,200 @@
+"""The vehicle's side in real time, on a clock of the test's."""
+
+from dataclasses import replace
+from math import cos, sqrt
+
+import numpy as np
+import pytest
+
+from can_bridge.wire import codec
+from can_bridge.wire.messages import Mode
+from contract.config.tree import Config
+from contract.config.vehicle import VehicleConfig
+from contract.errors import BusError
+from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
+from tests.firmware_sim.bench.real_time.in_made_up_time import FIRST_NS, MadeUpTime
+
+PERIOD_NS = Config().period_ns
+
+
+@pytest.fixture
+def made(bundle_of, recording_controller):
+    def make(config: Config | None = None, **how) -> MadeUpTime:
+        config = Config() if config is None else config
+        step = iter(range(10**6))
+        return MadeUpTime(
+            config, Ecu(bundle_of(), recording_controller(lambda i: 0.03 * cos(next(step))), config), **how
+        )
+
+    return make
+
+
+@pytest.mark.parametrize("way_ms", [1.0, 9.0, 19.9])
+def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made, way_ms) -> None:
+    """With an ECU that plans ahead, the flow does not depend on when in a period its command comes."""
+    virtual = harness(8.0, plan_ahead=True)
+    rows = virtual.run(40)
+    real = made(way_ns=lambda number: round(way_ms * 1e6))
+    real.run(41)
+    assert real.flow.driven[:40] == virtual.targets()
+    assert len(set(real.flow.driven)) > 20
+    assert real.flow.plant.sample().Cd != rows[-1].sample.Cd  # one period further on
+    figures = real.loop.figures
+    assert (figures.periods, figures.misses, figures.at_once, figures.left_out) == (41, 0, 0, 0)
+    # The ECU needs a second frame before it trusts the stream, and so does the vehicle; none is lost later.
+    assert figures.commands == 39
+    assert figures.modes[Mode.CONTROL] == sum(row.mode == Mode.CONTROL for row in rows)
+
+
+def test_an_actuator_that_is_late_is_driven_late(made) -> None:
+    prompt, late = made(), made(replace(Config(), vehicle=VehicleConfig(actuator_delay=3)))
+    for real in (prompt, late):
+        real.run(12)
+    # Until the delayed flow differs, the plans are the same.
+    assert late.flow.driven[3:] == pytest.approx(prompt.flow.driven[:9])
+
+
+def test_ages_are_from_the_sampling_to_the_arrival(made) -> None:
+    real = made(way_ns=lambda number: 12_340_000 if number % 10 else 17_000_000)
+    real.run(101)
+    ages = real.loop.figures.ages
+    # Counted in steps of 10 us.
+    assert ages.quantile_ms(0.5) == pytest.approx(12.34, abs=0.011)
+    assert ages.quantile_ms(1.0) == pytest.approx(17.0, abs=0.011)
+
+
+def test_a_command_is_of_the_period_it_arrives_in_however_late_the_process_wakes(made) -> None:
+    # Command 20 arrives 1 ms after the boundary; the process wakes 3 ms after it, and finds it in the inbox.
+    lateness = iter([0] * 21 + [3_000_000])
+    real = made(way_ns=lambda number: 21_000_000 if number == 20 else 9_000_000, lateness=lateness)
+    real.run(22)
+    assert real.loop.figures.misses == 1
+    assert real.loop.figures.commands == 19
+
+
+def test_a_late_process_says_the_age_of_its_pressures(made) -> None:
+    real = made(lateness=iter([0, 0, 4_000_000]))
+    real.run(4)
+    ages = [codec.parse_pressure(frame.data).age_ns for _, frame in real.sent]
+    assert ages == [0, 0, 4_000_000, 0]
+    assert real.loop.figures.lateness.quantile_ms(1.0) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("periods_late", "lost"), [(0.7, 1), (2.3, 2), (2.7, 3)])
+def test_an_instant_that_was_slept_past_is_left_out_and_never_caught_up(made, periods_late, lost) -> None:
+    # The tenth, and those after it that are more than half a period ago.
+    real = made(lateness=iter([0] * 10 + [round(periods_late * PERIOD_NS)]))
+    real.run(15)
+    assert real.instants == [*range(10), *range(10 + lost, 15 + lost)]
+    assert real.loop.figures.left_out == lost
+    kept = zip(real.instants[11:], real.sent[11:], strict=True)
+    assert all(at == FIRST_NS + k * PERIOD_NS for k, (at, _) in kept)
+
+
+def test_instants_do_not_drift(made) -> None:
+    """However the process is woken, up to half a period late: the next one is where it was to be."""
+    rng = np.random.default_rng(3)
+    late = rng.integers(0, PERIOD_NS // 2, 300)
+    real = made(lateness=iter(late.tolist()))
+    real.run(300)
+    assert real.instants == list(range(300))
+    assert real.loop.figures.left_out == 0
+
+
+def test_a_live_wake_that_is_late_leaves_its_instant_without_pressures(made) -> None:
+    real = made(late_flow=frozenset({20, 21}))
+    real.run(30)
+    assert real.loop.figures.unsampled == 2
+    assert real.instants == [k for k in range(30) if k not in (20, 21)]
+    # Nobody drives a wake that is still busy.
+    assert len(real.flow.driven) == 28
+
+
+def test_jets_shut_when_the_ecu_falls_silent(made) -> None:
+    real = made()
+    real.run(20)
+    assert real.flow.driven[-1] != 0.0
+    real.ecu = None
+    real.run(5, wish_from=0)
+    held = Config().ecu.hold_periods
+    # The last command acts, is held, and is then given up.
+    assert real.flow.driven[-(4 - held) :] == [0.0] * (4 - held)
+    assert real.loop.figures.misses == 4
+
+
+def test_the_end_withdraws_the_wish_and_shuts_the_jets(made) -> None:
+    real = made()
+    real.run(20)
+    before = real.loop.figures.periods, len(real.sent)
+    real.loop.finish()
+    wishes = [codec.parse_pressure(frame.data).enable_request for _, frame in real.sent]
+    assert wishes[1:] == [True] * (before[1] - 1) + [False] * FAREWELL
+    assert real.flow.driven[-FAREWELL:] == [0.0] * FAREWELL
+    # The ECU has them all, and its own command is zero.
+    assert real.ecu.trace.action == 0.0
+    assert real.loop.figures.periods == before[0]
+    assert real.loop.figures.commands == 19
+
+
+def test_the_end_waits_for_a_live_wake(made) -> None:
+    real = made(late_flow=frozenset({20, 22}))
+    real.run(20)
+    real.loop.finish()
+    assert real.instants[-FAREWELL:] == [21, 23, 24]
+
+
+def test_an_end_before_the_beginning_says_so_too(made) -> None:
+    real = made()
+    real.loop.finish()
+    assert len(real.sent) == FAREWELL
+
+
+def test_a_bus_that_takes_nothing_is_lost_after_a_second(made) -> None:
+    real = made()
+    real.run(10)
+    real.is_taking = False
+    real.run(UNSENT_LIMIT - 1)
+    assert real.loop.figures.unsent == UNSENT_LIMIT - 1
+    with pytest.raises(BusError, match=r"0x120 was not sent: made up; nor were the 49 before it"):
+        real.run(1)
+
+
+def test_stage_times_are_of_each_period(made) -> None:
+    times = StageTimes(VehicleStage, 10)
+    # The command to frame 6 comes a period late; the flow has nothing in period 8.
+    real = made(
+        way_ns=lambda number: 30_000_000 if number == 6 else 9_000_000,
+        late_flow=frozenset({8}),
+        lateness=iter([0] * 4 + [1_500_000]),
+        stage_times=times,
+    )
+    real.run(10)
+    real.loop.finish()
+    rows = times.rows()
+    column = {stage: rows[:, stage] for stage in VehicleStage}
+    assert column[VehicleStage.PERIOD].tolist() == list(range(10))
+    scheduled = FIRST_NS + PERIOD_NS * np.arange(10)
+    assert np.array_equal(column[VehicleStage.SCHEDULED], scheduled)
+    assert (column[VehicleStage.SAMPLED] - scheduled)[[3, 4, 5]].tolist() == [0, 1_500_000, 0]
+    assert column[VehicleStage.SAMPLED][8] == column[VehicleStage.SENT][8] == 0
+    assert column[VehicleStage.PRESSURE_COUNTER].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, NOTHING, 8]
+    came = column[VehicleStage.COMMAND_ARRIVED]
+    # The first command is not trusted yet; that of frame 6 misses its period, and comes beside the next one.
+    assert (came == 0).tolist() == [True, False, False, False, False, False, True, False, True, False]
+    assert (came - scheduled)[[1, 4, 5]].tolist() == [9_000_000, 10_500_000, 9_000_000]
+    assert column[VehicleStage.ECHOED_COUNTER][[1, 4, 5, 9]].tolist() == [1, 4, 5, 8]
+    actuated = column[VehicleStage.ACTUATED]
+    assert np.array_equal(actuated[[1, 2, 5]], scheduled[[1, 2, 5]] + PERIOD_NS)
+    assert ((actuated == 0) == (came == 0)).all()
+
+
+def test_the_action_is_averaged_over_all_periods(made) -> None:
+    real = made()
+    real.run(31)
+    # The latest period has not ended.
+    driven = np.array(real.flow.driven[:30])
+    figures = real.loop.figures
+    assert figures.rms_action == pytest.approx(sqrt(np.mean(driven**2)))
+    assert figures.largest == np.abs(driven).max()
