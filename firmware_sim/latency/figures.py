@@ -73,7 +73,7 @@ def histogram_figure(runs: Sequence[Measured]) -> Figure:
 def timeline_figure(run: Measured) -> Figure:
     """The period whose pressures waited longest for a command, and those after it until that came."""
     periods = run.periods
-    worst = int(np.argmax(periods.stages[Stage.ALL]))
+    worst = int(np.nanargmax(periods.stages[Stage.ALL]))
     period_ms = periods.period_ns / 1e6
     waited_ms = float(periods.stages[Stage.ALL][worst]) / 1e6
     shown = min(waited_ms, LONGEST_SHOWN * period_ms) if isfinite(waited_ms) else LONGEST_SHOWN * period_ms

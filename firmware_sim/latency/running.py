@@ -29,6 +29,7 @@ OVERTIME: Final = 2.0
 START_S: Final = 60.0
 """What the vehicle may take to start."""
 
+
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
 STAGE_TIMES: Final = "{}_times.npz"
 
@@ -49,6 +50,11 @@ class Recorded:
     idle: IdleTimes
     cyclictest: Cyclictest | None
     privileges: str
+
+
+def longest_run(periods: int, period_ns: int) -> int:
+    """Periods after which the ECU is to end by itself: it must not run on for ever where nobody is left to end it."""
+    return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
 def recorded(

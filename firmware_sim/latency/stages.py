@@ -41,7 +41,8 @@ class Stage(StrEnum):
     """The JetCommand frame sent, and received by the vehicle."""
     ALL = "all"
     """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones, of
-    those that the vehicle took: one a period, the newest. It is due by the next sampling instant."""
+    those that the vehicle took: one a period, the newest. It is due by the next sampling instant. Of a period without a
+    plan only if that was missed."""
     ACTUATE = "actuate"
     """From that instant to the jets' driver taking the command."""
 
@@ -153,7 +154,9 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
     answered = np.minimum.accumulate(command[::-1])[::-1][grid.row]
     scheduled = (grid.scheduled - origin).astype(float)
-    stages[Stage.ALL] = answered - scheduled
+    # Without a plan an answer is quick: an ECU that is not in control must not look like a fast one.
+    counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
+    stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
     return Periods(
         period_ns=period_ns,
         first=first,

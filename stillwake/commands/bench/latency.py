@@ -166,7 +166,7 @@ def measured(
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import Measured
-    from firmware_sim.latency.running import recorded
+    from firmware_sim.latency.running import longest_run, recorded
 
     config = loaded.config
     chosen = folder / "settings.toml"
@@ -181,7 +181,7 @@ def measured(
             place.mkdir()
             run = recorded(
                 place,
-                ecu=ecu_command(subject, chosen),
+                ecu=ecu_command(subject, chosen, periods=longest_run(total, config.period_ns)),
                 vehicle=vehicle_command(subject, chosen, periods=total),
                 periods=total,
                 period_ns=config.period_ns,
@@ -199,11 +199,12 @@ def measured(
     return found
 
 
-def ecu_command(subject: Subject, chosen: Path) -> list[str]:
-    """`stillwake ecu` on it."""
+def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
+    """`stillwake ecu` on it, for so many control steps at most."""
     trust = [] if subject.key is None else ["--trust", subject.key]
     library = [] if subject.library is None else ["--library", str(subject.library)]
-    return [*_STILLWAKE, "ecu", str(subject.bundle), *trust, *library, "--config", str(chosen)]
+    options = [*trust, *library, "--periods", str(periods), "--config", str(chosen)]
+    return [*_STILLWAKE, "ecu", str(subject.bundle), *options]
 
 
 def vehicle_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:

@@ -46,6 +46,20 @@ def test_begins_with_the_first_plan(tables):
     assert (periods.first, len(periods)) == (132, 17)
 
 
+def test_answers_without_a_plan_do_not_make_the_loop_look_fast(tables):
+    run = tables(60)
+    for i in range(20, 50):
+        run.ecu[i, [EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]] = 0
+        run.later(i, EcuStage.STEP_ENDED, -TOOK["plan"])
+    run.lose_command(30)
+    periods = run.join()
+    assert {periods.links[i] for i in range(20, 50)} == {Link.NOT_PLANNED}
+    assert periods.missed.tolist() == [30]
+    of_all = periods.stages[Stage.ALL]
+    assert np.flatnonzero(np.isfinite(of_all)).tolist() == [*range(20), 30, *range(50, 59)]
+    assert np.nanmin(of_all) == round(ALL_MS * MS)
+
+
 def test_a_late_plan_is_a_miss_of_one_period(tables):
     run = tables(100)
     run.later(40, EcuStage.PLAN_ENDED, 8.0)

@@ -1,9 +1,13 @@
 """`stillwake bench latency`: what it asks of its processes, its errors in one line, and a short run on a real bus."""
 
 import json
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from contract.config.loading import load
@@ -38,9 +42,10 @@ def test_a_bus_of_one_process_is_refused(interface):
 
 def test_commands_name_bundle_key_and_library(tmp_path):
     subject = Subject(name="c", about="", bundle=Path("/b"), key="project", library=Path("/l"))
-    command = ecu_command(subject, tmp_path)
+    command = ecu_command(subject, tmp_path, periods=9)
     assert command[:4] == [sys.executable, "-m", "stillwake", "ecu"]
     assert command[4:9] == ["/b", "--trust", "project", "--library", "/l"]
+    assert command[9:11] == ["--periods", "9"]
     assert vehicle_command(subject, tmp_path, periods=7)[4:8] == ["--bundle", "/b", "--periods", "7"]
 
 
@@ -107,3 +112,19 @@ def test_a_short_run_on_a_real_bus(cli, tmp_path):
     assert onnx["baseline"]["periods"] >= 100
     kept = {path.name for path in (tmp_path / "report").iterdir()}
     assert kept == {"report.md", "histogram.png", "timeline_onnx.png", "onnx", "settings.toml"}
+
+
+@pytest.mark.processes
+def test_sigterm_ends_all_of_it_and_leaves_nothing(tmp_path):
+    command = [sys.executable, "-m", "stillwake", "bench", "latency", str(tmp_path / "report"), "--periods", "5000"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    while len(children := psutil.Process(process.pid).children()) < 3 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert len(children) >= 3
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 143
+    assert errors.strip() == "stopped"
+    assert not [child for child in children if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
+    assert list(tmp_path.iterdir()) == []
