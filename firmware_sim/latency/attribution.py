@@ -28,7 +28,7 @@ class Cause(StrEnum):
     """In the order in which they are looked for."""
 
     TOO_SLOW = "too slow at its usual pace"
-    IDLE_LOOP = "the idle loop was late as well"
+    IDLE_LOOP = "an idle loop was late as well"
     WAITED = "no processor was free"
     STOLEN = "the virtual machine's host took the processor"
     COLLECTION = "garbage collection"
@@ -141,8 +141,9 @@ def _cause(evidence: _Evidence, slack: float, *, plan_median: float, knows_waiti
 
 def _evidence(ecu: Times, idle: IdleTimes, begin: int, end: int) -> _Evidence:
     rows = idle.rows
-    asleep = (rows[:, IdleStage.SCHEDULED] < end) & (rows[:, IdleStage.WOKE] > begin)
-    late = rows[asleep, IdleStage.WOKE] - rows[asleep, IdleStage.SCHEDULED]
+    loops = np.concatenate([rows, idle.elsewhere])
+    asleep = (loops[:, IdleStage.SCHEDULED] < end) & (loops[:, IdleStage.WOKE] > begin)
+    late = loops[asleep, IdleStage.WOKE] - loops[asleep, IdleStage.SCHEDULED]
     # What the ECU counted since its row before, up to the end of the row that ends within or after the period.
     ended = ecu[:, EcuStage.STEP_ENDED]
     before = np.concatenate([[np.iinfo(np.int64).min], ended[:-1]])

@@ -1,8 +1,10 @@
 """The idle baseline: a process with the deadlines and privileges of the ECU, which does nothing when it wakes.
 
-    python -m firmware_sim.latency.idle_loop FILE PERIOD_NS ECU_PID VEHICLE_PID
+    python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS any ECU_PID VEHICLE_PID
+    python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS PROCESSOR
 
-After it has looked at the clock it notes what the system kept from the other two. SIGTERM ends it; then it writes FILE.
+After it has looked at the clock it notes what the system kept from the other two. A loop that is tied to one processor
+shows whether that one stood still. SIGTERM ends it, or the last of PERIODS; then it writes FILE.
 """
 
 import os
@@ -19,7 +21,6 @@ import numpy as np
 from firmware_sim.ecu.real_time.clock import now_ns, sleep_until
 from firmware_sim.ecu.real_time.deadlines import Deadlines
 from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
-from firmware_sim.ecu.real_time.stage_times import LONGEST
 from firmware_sim.latency.idle_times import IdleStage, IdleTimes
 
 LOOK_EVERY: Final = 25
@@ -32,7 +33,7 @@ _LINE: Final = 512
 
 def main(arguments: Sequence[str]) -> None:
     """Run until SIGTERM."""
-    path, period_ns, *watched = arguments
+    path, period_ns, periods, processor, *watched = arguments
     stopped: list[int] = []
 
     def stop(number: int, _frame: FrameType | None) -> None:
@@ -44,21 +45,22 @@ def main(arguments: Sequence[str]) -> None:
     with ExitStack() as stack:
         waited = [Waiting(int(pid), stack) for pid in watched]
         stolen = stolen_time(stack)
-        privileges = stack.enter_context(taken(Wanted()))
+        privileges = stack.enter_context(taken(Wanted(processor=None if processor == "any" else int(processor))))
         sys.stdout.write(f"{in_words(privileges)}\n")
         sys.stdout.flush()
-        rows = run(int(period_ns), [*waited, stolen or _nothing], lambda: bool(stopped))
+        counters = [*waited, stolen or _nothing] if watched else []
+        rows = run(int(period_ns), counters, lambda: bool(stopped), longest=int(periods))
     IdleTimes(rows=rows, knows_waiting=all(one.is_known for one in waited)).save(Path(path))
 
 
 def run(
-    period_ns: int, counters: Sequence[Callable[[], int]], is_stopped: Callable[[], bool], *, longest: int = LONGEST
+    period_ns: int, counters: Sequence[Callable[[], int]], is_stopped: Callable[[], bool], *, longest: int
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Sleep from deadline to deadline until stopped, or for `longest` periods; rows of `IdleStage`.
 
     Args:
         period_ns: control period.
-        counters: what the last columns sum up, in ns.
+        counters: what the columns after WOKE sum up, in ns; the others stay 0.
         is_stopped: looked at once a period.
         longest: periods.
     """
@@ -71,7 +73,9 @@ def run(
         woke = now_ns()
         now = [counter() for counter in counters]
         table[count, : IdleStage.WOKE + 1] = (deadlines.number, deadlines.due_ns, woke)
-        table[count, IdleStage.WOKE + 1 :] = [new - old for new, old in zip(now, before, strict=True)]
+        table[count, IdleStage.WOKE + 1 : IdleStage.WOKE + 1 + len(now)] = [
+            new - old for new, old in zip(now, before, strict=True)
+        ]
         before, count = now, count + 1
         deadlines = deadlines.after(now_ns())
     return table[:count]

@@ -1,6 +1,6 @@
 """What a loop that does nothing met in the same run: how late it woke, and what the machine kept from the others."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Self
@@ -34,10 +34,13 @@ class IdleTimes:
     Attributes:
         rows: of `IdleStage`, (m, stages).
         knows_waiting: whether this system tells how long a thread waited for a processor.
+        elsewhere: rows of further idle loops, each tied to one processor: a virtual machine's may stand still one by
+            one; (l, stages).
     """
 
     rows: Times
     knows_waiting: bool
+    elsewhere: Times = field(default_factory=lambda: np.empty((0, len(IdleStage)), dtype=np.int64))
 
     def late(self, period_ns: int) -> Array:
         """From each scheduled instant to waking up, ns; a period that was left out counts until the next waking."""
@@ -52,7 +55,7 @@ class IdleTimes:
         """Of the periods scheduled from one instant to another."""
         scheduled = self.rows[:, IdleStage.SCHEDULED]
         inside = (scheduled >= begin_ns) & (scheduled <= end_ns)
-        return type(self)(rows=self.rows[inside], knows_waiting=self.knows_waiting)
+        return replace(self, rows=self.rows[inside])
 
     def save(self, path: Path) -> None:
         """As .npz, whole or not at all; raises StillwakeError."""

@@ -9,9 +9,11 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from contract.errors import BusError, StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage, load
@@ -26,6 +28,10 @@ END_S: Final = 30.0
 """What a process may take to write its table after it was told to end."""
 OVERTIME: Final = 2.0
 """Times the run's length after which a vehicle is given up."""
+WATCHES: Final = 4
+"""Times a period that the idle loops wake which are tied to a processor: where it stands still, a deadline is near."""
+MOST_WATCHED: Final = 8
+"""Processors with such a loop."""
 START_S: Final = 60.0
 """What the vehicle may take to start."""
 
@@ -90,22 +96,51 @@ def recorded(
             _Child(VEHICLE, [*vehicle, "--stage-times", str(tables[VEHICLE])], folder)
         )
         pids = [str(child.process.pid) for child in (running_ecu, running_vehicle)]
-        baseline = [sys.executable, "-m", "firmware_sim.latency.idle_loop", str(tables[IDLE]), str(period_ns), *pids]
+        loop = [sys.executable, "-m", "firmware_sim.latency.idle_loop"]
+        length = longest_run(periods, period_ns)
+        baseline = [*loop, str(tables[IDLE]), str(period_ns), str(length), "any", *pids]
         idle = stack.enter_context(_Child(IDLE, baseline, folder))
+        tied = [
+            stack.enter_context(
+                _Child(
+                    f"{IDLE}_{processor}",
+                    [
+                        *(*loop, str(folder / STAGE_TIMES.format(f"{IDLE}_{processor}"))),
+                        *(str(period_ns // WATCHES), str(WATCHES * length), str(processor)),
+                    ],
+                    folder,
+                )
+            )
+            for processor in watched_processors()
+        ]
         other = cyclictest.started(period_ns)
         if other is not None:
             stack.callback(other.kill)
-        _wait(running_vehicle, (running_ecu, idle), periods=periods, period_ns=period_ns, progress=progress)
+        _wait(running_vehicle, (running_ecu, idle, *tied), periods=periods, period_ns=period_ns, progress=progress)
         found = None if other is None else cyclictest.ended(other, END_S)
-        for child in (running_ecu, idle):
+        for child in (running_ecu, idle, *tied):
             child.end()
     return Recorded(
         vehicle=load(tables[VEHICLE], VehicleStage),
         ecu=load(tables[ECU], EcuStage),
-        idle=IdleTimes.load(tables[IDLE]),
+        idle=_idle_times(folder, [child.name for child in tied]),
         cyclictest=found,
         privileges=idle.last_line,
     )
+
+
+def watched_processors() -> list[int]:
+    """Those that an idle loop is tied to: all that this process may use, but no more than MOST_WATCHED."""
+    if not hasattr(os, "sched_getaffinity"):
+        return []
+    return sorted(os.sched_getaffinity(0))[:MOST_WATCHED]
+
+
+def _idle_times(folder: Path, tied: Sequence[str]) -> IdleTimes:
+    """The idle loop's table with those of the loops that were tied to a processor."""
+    found = IdleTimes.load(folder / STAGE_TIMES.format(IDLE))
+    others = [IdleTimes.load(folder / STAGE_TIMES.format(name)).rows for name in tied]
+    return replace(found, elsewhere=np.concatenate([found.elsewhere, *others]))
 
 
 def _wait(

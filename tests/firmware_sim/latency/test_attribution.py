@@ -1,5 +1,7 @@
 """Misses planted one by one in made-up tables: each has one cause, and that is the one to be found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -72,6 +74,16 @@ def test_waiting_for_a_processor(tables, column):
     run = late_run(tables)
     run.idle[41, column] = round((SLACK_MS + 0.5) * MS)
     assert only(run).cause is Cause.WAITED
+
+
+@pytest.mark.parametrize(("row", "cause"), [(39, Cause.UNKNOWN), (40, Cause.IDLE_LOOP)])
+def test_a_processor_that_stood_still_shows_in_the_loop_that_was_tied_to_it(tables, row, cause):
+    run = late_run(tables)
+    elsewhere = run.idle.copy()
+    elsewhere[row, IdleStage.WOKE] += 9 * MS
+    idle = replace(run.idle_times, elsewhere=elsewhere)
+    (miss,) = attributed(run.join(), run.ecu, idle)
+    assert miss.cause is cause
 
 
 def test_waiting_that_is_usual_excuses_nothing(tables):

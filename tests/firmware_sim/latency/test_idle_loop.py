@@ -94,7 +94,16 @@ def test_stolen_time_is_the_eighth_number_of_the_first_line():
 @pytest.mark.processes
 def test_as_a_process_it_writes_its_table_when_it_is_told_to_end(tmp_path):
     path = tmp_path / "idle.npz"
-    command = [sys.executable, "-m", "firmware_sim.latency.idle_loop", str(path), str(PERIOD), str(os.getpid())]
+    command = [
+        sys.executable,
+        "-m",
+        "firmware_sim.latency.idle_loop",
+        str(path),
+        str(PERIOD),
+        "1000",
+        "any",
+        str(os.getpid()),
+    ]
     process = subprocess.Popen([*command, str(os.getppid())], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert "no garbage collection" in process.stdout.readline()  # it is told when it begins
