@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from contract.errors import StillwakeError
-from firmware_sim.latency.idle_loop import Waiting, run, stolen_time
+from firmware_sim.ecu.real_time.privileges import Wanted
+from firmware_sim.latency.idle_loop import Waiting, main, run, stolen_time, wanted
 from firmware_sim.latency.idle_times import IdleStage, IdleTimes
 from tests.firmware_sim.latency.conftest import MS, PERIOD
 
@@ -114,6 +115,33 @@ def test_as_a_process_it_writes_its_table_when_it_is_told_to_end(tmp_path):
     found = IdleTimes.load(path)
     assert len(found.rows) >= 10  # of 25 in half a second
     assert found.knows_waiting == HAS_SCHEDSTAT
+
+
+@pytest.fixture
+def handlers_restored():
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("handlers_restored")
+@pytest.mark.parametrize(("arguments", "rows"), [(["any", str(os.getpid())], 3), (["processor"], 0)])
+def test_a_tied_loop_that_the_ecu_can_hold_up_is_no_witness(tmp_path, monkeypatch, arguments, rows):
+    def refused(*_arguments):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    here = str(min(os.sched_getaffinity(0)))
+    path = tmp_path / "idle.npz"
+    main([str(path), str(MS), "3", *(here if one == "processor" else one for one in arguments)])
+    assert len(IdleTimes.load(path).rows) == rows
+
+
+def test_idle_loops_go_before_the_ecu():
+    # With the same priority, a loop tied to the ECU's processor would wait for a slow plan of ours, and excuse it.
+    assert wanted("any").priority > Wanted().priority
+    assert wanted("1") == Wanted(priority=wanted("any").priority, processor=1)
 
 
 def test_saved_and_loaded_alike(tables, tmp_path):
