@@ -6,7 +6,7 @@ name. Pages are found by their places, so that a table can move to another page 
 
 from pathlib import Path
 
-from benchmarks.bus import load_tables
+from benchmarks.bus import latency_tables, load_tables
 from benchmarks.bus import tables as bus_tables
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import fill, names
@@ -17,7 +17,16 @@ from benchmarks.release import tables as release_tables
 from benchmarks.wake import tables as wake_tables
 from contract.atomic import replacing
 
-FOLDERS = (bus_tables, release_tables, wake_tables, model_tables, controller_tables, load_tables, campaign_tables)
+FOLDERS = (
+    bus_tables,
+    latency_tables,
+    release_tables,
+    campaign_tables,
+    wake_tables,
+    model_tables,
+    controller_tables,
+    load_tables,
+)
 
 
 def tables(results: Path) -> dict[str, str]:

@@ -16,6 +16,7 @@ from typing import Annotated, Final
 
 import typer
 
+from stillwake.commands.bench import bench
 from stillwake.commands.bundle import bundle
 from stillwake.commands.campaign import campaign
 from stillwake.commands.can import can
@@ -78,6 +79,7 @@ PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
 for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
+app.add_typer(bench, name="bench", rich_help_panel=CONTROL)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
 app.add_typer(can, name="can", rich_help_panel=CONTROL)
 app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)

@@ -1,0 +1,244 @@
+"""One run: ECU, vehicle and idle loop as processes of their own, and the tables that they leave behind."""
+
+import os
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.errors import BusError, StillwakeError
+from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage, load
+from firmware_sim.latency import cyclictest
+from firmware_sim.latency.cyclictest import Cyclictest
+from firmware_sim.latency.idle_times import IdleTimes
+from firmware_sim.latency.stages import Times
+
+READY_S: Final = 120.0
+"""What the ECU may take to open the bundle, compile a library and warm up; a busy machine takes a quarter of it."""
+END_S: Final = 30.0
+"""What a process may take to write its table after it was told to end."""
+OVERTIME: Final = 2.0
+"""Times the run's length after which a vehicle is given up."""
+WATCHES: Final = 4
+"""Times a period that the idle loops wake which are tied to a processor: where it stands still, a deadline is near."""
+MOST_WATCHED: Final = 8
+"""Processors with such a loop."""
+START_S: Final = 60.0
+"""What the vehicle may take to start."""
+
+
+ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
+STAGE_TIMES: Final = "{}_times.npz"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recorded:
+    """What one run left.
+
+    Attributes:
+        vehicle, ecu: rows of `VehicleStage` and `EcuStage`.
+        idle: the idle loop's.
+        cyclictest: None where it is not installed, or could not run.
+        privileges: what the idle loop was granted, in words.
+    """
+
+    vehicle: Times
+    ecu: Times
+    idle: IdleTimes
+    cyclictest: Cyclictest | None
+    privileges: str
+
+
+def longest_run(periods: int, period_ns: int) -> int:
+    """Periods after which the ECU is to end by itself: it must not run on for ever where nobody is left to end it."""
+    return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
+
+
+def recorded(
+    folder: Path,
+    *,
+    ecu: Sequence[str],
+    vehicle: Sequence[str],
+    periods: int,
+    period_ns: int,
+    progress: Callable[[int], None],
+) -> Recorded:
+    """Run until the vehicle has ended by itself, and keep tables and logs in the folder.
+
+    Args:
+        folder: exists; gets the tables and what the processes printed.
+        ecu, vehicle: commands, without `--stage-times`; the ECU's tells $NOTIFY_SOCKET when it is ready.
+        periods: that the vehicle runs for.
+        period_ns: of control.
+        progress: called with the periods that are over, about twice a second.
+
+    Raises:
+        BusError: a process ended too early, or did not end; the message has the last line that it printed.
+        StillwakeError: a table cannot be read.
+    """
+    tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}
+    with ExitStack() as stack:
+        notified = stack.enter_context(_NotifySocket())
+        running_ecu = stack.enter_context(
+            _Child(ECU, [*ecu, "--stage-times", str(tables[ECU])], folder, notify=notified.address)
+        )
+        notified.wait(running_ecu)
+        running_vehicle = stack.enter_context(
+            _Child(VEHICLE, [*vehicle, "--stage-times", str(tables[VEHICLE])], folder)
+        )
+        pids = [str(child.process.pid) for child in (running_ecu, running_vehicle)]
+        loop = [sys.executable, "-m", "firmware_sim.latency.idle_loop"]
+        length = longest_run(periods, period_ns)
+        baseline = [*loop, str(tables[IDLE]), str(period_ns), str(length), "any", *pids]
+        idle = stack.enter_context(_Child(IDLE, baseline, folder))
+        tied = [
+            stack.enter_context(
+                _Child(
+                    f"{IDLE}_{processor}",
+                    [
+                        *(*loop, str(folder / STAGE_TIMES.format(f"{IDLE}_{processor}"))),
+                        *(str(period_ns // WATCHES), str(WATCHES * length), str(processor)),
+                    ],
+                    folder,
+                )
+            )
+            for processor in watched_processors()
+        ]
+        other = cyclictest.started(period_ns)
+        if other is not None:
+            stack.callback(other.kill)
+        _wait(running_vehicle, (running_ecu, idle, *tied), periods=periods, period_ns=period_ns, progress=progress)
+        found = None if other is None else cyclictest.ended(other, END_S)
+        for child in (running_ecu, idle, *tied):
+            child.end()
+    return Recorded(
+        vehicle=load(tables[VEHICLE], VehicleStage),
+        ecu=load(tables[ECU], EcuStage),
+        idle=_idle_times(folder, [child.name for child in tied]),
+        cyclictest=found,
+        privileges=idle.last_line,
+    )
+
+
+def watched_processors() -> list[int]:
+    """Those that an idle loop is tied to: all that this process may use, but no more than MOST_WATCHED."""
+    if not hasattr(os, "sched_getaffinity"):
+        return []
+    return sorted(os.sched_getaffinity(0))[:MOST_WATCHED]
+
+
+def _idle_times(folder: Path, tied: Sequence[str]) -> IdleTimes:
+    """The idle loop's table with those of the loops that were tied to a processor."""
+    found = IdleTimes.load(folder / STAGE_TIMES.format(IDLE))
+    others = [IdleTimes.load(folder / STAGE_TIMES.format(name)).rows for name in tied]
+    return replace(found, elsewhere=np.concatenate([found.elsewhere, *others]))
+
+
+def _wait(
+    vehicle: "_Child",
+    others: Sequence["_Child"],
+    *,
+    periods: int,
+    period_ns: int,
+    progress: Callable[[int], None],
+) -> None:
+    """Until the vehicle has ended well."""
+    began = time.monotonic()
+    longest_s = START_S + OVERTIME * periods * period_ns / 1e9
+    while vehicle.process.poll() is None:
+        for other in others:
+            if other.process.poll() is not None:
+                raise BusError(f"the {other.name} ended before the vehicle: {other.last_line}")
+        passed_s = time.monotonic() - began
+        if passed_s > longest_s:
+            raise BusError(f"the vehicle has not ended after {passed_s:.0f} s: {vehicle.last_line}")
+        progress(min(periods, int(passed_s * 1e9 / period_ns)))
+        with suppress(subprocess.TimeoutExpired):
+            vehicle.process.wait(0.5)
+    if vehicle.process.returncode:
+        raise BusError(f"the vehicle failed: {vehicle.last_line}")
+    progress(periods)
+
+
+class _Child:
+    """A process with a log in the folder, which does not outlive the block."""
+
+    def __init__(self, name: str, command: Sequence[str], folder: Path, *, notify: str | None = None) -> None:
+        self.name = name
+        self._log = folder / f"{name}.log"
+        environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
+        # Threads of numerical libraries that wait by spinning would take the processors from the other processes.
+        environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+        if notify is not None:
+            environment["NOTIFY_SOCKET"] = notify
+        try:
+            with self._log.open("wb") as log:
+                # In a group of its own: Ctrl-C ends this process, which then ends the others in order.
+                self.process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, process_group=0
+                )
+        except OSError as error:
+            raise StillwakeError(f"cannot start the {name}: {error.strerror or error}") from error
+
+    @property
+    def last_line(self) -> str:
+        """That it printed."""
+        lines = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
+
+    def end(self) -> None:
+        """Ask it to end, and wait until it has written its table."""
+        self.process.terminate()
+        try:
+            self.process.wait(END_S)
+        except subprocess.TimeoutExpired as error:
+            raise BusError(f"the {self.name} did not end within {END_S:.0f} s: {self.last_line}") from error
+
+    def __enter__(self) -> "_Child":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(END_S)
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+class _NotifySocket:
+    """Where the ECU says that it is ready, as it would to systemd (sd_notify(3))."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="stillwake-")
+        self.address = str(Path(self._folder.name) / "notify")
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(self.address)
+
+    def wait(self, child: _Child) -> None:
+        """Until that process is ready; raises BusError if it ends, or is not within READY_S."""
+        deadline = time.monotonic() + READY_S
+        while time.monotonic() < deadline:
+            readable, _, _ = select.select([self._socket], [], [], 0.2)
+            if readable and b"READY=1" in self._socket.recv(4096).split(b"\n"):
+                return
+            if child.process.poll() is not None:
+                raise BusError(f"the {child.name} did not start: {child.last_line}")
+        raise BusError(f"the {child.name} was not ready within {READY_S:.0f} s: {child.last_line}")
+
+    def __enter__(self) -> "_NotifySocket":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._folder.cleanup()

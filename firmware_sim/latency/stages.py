@@ -1,0 +1,282 @@
+"""What became of the pressures of each control period, from the sampling instant to the command that rests on them.
+
+The tables of vehicle and ECU are laid side by side by the pressure counter that the frames carry. Everything is
+measured against the instant that was scheduled, and no period is left out because a node slept through it: the
+pressures of such a period are answered when those of a later one are. Otherwise a loop that stalls would count one slow
+period where it had many (Tene's "coordinated omission").
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contract.arrays import Array, Index
+from contract.errors import StillwakeError
+from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
+
+Times = NDArray[np.int64]
+
+
+class Stage(StrEnum):
+    """The way of one period's pressures, in order."""
+
+    SAMPLE = "sample"
+    """From the scheduled instant to the sample: the vehicle's own lateness."""
+    BUS_TO_ECU = "bus_to_ecu"
+    """The Pressure frame written, sent and received by the ECU's receiving thread."""
+    WAIT = "wait"
+    """From there to the deadline of the step that takes it: intended, as it absorbs the jitter of the bus."""
+    RECEIVE = "receive"
+    """From the deadline, or the frame if that came after it, to the controller's call: waking up, checking, window."""
+    PLAN = "plan"
+    """Encoder and optimiser."""
+    GATE = "gate"
+    """From the plan to the frames: command gate, fail-safe, protection."""
+    BUS_TO_VEHICLE = "bus_to_vehicle"
+    """The JetCommand frame sent, and received by the vehicle."""
+    ALL = "all"
+    """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones, of
+    those that the vehicle took: one a period, the newest. It is due by the next sampling instant. Of a period without a
+    plan only if that was missed."""
+    ACTUATE = "actuate"
+    """From that instant to the jets' driver taking the command."""
+
+
+CHAIN: Final = (
+    Stage.SAMPLE,
+    Stage.BUS_TO_ECU,
+    Stage.WAIT,
+    Stage.RECEIVE,
+    Stage.PLAN,
+    Stage.GATE,
+    Stage.BUS_TO_VEHICLE,
+)
+"""Stages that add up to ALL in a period whose own command came."""
+
+
+class Link(StrEnum):
+    """Where the way of a period's pressures ended."""
+
+    WHOLE = "their command came"
+    NOT_SAMPLED = "the vehicle left the period out"
+    NOT_TAKEN = "the ECU had no step for their frame"
+    NOT_IN_TIME = "their frame came after the step it was due at"
+    NOT_PLANNED = "the ECU made no plan from them"
+    OVERTAKEN = "their command came after its boundary, and the next one overtook it"
+    NO_COMMAND = "their command did not come"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Periods:
+    """n control periods in a row, those included that a node left out. Times in ns from `origin_ns` on.
+
+    Attributes:
+        period_ns: from one sampling instant to the next.
+        first: number of the first one, as the vehicle counts.
+        origin_ns: CLOCK_MONOTONIC, the first one's scheduled instant.
+        scheduled: sampling instants, (n,).
+        answered: when the first command came that rests on these pressures or newer ones, (n,); infinite if none did.
+        stages: latencies, (n,); NaN where the stage did not happen.
+        stalls: what a stage took in periods that its node left out, (m,), until it next happened.
+        links: (n,).
+        planned: periods with a plan of their own.
+    """
+
+    period_ns: int
+    first: int
+    origin_ns: int
+    scheduled: Array
+    answered: Array
+    stages: Mapping[Stage, Array]
+    stalls: Mapping[Stage, Array]
+    links: tuple[Link, ...]
+    planned: int
+
+    def __len__(self) -> int:
+        return len(self.scheduled)
+
+    @property
+    def missed(self) -> Index:
+        """Positions of the periods whose command was not there by the boundary it was due at."""
+        return np.flatnonzero(self.answered > self.scheduled + self.period_ns)
+
+    def values(self, stage: Stage) -> Array:
+        """All latencies of a stage, in ns, stalls included; NaN where it did not happen."""
+        return np.concatenate([self.stages[stage], self.stalls.get(stage, np.empty(0))])
+
+
+def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
+    """Lay the tables side by side, from the first period with a plan to the last one whose boundary was passed.
+
+    Args:
+        vehicle: rows of `VehicleStage`, (k, stages).
+        ecu: rows of `EcuStage`, (l, stages).
+        period_ns: control period.
+        counter_period: values that the E2E counter of a Pressure frame takes before it begins anew.
+
+    Raises:
+        StillwakeError: the tables do not belong together, or there was no plan.
+    """
+    sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
+    took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
+    if len(sent) < 2 or not len(took):
+        raise StillwakeError("the tables of stage times hold no two periods: did vehicle and ECU run at the same time?")
+    frame_of = _rows_by_counter(
+        sent, took[:, EcuStage.PRESSURE_COUNTER], took[:, EcuStage.FRAME_ARRIVED], counter_period
+    )
+    echo_of = _rows_by_counter(
+        sent, sent[:, VehicleStage.ECHOED_COUNTER], sent[:, VehicleStage.COMMAND_ARRIVED], counter_period
+    )
+    planned = frame_of[(took[:, EcuStage.PLAN_BEGAN] > 0) & (frame_of >= 0)]
+    if not len(planned):
+        raise StillwakeError("the ECU made no plan from the vehicle's pressures: was control requested, and granted?")
+    if planned[0] >= len(sent) - 1:
+        raise StillwakeError("the ECU's first plan came in the vehicle's last period: measure for longer")
+    first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
+    grid = _Grid.over(sent, first, last, period_ns)
+    origin = int(grid.scheduled[0])
+    steps = _steps_by_frame(len(sent), frame_of)
+    stages = {stage: np.full(len(grid.scheduled), np.nan) for stage in Stage}
+    own = np.flatnonzero(grid.is_own)
+    rows, step = grid.row[own], steps[grid.row[own]]
+    _fill(stages, own, sent[rows], grid.scheduled[own], took, step, period_ns)
+    command = np.full(len(sent), np.inf)
+    there = echo_of >= 0
+    arrivals = (sent[there, VehicleStage.COMMAND_ARRIVED] - origin).astype(float)
+    np.minimum.at(command, echo_of[there], arrivals)
+    took_command = np.isfinite(command[rows]) & (step >= 0)
+    ended = (took[step, EcuStage.STEP_ENDED] - origin).astype(float)
+    stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
+    answered = np.minimum.accumulate(command[::-1])[::-1][grid.row]
+    scheduled = (grid.scheduled - origin).astype(float)
+    # Without a plan an answer is quick: an ECU that is not in control must not look like a fast one.
+    counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
+    stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
+    return Periods(
+        period_ns=period_ns,
+        first=first,
+        origin_ns=origin,
+        scheduled=scheduled,
+        answered=answered,
+        stages=stages,
+        stalls={
+            Stage.SAMPLE: _until_next(grid, sent[:, VehicleStage.SAMPLED]),
+            Stage.RECEIVE: _ecu_stalls(took, first_row=int(steps[grid.row[0]]), end_ns=int(grid.scheduled[-1])),
+        },
+        links=tuple(_link(grid, i, steps, took, command) for i in range(len(grid.scheduled))),
+        planned=int(np.isfinite(stages[Stage.PLAN]).sum()),
+    )
+
+
+class _Grid(NamedTuple):
+    """Every period of the vehicle, whether it has a row or not.
+
+    Attributes:
+        scheduled: sampling instants, CLOCK_MONOTONIC in ns, (n,).
+        row: of the period, or of the next one that was not left out, (n,).
+        is_own: whether the row is of that very period, (n,).
+        period_ns: control period.
+    """
+
+    scheduled: Times
+    row: Index
+    is_own: NDArray[np.bool_]
+    period_ns: int
+
+    @classmethod
+    def over(cls, sent: Times, first: int, last: int, period_ns: int) -> "_Grid":
+        numbers = np.arange(first, last + 1)
+        own = sent[:, VehicleStage.PERIOD]
+        row = np.searchsorted(own, numbers)
+        scheduled = sent[row, VehicleStage.SCHEDULED] - (own[row] - numbers) * period_ns
+        return cls(scheduled, row, own[row] == numbers, period_ns)
+
+
+def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
+    """The vehicle's row whose frame bears that counter and was the latest such when it arrived; -1 where none did."""
+    own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
+    newest = np.searchsorted(sampled, arrived, side="right") - 1
+    row = newest - (own[newest] - counters) % counter_period
+    known = (counters != NOTHING) & (arrived > 0) & (newest >= 0) & (row >= 0)
+    wrong = known & (own[row] != counters)
+    if wrong.any():
+        counter = int(counters[np.argmax(wrong)])
+        raise StillwakeError(f"no pressure frame of counter {counter} was sent: the tables are of different runs")
+    return np.where(known, row, -1)
+
+
+def _steps_by_frame(frames: int, frame_of: Index) -> Index:
+    """The first step of the ECU that took each of the vehicle's frames; -1 without one."""
+    steps = np.full(frames, -1)
+    taken = np.flatnonzero(frame_of >= 0)[::-1]
+    steps[frame_of[taken]] = taken
+    return steps
+
+
+def _fill(
+    stages: Mapping[Stage, Array],
+    own: Index,
+    sent: Times,
+    scheduled: Times,
+    took: Times,
+    step: Index,
+    period_ns: int,
+) -> None:
+    """Stages of the periods at `own`, from the vehicle's rows of them and the ECU's steps (-1 without one)."""
+    stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
+    acted = sent[:, VehicleStage.ACTUATED] > 0
+    after_boundary = sent[:, VehicleStage.ACTUATED] - scheduled - period_ns
+    stages[Stage.ACTUATE][own[acted]] = after_boundary[acted]
+    at, frames, steps = own[step >= 0], sent[step >= 0], took[step[step >= 0]]
+    arrived = steps[:, EcuStage.FRAME_ARRIVED]
+    due = np.maximum(arrived, steps[:, EcuStage.SCHEDULED])
+    stages[Stage.BUS_TO_ECU][at] = arrived - frames[:, VehicleStage.SAMPLED]
+    stages[Stage.WAIT][at] = due - arrived
+    has_plan = steps[:, EcuStage.PLAN_BEGAN] > 0
+    stages[Stage.RECEIVE][at[has_plan]] = (steps[:, EcuStage.PLAN_BEGAN] - due)[has_plan]
+    stages[Stage.PLAN][at[has_plan]] = (steps[:, EcuStage.PLAN_ENDED] - steps[:, EcuStage.PLAN_BEGAN])[has_plan]
+    stages[Stage.GATE][at[has_plan]] = (steps[:, EcuStage.STEP_ENDED] - steps[:, EcuStage.PLAN_ENDED])[has_plan]
+
+
+def _until_next(grid: _Grid, sampled: Times) -> Array:
+    """From the scheduled instant of each period that the vehicle left out to its next sample, (m,)."""
+    out = ~grid.is_own
+    return (sampled[grid.row[out]] - grid.scheduled[out]).astype(float)
+
+
+def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
+    """From the deadline of each period that the ECU left out to its next step, (m,)."""
+    rows = took[max(first_row, 0) :]
+    rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
+    found = []
+    for before, after in pairwise(rows):
+        left_out = int(after[EcuStage.PERIOD] - before[EcuStage.PERIOD]) - 1
+        whole = int(after[EcuStage.SCHEDULED] - before[EcuStage.SCHEDULED]) / (left_out + 1)
+        began = int(after[EcuStage.STEP_BEGAN] - after[EcuStage.SCHEDULED])
+        found += [began + whole * (left_out - i) for i in range(left_out)]
+    return np.array(found, dtype=float)
+
+
+def _link(grid: _Grid, i: int, steps: Index, took: Times, command: Array) -> Link:
+    """What became of period i."""
+    row = int(grid.row[i])
+    if not grid.is_own[i]:
+        return Link.NOT_SAMPLED
+    step = int(steps[row])
+    due = int(np.searchsorted(took[:, EcuStage.SCHEDULED], grid.scheduled[i]))
+    had_step = due < len(took) and took[due, EcuStage.SCHEDULED] < grid.scheduled[i] + grid.period_ns
+    if step < 0:
+        return Link.NOT_IN_TIME if had_step else Link.NOT_TAKEN
+    if had_step and step > due:
+        return Link.NOT_IN_TIME
+    if took[step, EcuStage.PLAN_BEGAN] <= 0:
+        return Link.NOT_PLANNED
+    if np.isfinite(command[row]):
+        return Link.WHOLE
+    was_late = took[step, EcuStage.STEP_ENDED] > grid.scheduled[i] + grid.period_ns
+    return Link.OVERTAKEN if was_late else Link.NO_COMMAND

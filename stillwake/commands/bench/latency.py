@@ -1,0 +1,281 @@
+"""`stillwake bench latency`: ECU and vehicle as two processes on a bus of this machine, timed stage by stage."""
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.table import Table
+
+from contract.atomic import replacing
+from contract.config.listing import as_toml, sections
+from contract.config.loading import Loaded
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from contract.release.bundle import Bundle
+from contract.results import versions, write_result
+from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.releases import Trust, locate, open_release
+from stillwake.settings import settings
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+
+if TYPE_CHECKING:
+    from firmware_sim.latency.budget import Verdict
+    from firmware_sim.latency.measured import Measured
+
+OVER_BUDGET: Final = 3
+"""Exit status of a run that is whole, but broke its budget."""
+ENABLE_AFTER_S: Final = 2.0
+"""Until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
+SPARE_PERIODS: Final = 25
+"""Besides, before the first plan and after the last one that counts."""
+INTERFACE: Final = "udp_multicast"
+USES: Final = (
+    "operating_point",
+    "flow.control_period",
+    "flow.action_limit",
+    "bus.interface",
+    "bus.channel",
+    "bus.nominal_bitrate",
+    "bus.data_bitrate",
+    "bus.frames",
+    "bus.e2e",
+    "ecu",
+    "vehicle",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """What is timed.
+
+    Attributes:
+        name: "onnx" or "c".
+        about: in words.
+        bundle: its path.
+        key: `--trust` of it; None for none.
+        library: C library in place of ONNX Runtime.
+    """
+
+    name: str
+    about: str
+    bundle: Path
+    key: str | None
+    library: Path | None = None
+
+
+def latency(
+    output: Annotated[Path, typer.Argument(help="Report folder to write.")],
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    trust: Trust = None,
+    library: Annotated[
+        Path | None, typer.Option(help="Time this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
+    ] = None,
+    both: Annotated[
+        bool, typer.Option("--both", help="ONNX Runtime, then the C library; see above where there is none.")
+    ] = False,
+    periods: Annotated[int, typer.Option(help="Control periods with a plan to time.", min=100, max=150_000)] = 3000,
+    budget: Annotated[
+        Path | None, typer.Option(help="TOML file of limits; exit status 3 if one is broken.", metavar="FILE")
+    ] = None,
+    overwrite: Overwrite = False,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Time the control loop in real time, from the sampling instant to the command, and say whose fault a miss is.
+
+    `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures,
+    run as two processes on a bus of this machine; a third one with the same
+    deadlines and privileges does nothing, and shows what the machine itself
+    does. Every time counts from the instant that was scheduled.
+
+    Without --set bus.interface the bus is udp_multicast, in a group of its
+    own. With --both and no --library the C library is one with random weights
+    of the release's size, as the shipped bundle has none: its time is the
+    same, its commands mean nothing.
+
+    Exit status 3: the budget is broken.
+    """
+    from firmware_sim.latency.budget import read_budget, verdicts
+    from firmware_sim.latency.report import PAGE, write_report
+
+    limits = None if budget is None else read_budget(budget)
+    check_output(output, overwrite=overwrite, folder=True)
+    check_json(json_file)
+    loaded = with_bus(settings("bench latency", config_file, overrides, uses=USES))
+    release = open_release(bundle, trust)
+    with ExitStack() as stack, replacing(output) as folder:
+        folder.mkdir()
+        workplace = Path(stack.enter_context(TemporaryDirectory(prefix="stillwake-latency-")))
+        subjects = _subjects(release, bundle, trust, library, both=both, workplace=workplace, config=loaded.config)
+        runs = measured(subjects, loaded, folder, periods=periods, window=release.manifest.window)
+        found = [[] if limits is None else verdicts(limits, run.counts, run.latencies) for run in runs]
+        write_report(folder, runs, found)
+    for run, of_run in zip(runs, found, strict=True):
+        _print(run, of_run)
+    if json_file is not None:
+        facts = {
+            "bundle": release.digest,
+            "command": shlex.join(("stillwake", *sys.argv[1:])),
+            "interface": loaded.config.bus.interface,
+            "frames": loaded.config.bus.frames,
+            "versions": versions("stillwake", "numpy", "onnxruntime", "python-can"),
+        }
+        write_result(json_file, figures=figures(runs), facts=facts, on=date.today())
+    console.print(f"wrote {output / PAGE}", soft_wrap=True)
+    broken = [verdict for of_run in found for verdict in of_run if not verdict.is_kept]
+    if broken:
+        console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red", soft_wrap=True)
+        raise typer.Exit(OVER_BUDGET)
+
+
+def with_bus(loaded: Loaded) -> Loaded:
+    """The settings with a bus in real time: `udp_multicast` unless another one was named.
+
+    Raises:
+        ConfigError: the bus is one in virtual time, or of one process.
+    """
+    bus = loaded.config.bus
+    named = {"bus.interface", "bus.channel"} & loaded.given
+    if "bus.interface" not in loaded.given:
+        bus = replace(bus, interface=INTERFACE)
+    if bus.interface in ("simulated", "virtual"):
+        raise ConfigError(
+            f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
+        )
+    if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
+        # Of the group of addresses that no router passes on (RFC 2365); two measurements do not hear each other.
+        high, low = divmod(os.getpid() % 65536, 256)
+        bus = replace(bus, channel=f"239.255.{high}.{low}")
+    changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
+    return replace(loaded, config=replace(loaded.config, bus=bus), in_overrides=changed)
+
+
+def measured(
+    subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
+) -> "list[Measured]":
+    """One run after the other, each with its tables in a folder of its name."""
+    from can_bridge.e2e.profiles import profile_of
+    from can_bridge.wire.message_sets import message_set
+    from firmware_sim.latency.measured import Measured
+    from firmware_sim.latency.running import longest_run, recorded
+
+    config = loaded.config
+    chosen = folder / "settings.toml"
+    chosen.write_text(as_toml(_given(loaded)), encoding="utf-8")
+    before = round(ENABLE_AFTER_S * 1e9 / config.period_ns) + window
+    total = periods + before + SPARE_PERIODS
+    found = []
+    with progress_bar("periods") as bar:
+        for subject in subjects:
+            task = bar.add_task(subject.name, total=total, note=subject.about)
+            place = folder / subject.name
+            place.mkdir()
+            run = recorded(
+                place,
+                ecu=ecu_command(subject, chosen, periods=longest_run(total, config.period_ns)),
+                vehicle=vehicle_command(subject, chosen, periods=total),
+                periods=total,
+                period_ns=config.period_ns,
+                progress=lambda done, task=task: bar.update(task, completed=done),  # type: ignore[misc]
+            )
+            found.append(
+                Measured.of(
+                    run,
+                    name=subject.name,
+                    about=subject.about,
+                    period_ns=config.period_ns,
+                    counter_period=profile_of(message_set(config.bus).pressure.spec).counter_period,
+                )
+            )
+    return found
+
+
+def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
+    """`stillwake ecu` on it, for so many control steps at most."""
+    trust = [] if subject.key is None else ["--trust", subject.key]
+    library = [] if subject.library is None else ["--library", str(subject.library)]
+    options = [*trust, *library, "--periods", str(periods), "--config", str(chosen)]
+    return [*_STILLWAKE, "ecu", str(subject.bundle), *options]
+
+
+def vehicle_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
+    """`stillwake vehicle` for it, which replays recorded pressures."""
+    run = ["--periods", str(periods), "--enable-after", str(ENABLE_AFTER_S)]
+    return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--config", str(chosen)]
+
+
+def figures(runs: "Sequence[Measured]") -> dict[str, Any]:
+    """Of a results file: counts over all runs, and each run's own under its controller's name."""
+    from firmware_sim.latency.budget import COUNTS
+
+    own = {run.name: run.figures() for run in runs}
+    totals = {name: sum(run[name] for run in own.values()) for name in ("periods", *COUNTS)}
+    return {**totals, **own}
+
+
+_STILLWAKE: Final = (sys.executable, "-m", "stillwake")
+
+
+def _given(loaded: Loaded) -> list[Any]:
+    """The sections with those settings that were asked for, and no others: the processes take the rest as this one."""
+    listed = (
+        replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
+        for section in sections(loaded.config)
+    )
+    return [section for section in listed if section.settings]
+
+
+def _subjects(
+    release: Bundle,
+    bundle: Path | None,
+    trust: str | None,
+    library: Path | None,
+    *,
+    both: bool,
+    workplace: Path,
+    config: Config,
+) -> list[Subject]:
+    path, _ = locate(bundle, trust)
+    name = f"{release.manifest.name} {release.digest[:12]}"
+    onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute(), key=trust)
+    if library is not None:
+        c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
+        return [onnx, c] if both else [c]
+    if not both:
+        return [onnx]
+    from stillwake.commands.bench.stand_in import write_stand_in
+
+    made = write_stand_in(workplace, release, config)
+    about = f"C library of random weights, of the size of {release.manifest.name}"
+    return [onnx, Subject(name="c", about=about, bundle=made.bundle, key=None, library=made.library)]
+
+
+def _print(run: "Measured", verdicts: "Sequence[Verdict]") -> None:
+    from firmware_sim.latency.report import BUDGET_HEAD, HEAD, MISSES_HEAD, budget_rows, miss_rows, notes, stage_rows
+
+    console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "", soft_wrap=True)
+    for note in notes(run):
+        console.print(note, soft_wrap=True, highlight=False)
+    _print_table(HEAD, stage_rows(run), title=f"{run.name}: latency, ms", right=True)
+    if run.misses:
+        _print_table(MISSES_HEAD, miss_rows(run.misses), title=f"{run.name}: misses, the latest first")
+    if verdicts:
+        _print_table(BUDGET_HEAD, budget_rows(verdicts), title=f"{run.name}: budget")
+
+
+def _print_table(head: Sequence[str], rows: Any, *, title: str, right: bool = False) -> None:
+    table = Table(title=title)
+    for index, name in enumerate(head):
+        table.add_column(name, justify="right" if right and index else "left")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
