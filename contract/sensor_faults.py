@@ -1,4 +1,4 @@
-"""Faults of pressure sensors: white noise, bias, drift, and a sensor that stands still.
+"""Faults of pressure sensors: white noise, bias, drift, sensors that stand still, read nothing or are swapped, steps.
 
 A fault is called with readings in order of time, one frame (N,) or n frames (n, N) of N sensors in any floating-point
 type, and returns what the faulty sensors read, in that type. It keeps its place in time, so one call for n frames and n
@@ -63,6 +63,42 @@ class Drift:
         steps = np.minimum(self._step + np.arange(len(frames)), len(self._ramp) - 1)
         self._step += len(frames)
         return _added(readings, self._ramp[steps].reshape(readings.shape))
+
+
+class Zero:
+    """One sensor that reads 0."""
+
+    def __init__(self, sensor: int) -> None:
+        self._sensor = sensor
+
+    def __call__(self, readings: npt.NDArray[_F], /) -> npt.NDArray[_F]:
+        dead = readings.copy()
+        dead[..., self._sensor] = 0.0
+        return dead
+
+
+class Swapped:
+    """Two sensors, each with the other's reading, as after a mistake in the wiring."""
+
+    def __init__(self, first: int, second: int) -> None:
+        self._places, self._from = [first, second], [second, first]
+
+    def __call__(self, readings: npt.NDArray[_F], /) -> npt.NDArray[_F]:
+        swapped = readings.copy()
+        swapped[..., self._places] = readings[..., self._from]
+        return swapped
+
+
+class Quantised:
+    """Every sensor reads whole multiples of a step, in the unit of the readings; raises ConfigError unless above 0."""
+
+    def __init__(self, step: float) -> None:
+        if not step > 0:
+            raise ConfigError(f"quantisation step {step}: must be positive")
+        self._step = step
+
+    def __call__(self, readings: npt.NDArray[_F], /) -> npt.NDArray[_F]:
+        return (np.round(readings / self._step) * self._step).astype(readings.dtype)
 
 
 class Dead:

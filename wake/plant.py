@@ -1,12 +1,13 @@
 """What others need of a flow around a body; the own solver and OpenFOAM both give it."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from contract.arrays import Array
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.sensor_layout import SensorLayout
 from wake.solver.grid import Grid
+from wake.truck.gust import Wind
 from wake.truck.sample import Sample
 
 
@@ -53,3 +54,18 @@ class LivePlant(Plant, Drawable, Protocol):
     @property
     def description(self) -> str:
         """Solver, mesh and time step in a few words."""
+
+
+@runtime_checkable
+class Disturbable(Plant, Protocol):
+    """A flow that can be made another one while it runs; of these here the own solver."""
+
+    config: FlowConfig
+    wind: Wind | None
+
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+
+    def set_reynolds(self, reynolds: float) -> None:
+        """Go on with another viscosity."""

@@ -26,7 +26,13 @@ LARGEST_FILE = 2**20
 LONGEST_SHOWN = 60
 """Characters of a value in an error."""
 
-_KINDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "text", bool: "true or false", type(None): "left out"}
+_KINDS: Mapping[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    bool: "true or false",
+    type(None): "left out",
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ It drives them only while it wants control itself, and only by a command that is
 run, and that rests on pressures it sent not long ago. No single signal of a command decides.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -54,6 +54,11 @@ class VehicleNode:
         config: operating point, E2E and fail-safe settings.
         layout: of the plant's sensors.
         authentication: with `bus.key`, what the node needs of it.
+        read: (Cp at the transducers (S,), time in ns) to what they read.
+
+    Attributes:
+        operating_point: of the vehicle itself; `config`'s unless it is set.
+        action_limit: what its jets reach, U_inf W; likewise.
 
     Raises:
         ConfigError: the plant has no sensor of that name, or one is named twice; or `bus.key` without `authentication`,
@@ -66,9 +71,13 @@ class VehicleNode:
         config: Config,
         layout: SensorLayout = TRUCK,
         authentication: Authentication | None = None,
+        read: Callable[[Array, int], Array] = lambda cp, now_ns: cp,
     ) -> None:
         self._columns = layout.indices(sensor_names)
         self._config = config
+        self._read = read
+        self.operating_point = config.operating_point
+        self.action_limit = config.flow.action_limit
         self._messages = message_set(config.bus)
         self._sender = E2eSender(self._messages.pressure.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
@@ -88,11 +97,11 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int) -> Frame:
-        """The Pressure frame for the plant's wall pressures Cp of this instant.
+        """The Pressure frame for the plant's wall pressures Cp of this instant, (n,) at all of its sensors.
 
         A pressure beyond the transducer's range saturates and is marked invalid; one that is no number is sent as 0.
         """
-        pressure_pa = cp[self._columns] * self._config.operating_point.dynamic_pressure
+        pressure_pa = self._read(cp[self._columns], now_ns) * self.operating_point.dynamic_pressure
         limit = self._messages.pressure_limit_pa
         message = Pressure(
             pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
@@ -144,8 +153,8 @@ class VehicleNode:
         age = self._echo.age
         if not command.enable or command.mode not in _DRIVING or age is None or age > self._oldest_echo:
             return 0.0
-        wanted = command.flow_m2_per_s / self._config.operating_point.flow_rate_scale
-        limit = self._config.flow.action_limit
+        wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
+        limit = self.action_limit
         step = self._config.vehicle.action_step
         in_reach = np.clip(wanted, self._action - step, self._action + step)
         return float(np.clip(in_reach, -limit, limit))

@@ -21,7 +21,8 @@ arrives later is in its queue for the next step. A command that the jets' driver
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.bus.simulated.medium import SimulatedBus
@@ -77,6 +78,7 @@ class VirtualLoop:
         ports: the nodes' connections to it.
         config: clock and compute time.
         clock: wall clock in s for the step's measured time; nothing in the loop depends on it.
+        ecu_clock: what the ECU's clock shows at a time of the run, in ns.
 
     Raises:
         BusError: if a pressure frame takes a whole control period or longer.
@@ -91,6 +93,7 @@ class VirtualLoop:
         ports: BusPorts,
         config: Config,
         clock: Callable[[], float] = time.perf_counter,
+        ecu_clock: Callable[[int], int] = lambda now_ns: now_ns,
     ) -> None:
         check_bit_rates(config)
         self._plant = plant
@@ -99,6 +102,10 @@ class VirtualLoop:
         self._bus = bus
         self._ports = ports
         self._clock = clock
+        self._ecu_clock = ecu_clock
+        self._power_on = ecu.state
+        self._boots = 0
+        self._booted_ns = 0
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure.spec, messages.command.spec
         self._substeps = config.flow.substeps
@@ -132,6 +139,23 @@ class VirtualLoop:
         self._start_ns = end_ns
         return self._row(sample, actuation, step_ms)
 
+    @property
+    def now_ns(self) -> int:
+        """When the next period begins."""
+        return self._start_ns
+
+    def reset_ecu(self, boot_ns: int) -> None:
+        """Have the ECU lose its state at the bus's time, and start again after booting for so long.
+
+        It hears nothing meanwhile. Freshness values are in lasting memory and go on.
+        """
+        state = self._ecu.state
+        self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))
+        self._pressures_came()
+        self._inbox = []
+        self._boots, self._busy_until_ns = self._boots + 1, 0
+        self._booted_ns = self._bus.now_ns + boot_ns
+
     def totals(self) -> BusTotals:
         """Frames so far; one that is under way is not lost."""
         sent = self._node.frames_sent + self._commands_sent
@@ -144,6 +168,8 @@ class VirtualLoop:
     def _pressures_came(self) -> bool:
         """Put what has arrived into the ECU's inbox; whether pressures were among it."""
         received = self._ports.ecu.receive_all()
+        if self._bus.now_ns < self._booted_ns:
+            return False
         pressures = sum(map(self._pressure.names, received))
         self._pressures_received += pressures
         self._inbox += received
@@ -151,18 +177,20 @@ class VirtualLoop:
 
     def _step_ecu(self, now_ns: int) -> float:
         """Let the ECU step unless it is still computing; wall-clock ms of the step, NaN if skipped."""
-        if now_ns < self._busy_until_ns:
+        if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()
-        answers = self._ecu.step(now_ns, self._inbox, self._ports.ecu_health())
+        answers = self._ecu.step(self._ecu_clock(now_ns), self._inbox, self._ports.ecu_health())
         elapsed = self._clock() - began
         self._inbox = []
         self._busy_until_ns = now_ns + self._compute_ns
-        self._bus.call_at(self._busy_until_ns, lambda: self._answer(answers))
+        self._bus.call_at(self._busy_until_ns, partial(self._answer, answers, self._boots))
         return elapsed * 1e3
 
-    def _answer(self, frames: Sequence[Frame]) -> None:
-        """Hand over what the ECU has computed."""
+    def _answer(self, frames: Sequence[Frame], boots: int) -> None:
+        """Hand over what the ECU has computed, unless it was reset meanwhile."""
+        if boots != self._boots:
+            return
         for frame in frames:
             self._commands_sent += self._command.names(frame)
             self._send(self._ports.ecu, frame)

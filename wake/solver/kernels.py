@@ -204,16 +204,39 @@ def clear_walls(u: Array, v: Array, walls: Walls) -> None:
 
 
 @njit(cache=True)
-def _stage(flow: Fields, rates: Rates, a: float, step: float, slot_velocity: Array, domain: Domain) -> None:
-    """rates = a rates + d/dt, velocity += step rates, then every boundary condition at the stage's end."""
+def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None:
+    """field += by on the open faces."""
+    for r in range(runs.shape[0]):
+        i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
+        for j in range(j0, j1):
+            field[i, j] += by
+
+
+@njit(cache=True)
+def _stage(
+    flow: Fields,
+    rates: Rates,
+    a: float,
+    step: float,
+    slot_velocity: Array,
+    wind: float,
+    gained: float,
+    domain: Domain,
+) -> None:
+    """rates = a rates + d/dt, velocity += step rates, then every boundary condition at the stage's end.
+
+    `wind` comes on top of the inflow, and `gained` is by how much more than at the stage's beginning.
+    """
     u, v, p = flow.u, flow.v, flow.p
     runs, inflow, slot_rows = domain.runs, domain.inflow, domain.slot_rows
     _u_rate(rates.u, a, u, v, p, domain.viscosity, domain.spacing, runs.u)
     _v_rate(rates.v, a, u, v, p, domain.viscosity, domain.spacing, runs.v)
     _add_scaled(u, rates.u, step, runs.u, 0, 1)
     _add_scaled(v, rates.v, step, runs.v, 1, 0)
+    if gained != 0.0:
+        _shift(u, gained, runs.u, 0, 1)
     for j in range(len(inflow.u)):
-        u[0, j + 1] = inflow.u[j]
+        u[0, j + 1] = inflow.u[j] + wind
     for k in range(len(slot_rows)):
         u[domain.slot_column, slot_rows[k] + 1] = slot_velocity[k]
     fill_edges(u, v, inflow.v)
@@ -221,13 +244,23 @@ def _stage(flow: Fields, rates: Rates, a: float, step: float, slot_velocity: Arr
 
 
 @njit(cache=True)
-def stages(flow: Fields, rates: Rates, a: Array, step: Array, slot_velocity: Array, domain: Domain) -> None:
-    """The Runge-Kutta stages of a step: a (s,), step (s,) and slot_velocity (s, m) at each stage's end.
+def stages(
+    flow: Fields,
+    rates: Rates,
+    a: Array,
+    step: Array,
+    slot_velocity: Array,
+    wind: Array,
+    gained: Array,
+    domain: Domain,
+) -> None:
+    """The Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m), wind (s,) and gained (s,) of
+    `_stage` at each stage's end.
 
     All in one call, because to hand over this many arrays takes a microsecond or two.
     """
     for k in range(len(a)):
-        _stage(flow, rates, a[k], step[k], slot_velocity[k], domain)
+        _stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
 
 
 @njit(cache=True, fastmath={"contract"})

@@ -6,7 +6,13 @@ conditions: uniform inflow, slip sides, p = 0 and zero normal gradient at the ou
 flow through the slots. The outlet's velocity solves the momentum equation like any other, with a mirrored cell behind
 it; copying it from upstream instead would leave the last cells no transverse flow, and a vortex that leaves would shake
 the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp is twice that.
+
+A wind that varies is one of the body's own frame, as of a vehicle whose speed through the air varies: its change comes
+with the inflow, and as an equal acceleration of all the flow, which keeps the far pressure where it is. In the frame
+of the ground the same velocities come with a pressure gradient of -dU/dt along the stream, as in a wind tunnel.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -22,6 +28,7 @@ from wake.solver.grid import Grid
 _A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
 _B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
 _STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
+_STEADY = np.zeros(len(_STAGE_END))
 
 # One BLAS thread: the matrices are small, and several plants usually share the cores.
 _THREADS = ThreadpoolController()
@@ -80,8 +87,23 @@ class FlowSolver:
         flow.p[:] = 0.0
         return flow
 
-    def run(self, flow: Flow, *, dt: float, steps: int, action_from: float, action_to: float) -> None:
+    def run(
+        self,
+        flow: Flow,
+        *,
+        dt: float,
+        steps: int,
+        action_from: float,
+        action_to: float,
+        wind: Callable[[float], float] | None = None,
+    ) -> None:
         """Take `steps` time steps in place while the action ramps linearly between the two values.
+
+        Args:
+            flow: to be advanced.
+            dt, steps: length and number of the time steps.
+            action_from, action_to: at the beginning and at the end.
+            wind: by how much u of the stream differs from the inflow's, by the time since the beginning; continuous.
 
         Raises:
             PlantError: if the flow is no longer finite or faster than any physical one here; it is left as it was.
@@ -93,7 +115,7 @@ class FlowSolver:
         with _THREADS.limit(limits=1, user_api="blas"):
             for step in range(steps):
                 ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in _STAGE_END]
-                self._step(flow, dt, ramp)
+                self._step(flow, dt, ramp, *_gusting(wind, dt, step))
         fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
             flow.flat[:] = self._before.flat
@@ -108,11 +130,16 @@ class FlowSolver:
             f"the flow diverged within {steps} steps of dt = {dt:.3g}: {stability.advice(convective, viscous, dt)}"
         )
 
-    def _step(self, flow: Flow, dt: float, actions: list[float]) -> None:
+    def set_viscosity(self, viscosity: float) -> None:
+        """Of the steps from now on."""
+        self.viscosity = viscosity
+        self._domain = self._domain._replace(viscosity=viscosity)
+
+    def _step(self, flow: Flow, dt: float, actions: list[float], wind: Array, gained: Array) -> None:
         grid, domain = self.grid, self._domain
         fields, walls = kernels.Fields(u=flow.u, v=flow.v, p=flow.p), domain.walls
         slot_velocity = np.multiply.outer(actions, self._profile[domain.slot_rows])
-        kernels.stages(fields, self._rates, _A, dt * _B, slot_velocity, domain)
+        kernels.stages(fields, self._rates, _A, dt * _B, slot_velocity, wind, gained, domain)
         kernels.clear_walls(flow.u, flow.v, walls)
         kernels.divergence(self._b, flow.u, flow.v, grid.dx, grid.dy, self.boundary.cell_runs)
         self._poisson.solve_into(self._b, self._phi)
@@ -127,3 +154,11 @@ class FlowSolver:
         b = np.zeros(self.grid.shape)
         kernels.divergence(b, u, v, self.grid.dx, self.grid.dy, self.boundary.cell_runs)
         return b / np.outer(self.grid.dx, self.grid.dy)
+
+
+def _gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tuple[Array, Array]:
+    """The wind at the end of each stage of a step, and by how much it grew in the stage."""
+    if wind is None:
+        return _STEADY, _STEADY
+    values = np.array([wind(dt * (step + end)) for end in (0.0, *_STAGE_END)])
+    return values[1:], np.diff(values)

@@ -5,6 +5,7 @@ force to the newly commanded one until t_{k+1}. A command that arrives late star
 t_{k+1}; with `advance_to` a co-simulation sets when it arrives.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,7 @@ from wake.solver.grid import box_grid
 from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
+from wake.truck.gust import Wind
 from wake.truck.sample import Sample
 from wake.truck.state import Origin, State, check_body, check_reynolds
 from wake.truck.surface import Surface
@@ -35,6 +37,7 @@ class TruckWake:
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
+        wind: by how much it exceeds U_inf in the course of time; None for a steady one. A state does not hold it.
 
     Raises:
         PlantError: if the time step is bound to diverge on this grid.
@@ -47,18 +50,11 @@ class TruckWake:
         self.body, self.layout = body, layout_of(body)
         self.grid = box_grid(body.length, refinement)
         self.boundary = boundary.build(self.grid, partial(signed_distance, body=body))
-        profile = jets.slot_profile(self.grid)
-        viscosity = 1.0 / self.config.reynolds
-        stability.check_step(
-            self.grid,
-            self.boundary.fluid,
-            viscosity,
-            jet_speed=self.config.action_limit * float(np.abs(profile).max()),
-            period=self.config.control_period,
-            substeps=self.config.substeps,
-        )
-        self.solver = FlowSolver(self.grid, self.boundary, viscosity, slot_profile=profile)
-        self.surface = Surface(self.grid, self.boundary, viscosity, profile, body, self.layout)
+        self._profile = jets.slot_profile(self.grid)
+        self._check_step(self.config)
+        self.solver = FlowSolver(self.grid, self.boundary, 1.0 / self.config.reynolds, slot_profile=self._profile)
+        self.surface = self._surface()
+        self.wind: Wind | None = None
         self.flow = Flow.zeros(self.grid.shape)
         self._substep = 0
         self._action = 0.0
@@ -101,6 +97,18 @@ class TruckWake:
         self._substep, self._action = state.substep, state.action
         return self.sample()
 
+    def set_reynolds(self, reynolds: float) -> None:
+        """Go on with another viscosity; states taken from now on are of this Reynolds number.
+
+        Raises:
+            PlantError: if the time step is bound to diverge.
+        """
+        config = replace(self.config, reynolds=reynolds)
+        self._check_step(config)
+        self.config = config
+        self.solver.set_viscosity(1.0 / reynolds)
+        self.surface = self._surface()
+
     def state(self) -> State:
         """A copy to `reset` to later."""
         return State(
@@ -137,7 +145,14 @@ class TruckWake:
         target = self._action if action is None else self._checked(action)
         steps = substep - into
         reached = self._action + (target - self._action) * steps / (last - into)
-        self.solver.run(self.flow, dt=self.dt, steps=steps, action_from=self._action, action_to=reached)
+        self.solver.run(
+            self.flow,
+            dt=self.dt,
+            steps=steps,
+            action_from=self._action,
+            action_to=reached,
+            wind=self._wind_from(self.t),
+        )
         self._substep += steps
         self._action = target if substep == last else reached
 
@@ -168,6 +183,25 @@ class TruckWake:
     def pressure(self) -> Array:
         """Cp in the cells, (nx, ny)."""
         return np.asarray(2.0 * self.flow.cells_p)
+
+    def _check_step(self, config: FlowConfig) -> None:
+        stability.check_step(
+            self.grid,
+            self.boundary.fluid,
+            1.0 / config.reynolds,
+            jet_speed=config.action_limit * float(np.abs(self._profile).max()),
+            period=config.control_period,
+            substeps=config.substeps,
+        )
+
+    def _surface(self) -> Surface:
+        viscosity = 1.0 / self.config.reynolds
+        return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
+
+    def _wind_from(self, t: float) -> Wind | None:
+        """By how much the wind exceeds U_inf, by the time since t; None if it is steady."""
+        wind = self.wind
+        return None if wind is None else lambda after: wind(t + after)
 
     def _check_origin(self, origin: Origin, substep: int) -> None:
         config = self.config

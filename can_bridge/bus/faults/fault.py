@@ -39,6 +39,11 @@ class Span(Settings, section="span"):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Instant(Span, section="instant"):
+    """What happens once, at start_s; its text ends in @TIME."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Fault(Span, ABC, section="fault"):
     """What acts in a span on one port."""
 

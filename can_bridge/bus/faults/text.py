@@ -1,26 +1,30 @@
-"""Faults as a line of text, for settings and the command line.
+"""Faults as a line of text, for settings and the command line, and back.
 
     drop:probability=0.1@5..10         a tenth of the frames, from 5 s until before 10 s
     flip_bits:bits=2,at=receive@5..    from 5 s on
     drop:probability=1,frame_ids=0x120+0x130
     disconnect
 
-A fault is called by its section, and its parameters by their fields.
+A fault is called by its section, and its parameters by their fields. A parameter that is called as its fault is may
+stand alone: reynolds=700.
 """
 
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from math import inf
-from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.copies import Duplicate
-from can_bridge.bus.faults.fault import Fault
+from can_bridge.bus.faults.fault import Fault, Instant, Span
 from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.bus.faults.timing import Delay, Reorder
 from contract.errors import ConfigError
+
+S = TypeVar("S", bound=Span)
 
 KINDS: Final[dict[str, type[Fault]]] = {
     kind.section: kind
@@ -49,42 +53,72 @@ def parse_fault(text: str) -> Fault:
     Raises:
         ConfigError: naming the text, and what is not known, missing, of another type or out of its bounds.
     """
+    return parse_described(text, KINDS, "fault")
+
+
+def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
+    """The one of these kinds that a text describes; errors as of `parse_fault`, which call it by this noun."""
+    described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
-    name, _, parameters = head.partition(":")
-    kind = KINDS.get(name.strip())
+    name, colon, parameters = head.partition(":")
+    if not colon and "=" in name:
+        parameters, name = name, name.partition("=")[0]
+    kind = kinds.get(name.strip())
     if kind is None:
-        raise ConfigError(f"fault {text!r}: no fault {name.strip()!r}; there are {', '.join(KINDS)}")
-    values: dict[str, Any] = dict(zip(_SPAN, _span(span, text), strict=True)) if at else {}
+        raise ConfigError(f"{described}: no {noun} {name.strip()!r}; there are {', '.join(kinds)}")
+    values: dict[str, Any] = dict(zip(_SPAN, _span(span, described, kind), strict=True)) if at else {}
     hints = get_type_hints(kind)
     known = [field.name for field in fields(kind) if field.name not in _SPAN]
     for item in filter(None, parameters.split(",")):
         key, equals, value = (part.strip() for part in item.partition("="))
         if key not in known or not equals:
-            raise ConfigError(f"fault {text!r}: {item!r} must be NAME=VALUE with a name of {', '.join(known)}")
+            raise ConfigError(f"{described}: {item!r} must be NAME=VALUE with a name of {', '.join(known)}")
         try:
             values[key] = _value(value, hints[key])
         except ValueError:
-            raise ConfigError(f"fault {text!r}: {key} = {value!r} must be {_wording(hints[key])}") from None
+            raise ConfigError(f"{described}: {key} = {value!r} must be {_wording(hints[key])}") from None
     missing = [field.name for field in fields(kind) if field.default is MISSING and field.name not in values]
     if missing:
-        raise ConfigError(f"fault {text!r}: {kind.section} needs {', '.join(missing)}")
+        raise ConfigError(f"{described}: {kind.section} needs {', '.join(missing)}")
     return kind(**values)
 
 
-def _span(text: str, whole: str) -> tuple[float, float]:
+def text_of(described: Span) -> str:
+    """The shortest text that `parse_described` reads as this value."""
+    parts = []
+    for field in fields(described):
+        value = getattr(described, field.name)
+        if field.name not in _SPAN and value != field.default:
+            parts.append(f"{field.name}={_written(value)}")
+    section = described.section
+    alone = len(parts) == 1 and parts[0].startswith(f"{section}=")
+    text = parts[0] if alone else ":".join(filter(None, (section, ",".join(parts))))
+    if isinstance(described, Instant):
+        return f"{text}@{described.start_s!r}"
+    if (described.start_s, described.end_s) == (0.0, inf):
+        return text
+    return f"{text}@{described.start_s!r}..{'' if described.end_s == inf else repr(described.end_s)}"
+
+
+def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
     start, dots, end = text.strip().removesuffix("s").partition("..")
+    instant = issubclass(kind, Instant)
     try:
-        if dots:
+        if instant and not dots:
+            return float(start), inf
+        if dots and not instant:
             return float(start or 0.0), float(end or inf)
     except ValueError:
         pass
-    raise ConfigError(f"fault {whole!r}: {text!r} must be START..END in seconds, either of them may be left out")
+    wording = "a time" if instant else "START..END"
+    either = "" if instant else ", either of them may be left out"
+    raise ConfigError(f"{described}: {text!r} must be {wording} in seconds{either}")
 
 
 def _value(text: str, hint: Any) -> Any:
     """Raises ValueError if the text is not of the type."""
     if get_origin(hint) is tuple:
-        return tuple(int(part, 0) for part in text.split("+"))
+        return tuple(_value(part, get_args(hint)[0]) for part in text.split("+"))
     if get_origin(hint) is Literal:
         if text not in get_args(hint):
             raise ValueError
@@ -93,12 +127,22 @@ def _value(text: str, hint: Any) -> Any:
         if text not in ("true", "false"):
             raise ValueError
         return text == "true"
+    if hint is str:
+        return text
     return int(text, 0) if hint is int else float(text)
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, tuple):
+        return "+".join(map(_written, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    return value if isinstance(value, str) else repr(value)
 
 
 def _wording(hint: Any) -> str:
     if get_origin(hint) is tuple:
-        return "whole numbers with + between them"
+        return f"{'names' if get_args(hint)[0] is str else 'whole numbers'} with + between them"
     if get_origin(hint) is Literal:
         return " or ".join(get_args(hint))
     return {bool: "true or false", int: "a whole number"}.get(hint, "a number")

@@ -1,0 +1,234 @@
+"""The disturbances of a run at work: on the wire, in the ports, at the transducers, in flow, vehicle and ECU."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Final, TypeVar
+
+import numpy as np
+
+from can_bridge.bus.faults.clocks import ClockDrift
+from can_bridge.bus.faults.fault import NS, Span
+from can_bridge.bus.faults.wire_errors import WireErrors
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.wire.frame import Frame
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Swapped, Zero
+from firmware_sim.bench import disturbances as kinds
+from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances, SensorDisturbance
+from firmware_sim.bench.run_faults import NodeFault, NodeFaults
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import VirtualLoop
+from firmware_sim.runs.metadata import InjectedFault
+from wake.plant import Disturbable, Plant
+from wake.truck.gust import Gust
+
+S = TypeVar("S", bound=Span)
+
+PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
+"""What the simulated bus calls the nodes."""
+
+
+class Disturbing:
+    """All of one run.
+
+    Args:
+        disturbances: checked against the run.
+        config: the run's.
+        sensors: that the transducers read, in their order.
+        seed: of everything that they draw; each draws from a sequence of its own.
+    """
+
+    def __init__(self, disturbances: Disturbances, config: Config, sensors: Sequence[str], seed: int) -> None:
+        self._items = disturbances.items
+        self._texts = disturbances.texts
+        self._config = config
+        self._seed = seed
+        self._acted: Counter[int] = Counter()
+        self._transducers = [
+            (place, one, self._sensor_fault(place, one, sensors))
+            for place, one in enumerate(self._items)
+            if isinstance(one, SensorDisturbance)
+        ]
+        self._clocks = {
+            place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
+            for place, one in enumerate(self._items)
+            if isinstance(one, kinds.Clock)
+        }
+        self._ports: NodeFaults | None = None
+        self._flow: tuple[Disturbable, float] | None = None  # and its own Reynolds number
+
+    # On the wire and in the ports.
+
+    @property
+    def corrupts(self) -> Corrupts | None:
+        """For a `SimulatedBus`: what is wrong for all nodes."""
+        return self._wire("send")
+
+    @property
+    def mishears(self) -> Corrupts | None:
+        """For a `SimulatedBus`: what one receiver hears wrong."""
+        return self._wire("receive")
+
+    def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
+        """Begin on this bus; returns what puts a node's faults around its port."""
+        faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
+        self._ports = NodeFaults(faults, bus, self._seed)
+        return self._ports.around
+
+    def _in_port(self, place: int) -> NodeFault | None:
+        one = self._items[place]
+        if place in self._clocks:
+            return NodeFault(text=self._texts[place], node="ecu", fault=self._clocks[place])
+        return one if isinstance(one, NodeFault) else None
+
+    def _wire(self, at: str) -> Corrupts | None:
+        hooks = []
+        for place, one in self._each(kinds.WireNoise):
+            if one.at == at:
+                nodes = () if one.node == "all" else (PORT_NAMES[one.node],)
+                errors = WireErrors(
+                    bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
+                )
+                # The hook draws from its seed alone.
+                hooks.append((place, errors.hook(len(self._items) * self._seed + place)))
+        return partial(self._first_wrong_bit, hooks) if hooks else None
+
+    def _first_wrong_bit(self, hooks: list[tuple[int, Corrupts]], frame: Frame, node: str, begin_ns: int) -> int | None:
+        found = {place: bit for place, hook in hooks if (bit := hook(frame, node, begin_ns)) is not None}
+        self._acted.update(found.keys())
+        return min(found.values(), default=None)
+
+    # At the transducers.
+
+    def readings(self, cp: Array, now_ns: int) -> Array:
+        """(S,) what the transducers read where the wall has Cp (S,)."""
+        for place, one, fault in self._transducers:
+            if one.is_active(now_ns):
+                cp = fault(cp)
+                self._acted[place] += 1
+        return cp
+
+    def _sensor_fault(self, place: int, one: SensorDisturbance, sensors: Sequence[str]) -> SensorFault:
+        unit = np.full(len(sensors), GLOBAL_DEVIATION)
+        at = [list(sensors).index(name) for name in one.named]
+        match one:
+            case kinds.Noise():
+                return Noise(
+                    one.level, unit, seed=int(np.random.SeedSequence([self._seed, place]).generate_state(1)[0])
+                )
+            case kinds.Bias():
+                return Bias(one.level, unit, at[0])
+            case kinds.Drift():
+                steps = round(one.over_s * NS / self._config.period_ns)
+                return Drift(one.level, unit, at[0], steps=steps + 1)
+            case kinds.Stuck():
+                return Dead(at[0])
+            case kinds.Dead():
+                return Zero(at[0])
+            case kinds.Swap():
+                return Swapped(*at)
+            case kinds.Quantise():
+                return Quantised(one.step / self._config.operating_point.dynamic_pressure)
+        raise TypeError(f"{one}: not a disturbance of a sensor")
+
+    # In the ECU.
+
+    def ecu_clock(self, now_ns: int) -> int:
+        """What the ECU's clock shows."""
+        for drift in self._clocks.values():
+            now_ns = drift.local_ns(now_ns)
+        return now_ns
+
+    def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
+        """Have the ECU reset when its time has come."""
+
+        def reset(place: int, boot_ns: int) -> None:
+            loop.reset_ecu(boot_ns)
+            self._acted[place] += 1
+
+        for place, one in self._each(kinds.Reset):
+            bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
+
+    # Around every period.
+
+    def requests(self, enable_request: bool, now_ns: int) -> bool:
+        """What the vehicle requests where it should request this."""
+        taken_back = [place for place, _ in self._active(kinds.NoRequest, now_ns)] if enable_request else []
+        self._acted.update(taken_back)
+        return enable_request and not taken_back
+
+    def before_period(self, now_ns: int, node: VehicleNode) -> None:
+        """Give the vehicle what is its own in the period that begins now."""
+        config = self._config
+        point, limit = config.operating_point, config.flow.action_limit
+        for place, vehicle in self._active(kinds.VehiclePoint, now_ns):
+            speed, density = vehicle.speed, vehicle.density
+            point = replace(
+                config.operating_point,
+                speed=point.speed if speed is None else speed,
+                density=point.density if density is None else density,
+            )
+            self._acted[place] += 1
+        for place, saturated in self._active(kinds.ActionLimit, now_ns):
+            limit = saturated.action_limit * config.flow.action_limit
+            self._acted[place] += 1
+        node.operating_point, node.action_limit = point, limit
+
+    def set_flow(self, now_ns: int) -> None:
+        """Give the flow what is its own in the period that begins now."""
+        if self._flow is None:
+            return
+        plant, reynolds = self._flow
+        for place, viscous in self._active(kinds.Reynolds, now_ns):
+            reynolds = viscous.reynolds
+            self._acted[place] += 1
+        self._acted.update(place for place, _ in self._active(kinds.Gust, now_ns))
+        if plant.config.reynolds != reynolds:
+            plant.set_reynolds(reynolds)
+
+    @contextmanager
+    def in_flow(self, plant: Plant) -> Iterator[None]:
+        """Let the wind blow on a plant that stands at the run's beginning; it is left as it was."""
+        if not any(isinstance(one, kinds.Reynolds | kinds.Gust) for one in self._items):
+            yield
+            return
+        if not isinstance(plant, Disturbable):
+            raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need the own solver")
+        t_c, found = self._config.operating_point.convective_time, []
+        for _, one in self._each(kinds.Gust):
+            cycles = kinds.whole_cycles(one, t_c)
+            start = plant.t + one.start_s / t_c
+            found.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))
+        before, wind = plant.config.reynolds, plant.wind
+        self._flow = plant, before
+        plant.wind = (lambda t: sum(one(t) for one in found)) if found else None
+        try:
+            yield
+        finally:
+            plant.wind = wind
+            if plant.config.reynolds != before:
+                plant.set_reynolds(before)
+
+    def injected(self) -> tuple[InjectedFault, ...]:
+        """What each has done so far, in the order given."""
+        in_ports = iter(() if self._ports is None else self._ports.injected())
+        found = []
+        for place, text in enumerate(self._texts):
+            ported = self._in_port(place) is not None
+            acted = next(in_ports).acted if ported else self._acted[place]
+            found.append(InjectedFault(text=text, acted=acted))
+        return tuple(found)
+
+    def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
+        """The disturbances of a kind, each with its place."""
+        return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
+
+    def _active(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
+        """Those of them that act now."""
+        return ((place, one) for place, one in self._each(kind) if one.is_active(now_ns))

@@ -1,0 +1,272 @@
+"""What must hold in every control period, whatever disturbs the run; judged on frames and the plant alone.
+
+On the bus, for every JetCommand that the ECU hands over:
+
+    bus_bounds      the flow is within the action limit; 0 where `Enable` is off or the mode drives no jets
+    bus_rate        it differs from the flow before by `ecu.command_step` at most, unless it goes to 0
+    bus_age         in CONTROL the pressures it rests on are `ecu.pressure_age` old at most, in HOLD and DECAY as old as
+                    `ecu.hold_periods` and `ecu.decay_periods` let them get
+    enable_edge     out of OFF or FAULT only once the ECU has heard the request low, and then high
+
+At the jets, for the action that is reached at the end of every period:
+
+    jets_shut       0, unless the vehicle heard a command that drives jets, resting on pressures of its own that were not
+                    too old, in the period that decides (below), or as long before it as it holds the last command
+                    when it hears none
+    jets_request    0 where the vehicle did not request control
+    jets_bounds     within the action limit
+    jets_rate       within `vehicle.action_step` of the action before, unless it is 0
+
+The period that decides is the action's own, with `ecu.plan_ahead` the one before it, and with `vehicle.actuator_delay`
+so many before that. Frames that the vehicle may have refused decide nothing: a command that takes the jets away counts
+only if it came as the next one of a stream without errors. All checks are one-sided in this way: they may miss a
+violation among lost and damaged frames, and report none that is not.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self, TypeVar
+
+from can_bridge.bus.faults.clocks import ClockDrift
+from can_bridge.bus.faults.fault import NS
+from can_bridge.bus.faults.timing import Delay
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import Message, message_set
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import JetCommand, Mode
+from contract.config.tree import Config
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.observer import Seen
+from firmware_sim.bench.run_faults import NodeFault
+from wake.truck.sample import Sample
+
+T = TypeVar("T")
+
+DRIVING: Final = frozenset({Mode.CONTROL, Mode.HOLD, Mode.DECAY})
+WANTED: Final = DRIVING | {Mode.WARMUP}
+"""Modes of an ECU that has been asked for control and has no fault."""
+
+AGE_TOLERANCE: Final = 0.01
+"""Of a period: two clocks that are 200 ppm apart, and waiting for the bus to be looked at, are far below."""
+ROUNDING: Final = 1e-9
+"""Of floating-point numbers that are compared with a limit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Violation:
+    """An invariant that did not hold.
+
+    Attributes:
+        period: of the run, from 0.
+        invariant: its name above.
+        detail: the values, in words.
+    """
+
+    period: int
+    invariant: str
+    detail: str
+
+
+class _Heard(NamedTuple):
+    """What the vehicle heard in a period.
+
+    Attributes:
+        drives: a command that may drive the jets.
+        old: one that would, but for the age of its pressures.
+        shuts: a command came as it should, and takes the jets away.
+    """
+
+    drives: bool
+    old: bool
+    shuts: bool
+
+
+class Invariants:
+    """An observer that keeps what did not hold.
+
+    Args:
+        config: the run's.
+        hidden_ns: how much older pressures may be than anything tells the ECU; see `of`.
+
+    Attributes:
+        violations: so far, in the order of time.
+    """
+
+    def __init__(self, config: Config, *, hidden_ns: int = 0) -> None:
+        self._config = config
+        messages = message_set(config.bus)
+        self._pressure, self._command = messages.pressure, messages.command
+        self._hidden_ns = hidden_ns
+        self.violations: list[Violation] = []
+        self._period = 0
+        # Of the ECU.
+        self._flow = 0.0
+        self._was_wanted = self._low_heard = self._edge_heard = False
+        # Of the vehicle.
+        self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
+        self._arrived: list[Frame] = []
+        self._heard: deque[_Heard] = deque(maxlen=self._decides_after + config.ecu.hold_periods + 1)
+        self._counter: int | None = None
+        self._sound = 0  # periods in a row in which just the next command came
+        self._requested: deque[bool] = deque(maxlen=1 + config.vehicle.actuator_delay)
+        self._action = 0.0
+
+    @classmethod
+    def of(cls, config: Config, disturbances: Disturbances) -> Self:
+        """For a run with these disturbances.
+
+        A gateway that stamps frames anew, and a clock that stamps them wrong, hide their age from the ECU: by so much
+        may a command rest on older pressures. What the vehicle lets its jets do is judged by their true age.
+        """
+        hidden_s = 0.0
+        for one in disturbances.items:
+            if isinstance(one, NodeFault) and one.node == "ecu":
+                if isinstance(one.fault, Delay) and one.fault.restamp:
+                    hidden_s += one.fault.delay_s + one.fault.jitter_s
+                elif isinstance(one.fault, ClockDrift):
+                    hidden_s += max(0.0, one.fault.offset_s)
+        return cls(config, hidden_ns=round(hidden_s * NS))
+
+    # See `Observer`.
+
+    def frame(self, seen: Seen) -> None:
+        """See `Observer.frame`."""
+        if seen.node == "vehicle" and seen.sent and self._pressure.spec.names(seen.frame):
+            counter = profile_of(self._pressure.spec).counter_of(seen.frame.data)
+            self._sampled[counter] = self._period, seen.now_ns
+        elif seen.node == "vehicle" and not seen.sent and self._command.spec.names(seen.frame):
+            self._arrived.append(seen.frame)
+        elif seen.node == "ecu" and seen.sent:
+            command = parsed(self._command, seen.frame)
+            if command is not None:
+                self._judge_command(command, seen.now_ns)
+        elif seen.node == "ecu" and not seen.sent:
+            pressure = parsed(self._pressure, seen.frame)
+            if pressure is not None:
+                self._edge_heard |= self._low_heard and pressure.enable_request
+                self._low_heard |= not pressure.enable_request
+
+    def period(self, sample: Sample, *, requested: bool) -> None:
+        """See `Observer.period`."""
+        self._judge_action(sample.action)
+        self._heard.append(self._of_period())
+        self._requested.append(requested)
+        self._period += 1
+
+    def finished(self, sample: Sample) -> None:
+        """See `Observer.finished`."""
+        self._judge_action(sample.action)
+
+    # On the bus.
+
+    def _judge_command(self, command: JetCommand, now_ns: int) -> None:
+        config, flow = self._config, command.flow_m2_per_s
+        scale = config.operating_point.flow_rate_scale
+        drives = command.enable and command.mode in DRIVING
+        most = config.flow.action_limit * scale
+        if abs(flow) > most + ROUNDING or (flow != 0.0 and not drives):
+            self._broken("bus_bounds", f"{flow:g} m2/s in {command.mode.name}, enable {command.enable}, limit {most:g}")
+        step = config.ecu.command_step * scale + FLOW_RESOLUTION_M2_PER_S  # both ends are rounded to the wire's
+        if abs(flow - self._flow) > step + ROUNDING and flow != 0.0:
+            self._broken("bus_rate", f"{self._flow:g} to {flow:g} m2/s, at most {step:g}")
+        self._flow = flow
+        if flow != 0.0 and drives:
+            self._judge_age(command, now_ns)
+        wanted = command.mode in WANTED
+        if wanted and not self._was_wanted and not self._edge_heard:
+            self._broken("enable_edge", f"{command.mode.name} without a request that was low before")
+        if wanted:
+            self._low_heard = self._edge_heard = False
+        self._was_wanted = wanted
+
+    def _judge_age(self, command: JetCommand, now_ns: int) -> None:
+        ecu, period_ns = self._config.ecu, self._config.period_ns
+        held = 1 + ecu.hold_periods + ecu.decay_periods
+        oldest = min(ecu.pressure_age, held) if command.mode is Mode.CONTROL else held
+        counter = command.pressure_counter
+        sampled = None if counter is None else self._sampled.get(counter)
+        if sampled is None:
+            self._broken("bus_age", f"{command.mode.name} rests on no pressures that were sent (counter {counter})")
+            return
+        age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - sampled[1]
+        if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns:
+            self._broken("bus_age", f"{command.mode.name} rests on pressures of {age_ns / 1e6:g} ms")
+
+    # At the jets.
+
+    @property
+    def _decides_after(self) -> int:
+        """Periods from hearing a command to the end of the one at whose end its action is reached."""
+        return self._config.ecu.plan_ahead + self._config.vehicle.actuator_delay
+
+    def _of_period(self) -> _Heard:
+        """Of the commands that arrived in the period that ends."""
+        frames, self._arrived = self._arrived, []
+        spec, drives, old, last = self._command.spec, False, False, None
+        for frame in frames:
+            command = parsed(self._command, frame)
+            if command is None:
+                self._sound = 0
+                continue
+            counter, before = profile_of(spec).counter_of(frame.data), self._counter
+            follows = before is None or (counter - before) % profile_of(spec).counter_period == 1
+            self._counter = counter
+            if not follows:
+                self._sound = 0
+            last = command
+            if command.enable and command.mode in DRIVING:
+                in_time = self._is_in_time(command)
+                drives |= in_time
+                old |= not in_time
+        self._sound = self._sound + 1 if len(frames) == 1 and last is not None else 0
+        # A stream is judged by its latest checks; without any errors among them the vehicle believes the next frame.
+        believed = last is not None and self._sound > self._config.bus.e2e.window
+        return _Heard(drives=drives, old=old, shuts=believed and not drives)
+
+    def _is_in_time(self, command: JetCommand) -> bool:
+        """Whether the vehicle may take the pressures behind a command for recent ones."""
+        if command.pressure_counter is None or command.pressure_counter not in self._sampled:
+            return False
+        oldest = 2 + self._config.ecu.hold_periods + self._config.ecu.decay_periods
+        return self._period - self._sampled[command.pressure_counter][0] <= oldest
+
+    def _judge_action(self, action: float) -> None:
+        """The one reached at the end of the latest period of which all is known."""
+        if self._period == 0:
+            self._action = action
+            return
+        limit, step = self._config.flow.action_limit, self._config.vehicle.action_step
+        if not abs(action) <= limit * (1.0 + ROUNDING):
+            self._broken_before("jets_bounds", f"action {action:g}, limit {limit:g}")
+        if not (abs(action - self._action) <= step * (1.0 + ROUNDING) or action == 0.0):
+            self._broken_before("jets_rate", f"action {self._action:g} to {action:g}, at most {step:g} in a period")
+        self._action = action
+        if action == 0.0:
+            return
+        if len(self._requested) == self._requested.maxlen and not self._requested[0]:
+            self._broken_before("jets_request", f"action {action:g} where control was not requested")
+        # The newest of these is of the period that decides, the others of those before it.
+        deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
+        for heard in deciding:
+            if heard.drives:
+                return
+            if heard.shuts:
+                break
+        why = "pressures too old" if any(heard.old for heard in deciding) else "no command that drives jets"
+        self._broken_before("jets_shut", f"action {action:g}: {why}")
+
+    def _broken_before(self, invariant: str, detail: str) -> None:
+        self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
+
+    def _broken(self, invariant: str, detail: str) -> None:
+        self.violations.append(Violation(period=self._period, invariant=invariant, detail=detail))
+
+
+def parsed(message: Message[T], frame: Frame) -> T | None:
+    """What a frame says, if it is of this message and its end-to-end CRC fits."""
+    spec = message.spec
+    if not spec.names(frame) or len(frame.data) != spec.length:
+        return None
+    data = frame.data[: spec.protected]
+    return message.parse(data) if profile_of(spec).check(data, data_id=spec.data_id) else None

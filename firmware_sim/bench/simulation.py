@@ -1,0 +1,211 @@
+"""One run of the closed loop in virtual time, without files: checked when it is built, then run on a wake.
+
+The same arguments and the same wake give the same run, to the bit, on any machine; wall-clock times are apart.
+"""
+
+from collections.abc import Callable
+from datetime import date
+from typing import Final
+
+from can_bridge.bus.backends.opening import SIMULATED
+from can_bridge.bus.simulated.background_node import BackgroundNode
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.secoc.node import authentication_in_virtual_time
+from can_bridge.timing.traffic import background
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from contract.config.controller import CostWeights
+from contract.config.tree import Config
+from contract.controller.interface import RunnableController
+from contract.controller.onnx_session import OnnxController
+from contract.errors import BusError, StillwakeError
+from contract.release.bundle import Bundle
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.disturbing import PORT_NAMES, Disturbing
+from firmware_sim.bench.observer import Observer, WatchedBus
+from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rates
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.fit import check_sensors
+from firmware_sim.runs.bus_traffic import NodeErrors, WaitingTimes
+from firmware_sim.runs.metadata import RunMetadata, RunOrigin
+from firmware_sim.runs.run_log import Row, RunLog
+from wake.plant import LivePlant
+
+WARM_UP_PLANS: Final = 3
+"""Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""
+
+
+class Simulation:
+    """One run, which takes place once.
+
+    Args:
+        bundle: verified release.
+        config: the vehicle; its operating point and control period must be the bundle's.
+        spans: how long it goes on.
+        controller: what computes the bundle's control step; ONNX Runtime without one.
+        weights: of the cost, in place of the bundle's.
+        disturbances: what disturbs it; their times are in s of the run.
+        seed: of what they draw.
+
+    Attributes:
+        periods: control periods without control, and in all.
+
+    Raises:
+        StillwakeError: if the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
+            move, a span is too short, or a disturbance could not act.
+    """
+
+    def __init__(
+        self,
+        bundle: Bundle,
+        config: Config,
+        *,
+        spans: Spans,
+        controller: RunnableController | None = None,
+        weights: CostWeights | None = None,
+        disturbances: Disturbances | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._disturbances = Disturbances() if disturbances is None else disturbances
+        self.periods = lead_in, total = spans.periods(config.flow.control_period)
+        _check_vehicle(config, total - lead_in)
+        sensors = bundle.manifest.sensors
+        self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
+        self._authentication = authentication_in_virtual_time(config.bus)
+        self._messages = message_set(config.bus)
+        self._others = background(config.bus.background, config.bus, [spec.frame_id for spec in self._messages.specs])
+        self._controller = OnnxController.of(bundle) if controller is None else controller
+        self._controller.warm_up(WARM_UP_PLANS)
+        self._ecu = Ecu(bundle, self._controller, config, weights=weights, authentication=self._authentication)
+        self._bundle, self._config, self._spans, self._weights, self._seed = bundle, config, spans, weights, seed
+
+    def run(
+        self,
+        wake: LivePlant,
+        *,
+        capture: Callable[[Frame], None] = lambda frame: None,
+        observer: Observer | None = None,
+        origin: RunOrigin | None = None,
+        ready: Callable[[int], None] = lambda total: None,
+        requesting: Callable[[], None] = lambda: None,
+        progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
+    ) -> RunLog:
+        """Run on this wake, from where it stands.
+
+        Args:
+            wake: at the start of a control period; afterwards at the end of the run.
+            capture: called with every frame on the bus, stamped with its end.
+            observer: sees the run from outside.
+            origin: what the run says about how it came about; made today without one.
+            ready: called with the periods in all before the first.
+            requesting: called before the first period in which control is requested.
+            progress: called with (row, periods done, periods in all) after every period.
+
+        Raises:
+            StillwakeError: if the bundle is of another body, or the wake's flow cannot be disturbed or diverges.
+        """
+        config, bundle, messages = self._config, self._bundle, self._messages
+        check_sensors(bundle, wake.layout)
+        disturbing = Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed)
+        waits = WaitingTimes(messages=messages)
+
+        bus = SimulatedBus(
+            config.bus,
+            capture,
+            observe=waits,
+            corrupts=disturbing.corrupts,
+            mishears=disturbing.mishears,
+        )
+        ports = {name: bus.port(name) for name in (*PORT_NAMES.values(), "background")[: 3 if self._others else 2]}
+        if self._others:
+            BackgroundNode(bus, ports["background"], self._others, config.bus.background.seed)
+        node = VehicleNode(bundle.manifest.sensors, config, wake.layout, self._authentication, read=disturbing.readings)
+        around = disturbing.connect(bus)
+        vehicle, ecu = around("vehicle", ports["vehicle"]), around("ecu", ports["ECU"])
+        if observer is not None:
+            vehicle = WatchedBus(port=vehicle, node="vehicle", observer=observer, clock=lambda: bus.now_ns)
+            ecu = WatchedBus(port=ecu, node="ecu", observer=observer, clock=lambda: bus.now_ns)
+        connected = BusPorts(vehicle=vehicle, ecu=ecu, ecu_health=ports["ECU"].health)
+        loop = VirtualLoop(wake, node, self._ecu, bus, connected, config, ecu_clock=disturbing.ecu_clock)
+        disturbing.plan_resets(bus, loop)
+        rows = list[Row]()
+        lead_in, total = self.periods
+        with disturbing.in_flow(wake):
+            ready(total)
+            for k in range(total):
+                if k == lead_in:
+                    requesting()
+                start_ns = loop.now_ns
+                requested = disturbing.requests(k >= lead_in, start_ns)
+                disturbing.set_flow(start_ns)
+                disturbing.before_period(start_ns, node)
+                row = loop.period(enable_request=requested)
+                rows.append(row)
+                if observer is not None:
+                    observer.period(row.sample, requested=requested)
+                progress(row, k + 1, total)
+            if observer is not None:
+                observer.finished(wake.sample())
+        metadata = RunMetadata.of(
+            bundle,
+            config,
+            settle=self._spans.settle,
+            averages=self._spans.averages,
+            status=self._ecu.status(),
+            plant=wake.description,
+            computed_by=self._controller.description,
+            origin=RunOrigin.on(date.today()) if origin is None else origin,
+            weights=self._weights,
+            faults=disturbing.injected(),
+            fault_seed=self._seed,
+        )
+        nodes = {name: NodeErrors.of(port.health(), port.refused) for name, port in ports.items()}
+        traffic = waits.traffic(bus.activity(), nodes)
+        return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=traffic)
+
+
+def simulate(
+    bundle: Bundle,
+    config: Config,
+    *,
+    spans: Spans,
+    wake: LivePlant,
+    controller: RunnableController | None = None,
+    weights: CostWeights | None = None,
+    disturbances: Disturbances | None = None,
+    seed: int = 0,
+    observer: Observer | None = None,
+    origin: RunOrigin | None = None,
+    progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
+) -> RunLog:
+    """`Simulation` and its `run` in one call.
+
+    Pictures and files are `closed_loop.py`'s; `Invariants.of(config, disturbances)` is an observer.
+    """
+    made = Simulation(
+        bundle,
+        config,
+        spans=spans,
+        controller=controller,
+        weights=weights,
+        disturbances=disturbances,
+        seed=seed,
+    )
+    return made.run(wake, observer=observer, origin=origin, progress=progress)
+
+
+def _check_vehicle(config: Config, requested: int) -> None:
+    """Raises StillwakeError for a bus or an actuator with which the run could not be one."""
+    if config.bus.interface != SIMULATED:
+        raise BusError(
+            f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "
+            f"{SIMULATED!r} is possible"
+        )
+    check_bit_rates(config)
+    if config.vehicle.actuator_delay >= requested:
+        raise StillwakeError(
+            f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {requested} periods, "
+            "so the jets would never move; the delay must be shorter"
+        )
