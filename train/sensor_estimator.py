@@ -6,6 +6,7 @@ learns, readings get noise and rows are held as the ECU holds them over lost fra
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -117,7 +118,7 @@ def _fit(
     sizes = (window * (sensors + 1) + sensors, WIDTH, WIDTH, sensors)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        linear = [nn.Linear(before, after) for before, after in zip(sizes, sizes[1:], strict=False)]
+        linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]
     model = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
     batches = max(1, round(epochs * len(starts) / BATCH))
     optimiser = torch.optim.AdamW(model.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)

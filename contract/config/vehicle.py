@@ -108,14 +108,14 @@ class BusConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorCheckConfig(Settings, section="ecu.sensor_check"):
-    """When the ECU no longer believes a pressure sensor. Levels are ratios of variances: to what a sound sensor shows, as
-    the bundle states it. The figures behind them are in docs/explanation/sensors-that-lie.md."""
+    """When the ECU no longer believes a pressure sensor. Levels are ratios of variances; what sound sensors reach is
+    over the whole shipped recording (docs/explanation/sensors-that-lie.md)."""
 
     enabled: bool = True
     """Check the pressures against each other, with the bundle's estimator, and go on without a sensor that lies."""
     liar_level: Positive[float] = 14.0
     """How much further a sensor is from the estimate by the others than these are from each other, from which on it is
-    set aside. Over the recording sound sensors reach 8."""
+    set aside. Sound sensors reach 8."""
     bias_level: Positive[float] = 20.0
     """The same for averages over two shedding cycles, in which small biases and drifts show. Sound sensors reach 14."""
     swap_level: Positive[float] = 2.5
@@ -127,7 +127,7 @@ class SensorCheckConfig(Settings, section="ecu.sensor_check"):
     doubt_periods: Annotated[AtLeastOne[int], PERIODS] = 25
     """Periods in doubt, as many more than periods out of it, from which on the jets go to zero and the fault latches."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS] = 10
-    """Periods in a row in which a reading is the same to the last bit, from which on the sensor is stuck or dead."""
+    """Periods in a row in which a reading is the same to the last bit, from which on the sensor is stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)

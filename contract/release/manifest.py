@@ -65,8 +65,8 @@ class Scaling:
 
 FAST_PERIODS: Final = 4
 SLOW_PERIODS: Final = 64
-"""Control periods over which the ECU's sensor check averages residuals: a sixth of a shedding cycle, which takes most of
-a sensor's noise away, and two cycles, in which a small bias or a drift stands out."""
+"""Control periods over which the ECU's sensor check averages residuals: a sixth of a shedding cycle, which takes most
+of a sensor's noise away, and two cycles, in which a small bias or a drift stands out."""
 
 
 @dataclass(frozen=True, kw_only=True)

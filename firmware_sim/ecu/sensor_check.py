@@ -1,7 +1,7 @@
 """Whether the pressures are to be believed: each is compared with what the other ones say of it.
 
-Transducers fail without a sign: they stand still, read zero, move away, or are plugged in the wrong way round, and every
-frame is in order. A network of the bundle estimates each pressure from the window of the others
+Transducers fail without a sign: they stand still, read zero, move away, or are plugged in the wrong way round, and all
+frames are in order. A network of the bundle estimates each pressure from the window of the others
 (`contract.controller.estimator`), and three hypotheses are judged by the residuals:
 
 * one sensor lies: it is far from the estimate by the others, and these agree with each other without it. It is set
@@ -105,8 +105,7 @@ class SensorCheckState:
             other.doubt,
             other.implausible,
         ) and all(
-            np.array_equal(mine, its, equal_nan=True)
-            for mine, its in zip(self._arrays(), other._arrays(), strict=True)
+            np.array_equal(mine, its, equal_nan=True) for mine, its in zip(self._arrays(), other._arrays(), strict=True)
         )
 
     def _arrays(self) -> list[Array]:
@@ -132,6 +131,14 @@ class Levels(NamedTuple):
     bias: Array
     swap: Array
     doubt: float
+
+
+class Verdict(NamedTuple):
+    """What a state says, by the names of its fields."""
+
+    set_aside: int | None
+    doubt: int
+    implausible: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,10 +198,12 @@ class SensorCheck:
         own = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
         estimates = _appended(estimates, own, 1)
         flat = np.where(cp == state.readings, state.flat + 1, 0.0)
-        state = replace(state, readings=cp.copy(), flat=flat, estimates=estimates)
-        if rows == length:
-            state = self._averaged(state, self.hypotheses.residuals(cp, by_view))
-        state = self._judged(state)
+        means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
+        state = replace(state, readings=cp.copy(), flat=flat, estimates=estimates, **means)
+        verdict = self._verdict(state)
+        # As a rule it stands, and a state is costly to make.
+        if verdict != Verdict(state.set_aside, state.doubt, state.implausible):
+            state = replace(state, **verdict._asdict())
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
     def levels(self, state: SensorCheckState) -> Levels:
@@ -212,22 +221,22 @@ class SensorCheck:
             doubt=float(doubt),
         )
 
-    def _averaged(self, state: SensorCheckState, residual: Array) -> SensorCheckState:
+    def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Array]:
+        """The state's running means after one more residual."""
         before = np.where(np.isnan(state.residual), residual, state.residual)
         fast = _mean(state.fast, residual, FAST_PERIODS)
         noise = _mean(state.noise, np.square(residual - before) / 2.0, SCORE_PERIODS)
         score = np.square(fast) / (np.square(self.fast) + NOISE_ALLOWED * noise)
-        return replace(
-            state,
-            residual=residual,
-            fast=fast,
-            slow=_mean(state.slow, residual, SLOW_PERIODS),
-            noise=noise,
-            score=_mean(state.score, score, SCORE_PERIODS),
-        )
+        return {
+            "residual": residual,
+            "fast": fast,
+            "slow": _mean(state.slow, residual, SLOW_PERIODS),
+            "noise": noise,
+            "score": _mean(state.score, score, SCORE_PERIODS),
+        }
 
-    def _judged(self, state: SensorCheckState) -> SensorCheckState:
-        """The verdict on the running means."""
+    def _verdict(self, state: SensorCheckState) -> Verdict:
+        """What the running means and the resting readings of a state amount to."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -249,7 +258,7 @@ class SensorCheck:
         else:
             doubt = min(config.doubt_periods, max(0, state.doubt + (1 if doubted else -1)))
         implausible = doubt >= config.doubt_periods or (state.implausible and doubt > 0)
-        return replace(state, set_aside=set_aside, doubt=doubt, implausible=implausible)
+        return Verdict(set_aside=set_aside, doubt=doubt, implausible=implausible)
 
 
 class _Split(NamedTuple):

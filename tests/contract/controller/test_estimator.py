@@ -1,5 +1,7 @@
 """Views and hypotheses of the sensor estimator, against what can be counted and worked out by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def test_residuals_of_three_sensors_are_those_worked_out_by_hand() -> None:
 def random_network(window: int = 5, sensors: int = 4, width: int = 9) -> EstimatorNetwork:
     rng = np.random.default_rng(1)
     sizes = (window * (sensors + 1) + sensors, width, width, sensors)
-    layers = [(rng.normal(size=(b, a)) / a, rng.normal(size=b)) for a, b in zip(sizes, sizes[1:], strict=False)]
+    layers = [(rng.normal(size=(b, a)) / a, rng.normal(size=b)) for a, b in pairwise(sizes)]
     mean = np.append(rng.normal(size=sensors), 0.0)
     return EstimatorNetwork(window=window, mean=mean, std=rng.uniform(0.5, 2.0, sensors + 1), layers=layers)
 

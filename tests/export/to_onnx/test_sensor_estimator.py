@@ -27,7 +27,7 @@ def test_onnx_runtime_and_numpy_estimate_the_same() -> None:
 def test_the_graph_holds_what_a_bundle_may_hold_and_is_no_controller() -> None:
     content = build_estimator(random_network()).SerializeToString()
     assert check_estimator_graph(content, SIZES) == len(onnx.load_from_string(content).graph.node)
-    with pytest.raises(ValueError, match="'estimates': must be one of|'plan' is missing"):
+    with pytest.raises(ValueError, match="'plan' is missing"):
         check_graph(content, SIZES)
 
 
@@ -36,7 +36,7 @@ def test_a_graph_of_other_sizes_is_refused() -> None:
     for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
         with pytest.raises(ValueError, match=r"'window' has shape \(5, 5\)"):
             check_estimator_graph(content, sizes)
-        with pytest.raises(BundleControllerError, match=r"sensors.onnx: 'window' has shape \[5, 5\]"):
+        with pytest.raises(BundleControllerError, match=r"sensors\.onnx: 'window' has shape \[5, 5\]"):
             OnnxEstimator(content, sizes)
 
 
