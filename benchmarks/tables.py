@@ -11,12 +11,13 @@ from benchmarks.bus import tables as bus_tables
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import fill, names
 from benchmarks.controller import tables as controller_tables
+from benchmarks.ecu import tables as ecu_tables
 from benchmarks.model import tables as model_tables
 from benchmarks.release import tables as release_tables
 from benchmarks.wake import tables as wake_tables
 from contract.atomic import replacing
 
-FOLDERS = (bus_tables, release_tables, wake_tables, model_tables, controller_tables, load_tables)
+FOLDERS = (bus_tables, ecu_tables, release_tables, wake_tables, model_tables, controller_tables, load_tables)
 
 
 def tables(results: Path) -> dict[str, str]:

@@ -125,7 +125,7 @@ class SensorCheckConfig(Settings, section="ecu.sensor_check"):
     """Disagreement among the pressures that no single sensor explains, from which on they are in doubt. Sound sensors
     reach 12, under forcing beyond what the model has seen."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS] = 25
-    """Periods in doubt, as many more than periods out of it, from which on the jets go to zero and the fault latches."""
+    """Periods in doubt, less those out of it, from which on the jets go to zero and the fault latches."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS] = 10
     """Periods in a row in which a reading is the same to the last bit, from which on the sensor is stuck."""
 
