@@ -74,14 +74,15 @@ def fit_estimator(
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [_rows(item, columns) for item in used]
+    # Before pooling, in which the mirror image of a dead sensor would hide it.
+    for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
+        if spread == 0.0:
+            raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
     if mirror is not None:
         learned += [_rows(item, mirror, sign=-1.0) for item in used]
     together = np.concatenate(learned)
     mean, std = together.mean(axis=0), together.std(axis=0)
     mean[-1] = 0.0
-    for name, value in zip((*sensors, "the action"), std, strict=True):
-        if not value > 0:
-            raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
     network = _fit(learned, mean, std, window, epochs=epochs, seed=seed, progress=progress)
     judged = [item for item in recording.episodes if item.role != "train" and len(item) > window + SLOW_PERIODS]
     roles = tuple(sorted({item.role for item in judged}))

@@ -221,7 +221,7 @@ class SensorCheck:
             doubt=float(doubt),
         )
 
-    def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Array]:
+    def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
         """The state's running means after one more residual."""
         before = np.where(np.isnan(state.residual), residual, state.residual)
         fast = _mean(state.fast, residual, FAST_PERIODS)

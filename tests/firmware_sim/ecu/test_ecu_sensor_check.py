@@ -1,4 +1,4 @@
-"""The ECU with the shipped sensor estimator on recorded pressures: what goes on the bus, and what the controller sees."""
+"""The ECU with the shipped sensor estimator on recorded pressures: what is on the bus, what the controller sees."""
 
 from dataclasses import replace
 
