@@ -2,7 +2,7 @@
 
 Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter.
 Commands that rest on an older frame, because the ECU held or shut the jets when one was missing, belong to the period
-in which they came.
+in which they came. A command for the next period is the action of the row after.
 """
 
 import math
@@ -160,7 +160,7 @@ def _actions(
     """Actions by row, from -1 on."""
     actions: dict[int, float] = {}
     lags: list[float] = []
-    others: list[tuple[float, float]] = []
+    others: list[tuple[float, float, int]] = []
     for frame in commands:
         command = messages.command.parse(frame.data)
         if command is None:
@@ -168,18 +168,19 @@ def _actions(
         at = clock.row_at(frame.time_s)
         action = _action(command.flow_m2_per_s if command.enable else 0.0, scales)
         if command.pressure_counter is None or command.mode in _HELD:
-            others.append((at, action))
+            others.append((at, action, command.next_period))
             continue
         newest = math.floor(at + 0.5)
-        k = newest - (first_counter + newest - command.pressure_counter) % modulus
+        answered = newest - (first_counter + newest - command.pressure_counter) % modulus
+        k = answered + command.next_period
         if k in actions or not -1 <= k < count:
-            others.append((at, action))
+            others.append((at, action, command.next_period))
             continue
         actions[k] = action
-        lags.append(at - k)
+        lags.append(at - answered)
     lag = float(np.median(lags)) if lags else _UNKNOWN_LAG
-    for at, action in others:
-        k = round(at - lag)
+    for at, action, later in others:
+        k = round(at - lag) + later
         if -1 <= k < count:
             actions.setdefault(k, action)
     return actions

@@ -105,7 +105,8 @@ def make_bundle(*, sensors: Sequence[str] = ("upper_39", "lower_39", "base_0", "
 
 
 def make_bench(controller=None, *, bundle: Bundle | None = None, **ecu_settings) -> Bench:
-    config = Config(ecu=EcuConfig(**ecu_settings))
+    # Most tests look at one period at a time: its command is to act in it.
+    config = Config(ecu=EcuConfig(**{"plan_ahead": False, **ecu_settings}))
     return Bench(make_bundle() if bundle is None else bundle, config, controller or RecordingController())
 
 

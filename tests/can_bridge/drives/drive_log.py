@@ -87,6 +87,7 @@ def command(
     mode: str = "CONTROL",
     action: float | None = None,
     counter: int | None = None,
+    next_period: bool = False,
 ) -> can.Message:
     """The JetCommand that answers row k."""
     values: dict[str, Any] = {
@@ -94,6 +95,7 @@ def command(
         "Mode": mode,
         "Enable": int(enable),
         "PressureCounterValid": 1,
+        "NextPeriod": int(next_period),
         "PressureCounter": (k if echo is None else echo) % MODULUS[one.kind],
     }
     return framed(f"JetCommand{SUFFIX[one.kind]}", values, k + 7 if counter is None else counter, one.kind, time_s)

@@ -166,6 +166,35 @@ def test_a_held_command_belongs_to_the_period_it_came_in() -> None:
     same(read(messages), replace(one, action=action))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_commands_for_the_next_period_are_the_actions_of_the_row_after(kind: str) -> None:
+    one = drive(kind, 60, 4)
+    messages = []
+    for k in range(60):
+        messages.append(pressure(one, k, 5.0 + k * PERIOD))
+        # At 30 the ECU holds: the command still rests on 29, came in 30 and is for 31.
+        held = k == 30
+        action, echo = float(one.action[min(k + 1, 59)]), k - 1 if held else k
+        messages.append(
+            command(
+                one,
+                k,
+                5.0 + (k + LATENCY) * PERIOD,
+                action=action,
+                echo=echo,
+                mode="HOLD" if held else "CONTROL",
+                next_period=True,
+            )
+        )
+    (piece,) = read(messages).pieces
+    # What the jets did in the first period was asked for before the log begins.
+    rows = piece.first_row + np.arange(len(piece))
+    assert rows[0] <= 2
+    assert rows[-1] == 59
+    np.testing.assert_allclose(piece.action, one.action[rows], atol=EXACT)
+    np.testing.assert_allclose(piece.Cp, one.Cp[rows], atol=EXACT)
+
+
 def test_jets_that_are_not_enabled_are_shut() -> None:
     one = drive("fd", 60, 5)
     messages = log_of(one)

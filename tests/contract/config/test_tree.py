@@ -23,7 +23,7 @@ def leaves(tree: Any, above: tuple[str, ...] = ()):
 NUMBERS = [
     pytest.param(owner, name, value, id=f"{owner.__name__}.{name}")
     for owner, name, value in leaves(Config())
-    if not isinstance(value, str)
+    if not isinstance(value, str | bool)
 ]
 
 

@@ -25,9 +25,12 @@ def harness(bundle_of, recording_controller):
         controller=None,
         bus=None,
         corrupts=None,
+        plan_ahead=False,
         **ecu_settings,
     ):
-        config = Config(bus=bus or BusConfig(), ecu=EcuConfig(compute_time_ms=compute_ms, **ecu_settings))
+        config = Config(
+            bus=bus or BusConfig(), ecu=EcuConfig(compute_time_ms=compute_ms, plan_ahead=plan_ahead, **ecu_settings)
+        )
         step = iter(range(10**6))
         default = recording_controller(lambda i: 0.03 * cos(next(step)))
         return Harness(bundle_of(), config, controller or default, {"vehicle": vehicle, "ecu": ecu}, corrupts)

@@ -26,6 +26,7 @@ from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract import sensors
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
@@ -64,7 +65,7 @@ class Loop:
     """Vehicle and ECU on a simulated bus, each behind a wrapped port."""
 
     def __init__(self, bundle, controller, *, vehicle=(), ecu=(), ecu_clock=None, seed=1, corrupts=None) -> None:
-        self.config = Config()
+        self.config = Config(ecu=EcuConfig(plan_ahead=False))
         self.bus = SimulatedBus(self.config.bus, corrupts=corrupts)
         self.vehicle: FaultyBus = wrap(self.bus.port("vehicle"), vehicle, lambda: self.bus.now_ns, seed=seed)
         self.ecu_port: FaultyBus = wrap(self.bus.port("ecu"), ecu, lambda: self.bus.now_ns, seed=seed + 1)

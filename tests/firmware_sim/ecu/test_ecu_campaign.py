@@ -20,9 +20,10 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, FLOW_RESOLUTION_M2_PER_S, JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode, Reason
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControllerError, ControlStep
 
-CONFIG = Config()
+CONFIG = Config(ecu=EcuConfig(plan_ahead=False))
 PERIOD = CONFIG.period_ns
 SCALE = CONFIG.operating_point.flow_rate_scale
 QUANTUM = FLOW_RESOLUTION_M2_PER_S

@@ -35,7 +35,16 @@ def test_a_bundle_for_another_flow_is_refused(bundle_of, changes, named):
         ({"control_period": 0.1}, Config(), "control period: 0.1, the vehicle has 0.2"),
         ({"action_limit": 0.05}, Config(), "action limit: 0.05"),
         ({"sensors": ("base_0", "base_1")}, Config(), "2 sensors: the Pressure message carries 4"),
-        ({}, Config(ecu=EcuConfig(delay_steps=5)), "delay_steps = 5: must be below the horizon 5"),
+        (
+            {},
+            Config(ecu=EcuConfig(delay_steps=5)),
+            "delay_steps = 5: must be at most 3 for the horizon of 5, with ecu.plan_ahead",
+        ),
+        (
+            {},
+            Config(ecu=EcuConfig(delay_steps=5, plan_ahead=False)),
+            "delay_steps = 5: must be at most 4 for the horizon of 5$",
+        ),
     ],
 )
 def test_a_bundle_for_another_vehicle_is_refused(bundle_of, recording_controller, bundle_changes, config, named):

@@ -24,6 +24,7 @@ from contract import sensors
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
 from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_session import OnnxController
@@ -49,7 +50,7 @@ try:
 except LibraryError as error:
     pytest.skip(str(error), allow_module_level=True)
 
-CONFIG = Config()
+CONFIG = Config(ecu=EcuConfig(plan_ahead=False))
 LENIENT = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
 MPC = MpcConfig(horizon=8)
 PROGRAM = random_program(1, model=ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8), mpc=MPC)
