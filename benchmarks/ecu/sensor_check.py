@@ -30,6 +30,7 @@ from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, views
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release.bundle import Bundle
+from contract.results import versions
 from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Swapped, Zero
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
 from firmware_sim.ecu.ecu import sensor_check_of
@@ -169,7 +170,8 @@ def main(
         "a step of the check: " + ", ".join(f"{name} {value:.0f} us" for name, value in figures["step_us"].items())
     )
     save(json_file, figures=figures, facts={"bundle": release.manifest.name, "digest": release.digest, "every": every,
-         "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)})  # fmt: skip
+         "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check),
+         "versions": versions("numpy", "onnxruntime")})  # fmt: skip
 
 
 def _passages(release: Bundle, config: Config) -> list[Passage]:

@@ -283,6 +283,7 @@ def test_an_estimator_has_a_positive_figure_for_every_two_sensors(name, table):
 
 
 def test_an_estimator_is_a_table():
-    for value in ([], 3.0, "yes", True):
+    odd: tuple[object, ...] = ([], 3.0, "yes", True)
+    for value in odd:
         assert "sensor_estimator" in refusal(sealed(changed("sensor_estimator", value)))
     assert "sensor_estimator.slow is missing" in refusal(sealed(without("sensor_estimator.slow")))
