@@ -13,12 +13,14 @@ compared with ONNX Runtime's; all else is the ECU's code, period by period.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import log
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import typer
 from rich.table import Table
 
@@ -26,7 +28,7 @@ from benchmarks.common.command_line import JsonFile, console, save, track
 from can_bridge.wire.message_specs import PRESSURE_RESOLUTION_PA
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, views
+from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, pairs, views
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release.bundle import Bundle
@@ -60,7 +62,7 @@ class Passage(NamedTuple):
     role: str
     cp: Array
     actions: Array
-    heard: Array
+    heard: npt.NDArray[np.bool_]
 
 
 class Moment(NamedTuple):
@@ -278,11 +280,13 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
         "bias -2": lambda j: Bias(-2.0, unit, j),
         f"drift 2 in {DRIFT_PERIODS}": lambda j: Drift(2.0, unit, j, steps=DRIFT_PERIODS),
     }
-    cases = [(name, (j,), lambda j=j, make=make: [make(j)]) for name, make in single.items() for j in range(len(names))]
-    both = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
-    cases += [("swapped", pair, lambda pair=pair: [Swapped(*pair)]) for pair in both]
-    cases += [("both dead", pair, lambda pair=pair: [Zero(j) for j in pair]) for pair in both]
-    cases += [("both biased +2", pair, lambda pair=pair: [Bias(2.0, unit, j) for j in pair]) for pair in both]
+    cases: list[tuple[str, tuple[int, ...], Callable[[], list[SensorFault]]]] = [
+        (name, (j,), partial(_on_each, make, (j,))) for name, make in single.items() for j in range(len(names))
+    ]
+    both = pairs(len(names))
+    cases += [("swapped", pair, partial(_swapped, pair)) for pair in both]
+    cases += [("both dead", pair, partial(_on_each, single["dead"], pair)) for pair in both]
+    cases += [("both biased +2", pair, partial(_on_each, single["bias +2"], pair)) for pair in both]
     found = []
     for name, liars, make in track(cases, "faults", "kinds and sensors"):
         outcomes = [_outcome(lab, moment, make()) for moment in moments]
@@ -298,6 +302,14 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
             "periods_max": max(periods, default=None),
         })  # fmt: skip
     return found
+
+
+def _on_each(make: Callable[[int], SensorFault], liars: Sequence[int]) -> list[SensorFault]:
+    return [make(j) for j in liars]
+
+
+def _swapped(pair: tuple[int, int]) -> list[SensorFault]:
+    return [Swapped(*pair)]
 
 
 def _outcome(lab: Lab, moment: Moment, faults: Sequence[SensorFault]) -> Outcome:

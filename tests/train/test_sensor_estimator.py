@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from contract.arrays import Array
 from contract.errors import ConfigError, DatasetError
 from contract.recording.dataset import Dataset, Episode
+from contract.recording.episode import Role
 from contract.sensors import TRUCK
 from train.sensor_estimator import fit_estimator
 
@@ -12,7 +14,7 @@ CHOSEN = ("upper_39", "base_0", "lower_36")
 WINDOW = 8
 
 
-def episode(name: str, role: str, steps: int, *, constant: bool = False) -> Episode:
+def episode(name: str, role: Role, steps: int, *, constant: bool = False) -> Episode:
     """Every sensor has an amplitude and a phase of its own; the phase runs unevenly."""
     rng = np.random.default_rng(len(name))
     phase = np.cumsum(rng.uniform(0.15, 0.25, steps))
@@ -20,7 +22,7 @@ def episode(name: str, role: str, steps: int, *, constant: bool = False) -> Epis
     cp = -0.3 + sizes * np.sin(phase[:, None] + shifts)
     if constant:
         cp[:, TRUCK.indices(["base_0"])] = -0.3
-    series = {"t": 0.2 * np.arange(steps), "action": rng.normal(0.0, 0.05, steps), "Cp": cp}
+    series: dict[str, Array] = {"t": 0.2 * np.arange(steps), "action": rng.normal(0.0, 0.05, steps), "Cp": cp}
     series |= {"Cd": np.ones(steps), "Cl": np.sin(phase)}
     return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
 

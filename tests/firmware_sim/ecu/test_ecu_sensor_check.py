@@ -1,6 +1,7 @@
 """The ECU with the shipped sensor estimator on recorded pressures: what is on the bus, what the controller sees."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def bench(recording_controller):
     return make_bench(recording_controller(lambda i: 0.0), bundle=RELEASE)
 
 
-def drive(bench, pressures, steps, read=lambda cp, k: cp, *, enable=True, first=None):
+def drive(bench: Any, pressures, steps, read=lambda cp, k: cp, *, enable=True, first=None):
     """Steps from where the bench stands in the recording; the commands."""
     begin = bench.frames if first is None else first
     return [
@@ -79,26 +80,26 @@ def test_a_sensor_set_aside_stays_so_when_it_reads_well_again_and_after_another_
     assert bench.status.set_aside == 0
 
 
-def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(bench, pressures):
+def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(bench: Any, pressures):
     drive(bench, pressures, 80)
     commands = drive(bench, pressures, 150, lambda cp, k: cp[[2, 1, 0, 3]])
     assert commands[-1].mode is Mode.FAULT
     assert not commands[-1].enable
-    assert bench.status.reason is Reason.IMPLAUSIBLE
+    assert bench.status.reason == Reason.IMPLAUSIBLE
     drive(bench, pressures, 6, lambda cp, k: cp[[2, 1, 0, 3]], enable=False)
     assert drive(bench, pressures, 6, lambda cp, k: cp[[2, 1, 0, 3]])[-1].mode is Mode.FAULT
     # The plugs are put right: when the pressures have agreed for some time, the next request counts.
     drive(bench, pressures, 250)
     drive(bench, pressures, 6, enable=False)
     assert drive(bench, pressures, 6)[-1].mode is Mode.CONTROL
-    assert bench.status.reason is Reason.NONE
+    assert bench.status.reason == Reason.NONE
 
 
 def test_switched_off_or_without_an_estimator_nothing_is_checked(recording_controller, pressures):
     off = replace(make_bench().config.ecu.sensor_check, enabled=False)
     bare = replace(RELEASE, manifest=replace(RELEASE.manifest, sensor_estimator=None), files={})
     for made, settings in ((RELEASE, {"sensor_check": off}), (bare, {})):
-        bench = make_bench(recording_controller(lambda i: 0.0), bundle=made, **settings)
+        bench: Any = make_bench(recording_controller(lambda i: 0.0), bundle=made, **settings)
         drive(bench, pressures, 80)
         drive(bench, pressures, 60, dead(1))
         assert bench.status.set_aside == 0
