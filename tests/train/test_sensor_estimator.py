@@ -22,7 +22,7 @@ def episode(name: str, role: Role, steps: int, *, constant: bool = False) -> Epi
     cp = -0.3 + sizes * np.sin(phase[:, None] + shifts)
     if constant:
         cp[:, TRUCK.indices(["base_0"])] = -0.3
-    series: dict[str, Array] = {"t": 0.2 * np.arange(steps), "action": rng.normal(0.0, 0.05, steps), "Cp": cp}
+    series: dict[str, Array] = {"t": 0.2 * np.arange(float(steps)), "action": rng.normal(0.0, 0.05, steps), "Cp": cp}
     series |= {"Cd": np.ones(steps), "Cl": np.sin(phase)}
     return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
 
