@@ -11,6 +11,7 @@ from benchmarks.bus import tables as bus_tables
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import fill, names
 from benchmarks.controller import tables as controller_tables
+from benchmarks.ecu import tables as ecu_tables
 from benchmarks.model import tables as model_tables
 from benchmarks.release import campaign_tables
 from benchmarks.release import tables as release_tables
@@ -19,6 +20,7 @@ from contract.atomic import replacing
 
 FOLDERS = (
     bus_tables,
+    ecu_tables,
     latency_tables,
     release_tables,
     campaign_tables,

@@ -107,6 +107,30 @@ class BusConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SensorCheckConfig(Settings, section="ecu.sensor_check"):
+    """When the ECU no longer believes a pressure sensor. Levels are ratios of variances; what sound sensors reach is
+    over the whole shipped recording (docs/explanation/sensors-that-lie.md)."""
+
+    enabled: bool = True
+    """Check the pressures against each other, with the bundle's estimator, and go on without a sensor that lies."""
+    liar_level: Positive[float] = 14.0
+    """How much further a sensor is from the estimate by the others than these are from each other, from which on it is
+    set aside. Sound sensors reach 8."""
+    bias_level: Positive[float] = 20.0
+    """The same for averages over two shedding cycles, in which small biases and drifts show. Sound sensors reach 14."""
+    swap_level: Positive[float] = 2.5
+    """How much better the pressures agree with two of them exchanged, from which on the wiring is in doubt. Sound
+    sensors reach 0.9."""
+    doubt_level: Positive[float] = 16.0
+    """Disagreement among the pressures that no single sensor explains, from which on they are in doubt. Sound sensors
+    reach 12, under forcing beyond what the model has seen."""
+    doubt_periods: Annotated[AtLeastOne[int], PERIODS] = 25
+    """Periods in doubt, less those out of it, from which on the jets go to zero and the fault latches."""
+    flat_periods: Annotated[AtLeastOne[int], PERIODS] = 10
+    """Periods in a row in which a reading is the same to the last bit, from which on the sensor is stuck."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
     """Timing and fail-safe behaviour of the ECU."""
 
@@ -141,6 +165,7 @@ class EcuConfig(Settings):
     costs nothing while the step is done before the period's end."""
     delay_steps: Annotated[NonNegative[int], PERIODS] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
+    sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     command_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: half the full
     range, three times what the training waveform does at full amplitude."""

@@ -7,7 +7,8 @@ of all that. Loading verifies everything and refuses a mismatch by name. The man
 accidents; a signature by a key that the reader trusts guards against people.
 
 `controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`; it is
-judged too, by whoever signs it and by whoever loads it (`contract.release.onnx_graph`).
+judged too, by whoever signs it and by whoever loads it (`contract.release.onnx_graph`). So is `sensors.onnx`, where
+there is one: it estimates the pressures from each other, for the ECU's sensor check (`contract.controller.estimator`).
 """
 
 import hashlib
@@ -19,6 +20,7 @@ from typing import Any, Final, ParamSpec
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import Sizes
 from contract.errors import (
     BundleControllerError,
@@ -30,8 +32,8 @@ from contract.errors import (
 )
 from contract.release import signing
 from contract.release.container import is_plain_name, read_files, write_files
-from contract.release.manifest import MANIFEST, Manifest, Opened, encode, open_manifest, parse
-from contract.release.onnx_graph import check_graph
+from contract.release.manifest import MANIFEST, Manifest, Opened, SensorEstimator, encode, open_manifest, parse
+from contract.release.onnx_graph import check_estimator_graph, check_graph
 from contract.release.printable import shown
 from contract.release.signing import PublicKey
 
@@ -62,6 +64,21 @@ class Bundle:
     @property
     def short_hash(self) -> int:
         return int(self.digest[:8], 16)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeEstimator:
+    """A sensor estimator for a bundle.
+
+    Attributes:
+        graph: the content of `sensors.onnx`.
+        figures: what the manifest says of it.
+        provenance: where it is from.
+    """
+
+    graph: bytes
+    figures: SensorEstimator
+    provenance: Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +156,8 @@ def renew(
     key: Ed25519PrivateKey,
     trusted: PublicKey | None = None,
     operating_point: Mapping[str, float] | None = None,
+    weights: Mapping[str, float] | None = None,
+    estimator: Callable[[Manifest], MadeEstimator] | None = None,
 ) -> Bundle:
     """Write a bundle of another version's DBC anew, with this version's, under another name, and sign it.
 
@@ -153,6 +172,8 @@ def renew(
         created: day, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
         operating_point: width, speed or density in place of the old bundle's, by name.
+        weights: of the cost, in place of the old bundle's, by name.
+        estimator: called with the old manifest, makes a sensor estimator; without it, one that is there is kept.
 
     Raises:
         BundleError: as `load` does, and for a bad name or a target that holds something else.
@@ -160,11 +181,19 @@ def renew(
     """
     old = _verified(path, read_files(path), trusted, any_dbc=True)
     provenance = {**old.manifest.provenance, "renewed_from": old.digest}
-    manifest = replace(old.manifest, name=name, created=created, provenance=provenance)
+    manifest, contents = replace(old.manifest, name=name, created=created, provenance=provenance), dict(old.files)
+    check_replaceable(target)
     if operating_point:
         point = replace(manifest.operating_point, **operating_point)
         manifest = replace(manifest, operating_point=point, budget_ms=point.period_ns(manifest.control_period) / 1e6)
-    write(target, manifest, old.files, key)
+    if weights:
+        manifest = replace(manifest, mpc=replace(manifest.mpc, weights=replace(manifest.mpc.weights, **weights)))
+    if estimator is not None:
+        made = estimator(old.manifest)
+        contents[ESTIMATOR] = made.graph
+        provenance["sensor_estimator"] = made.provenance
+        manifest = replace(manifest, provenance=provenance, sensor_estimator=made.figures)
+    write(target, manifest, contents, key)
     return load(target, signing.public_key(key))
 
 
@@ -212,8 +241,12 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
     except BundleError as error:
         return [*checks, Check(name="content", error=error)]
     checks.append(Check(name="content", found=manifest.name))
-    if not any(check.name == CONTROLLER and check.error for check in files_checked):
+    altered = {check.name for check in files_checked if check.error}
+    if CONTROLLER not in altered:
         checks.append(_check("graph", _verify_graph, path, contents[CONTROLLER], manifest))
+    stated = ESTIMATOR in contents or manifest.sensor_estimator is not None
+    if stated and ESTIMATOR not in altered:
+        checks.append(_check("sensor graph", _verify_estimator, path, contents, manifest))
     return checks
 
 
@@ -228,6 +261,7 @@ def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None,
         _verify_dbc(path, opened.dbc)
     manifest = parse(path, opened)
     _verify_graph(path, contents[CONTROLLER], manifest)
+    _verify_estimator(path, contents, manifest)
     return Bundle(
         manifest=manifest,
         files=contents,
@@ -306,6 +340,21 @@ def _verify_graph(path: Path, content: bytes, manifest: Manifest) -> str:
     except ValueError as error:
         raise BundleControllerError(f"bundle {path}: {CONTROLLER}: {shown(error)}") from error
     return f"{nodes} nodes, of a control step's operators alone"
+
+
+def _verify_estimator(path: Path, contents: Mapping[str, bytes], manifest: Manifest) -> str:
+    content = contents.get(ESTIMATOR)
+    if manifest.sensor_estimator is None:
+        if content is not None:
+            raise BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} says nothing of it (sensor_estimator)")
+        return "none"
+    if content is None:
+        raise BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
+    try:
+        nodes = check_estimator_graph(content, Sizes.of(manifest))
+    except ValueError as error:
+        raise BundleControllerError(f"bundle {path}: {ESTIMATOR}: {shown(error)}") from error
+    return f"{nodes} nodes"
 
 
 def sha256(data: bytes) -> str:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from datetime import date
 from math import isfinite
 from pathlib import Path
+from types import NoneType
 from typing import Any, Final, Literal, NamedTuple, get_args, get_type_hints
 
 import dacite
@@ -21,9 +22,13 @@ from contract.release.printable import MAX_NAME, is_name, quoted, shown
 from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 
-SCHEMA: Final = "stillwake-bundle/3"
-OLD_SCHEMA: Final = "stillwake-bundle/2"
-"""Still read: it has all fields of the present one but `sensor_positions`."""
+SCHEMA: Final = "stillwake-bundle/4"
+NEW_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
+    SCHEMA: (),
+    "stillwake-bundle/3": ("sensor_estimator",),
+    "stillwake-bundle/2": ("sensor_estimator", "sensor_positions"),
+}
+"""The schemas that are read, and the fields that came after each; a bundle of that schema has None there."""
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
 """Of the window and of the horizon: hundreds of times the release's, and still no burden to allocate."""
@@ -58,6 +63,26 @@ class Scaling:
         return (*self.pressure_std, self.action_std)
 
 
+FAST_PERIODS: Final = 4
+SLOW_PERIODS: Final = 64
+"""Control periods over which the ECU's sensor check averages residuals: a sixth of a shedding cycle, which takes most
+of a sensor's noise away, and two cycles, in which a small bias or a drift stands out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorEstimator:
+    """What residuals `sensors.onnx` leaves on sound sensors; a figure for every pair of them.
+
+    Row j, column i is of sensor i, estimated without j and, as always, without itself: of all the others if i = j.
+
+    Attributes:
+        fast, slow: (S, S) root mean square of the residuals in Cp, averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
+    """
+
+    fast: tuple[tuple[float, ...], ...]
+    slow: tuple[tuple[float, ...], ...]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
     """What the controller in a bundle assumes about the vehicle around it.
@@ -73,7 +98,8 @@ class Manifest:
         control_period: in t_c.
         action_limit: bound on |a| the optimiser keeps.
         operating_point: units of the bus.
-        mpc: horizon, iterations, learning rate, default weights.
+        mpc: horizon, iterations, learning rate, weights of the cost. The ECU gives the weights to the controller in
+            every step: those inside it, from its export, count without a manifest only.
         budget_ms: latest answer after a pressure frame.
         compute_time_ms: what of it the release's settings allot to the control step.
         dataset_sha256: of the recording that the model was fitted to.
@@ -82,6 +108,7 @@ class Manifest:
             library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and what the export's gates measured.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None where nobody stated them.
+        sensor_estimator: of `sensors.onnx`; None without that file.
     """
 
     name: str
@@ -101,11 +128,14 @@ class Manifest:
     program_sha256: str
     provenance: Mapping[str, Any]
     sensor_positions: tuple[tuple[float, float], ...] | None = None
+    sensor_estimator: SensorEstimator | None = None
 
     def __post_init__(self) -> None:
         if not is_name(self.name):
             raise BundleManifestError(f"name {quoted(self.name)}: must be 1 to {MAX_NAME} printable characters")
         self._check_sensors()
+        if self.sensor_estimator is not None:
+            self._check_estimator(self.sensor_estimator)
         for name, values, count in (
             ("pressure_mean", self.scaling.pressure_mean, len(self.sensors)),
             ("pressure_std", self.scaling.pressure_std, len(self.sensors)),
@@ -144,6 +174,16 @@ class Manifest:
             date.fromisoformat(self.created)
         except ValueError as error:
             raise BundleManifestError(f"created = {quoted(self.created)}: must be a date, YYYY-MM-DD") from error
+
+    def _check_estimator(self, estimator: SensorEstimator) -> None:
+        count = len(self.sensors)
+        for name in ("fast", "slow"):
+            table = getattr(estimator, name)
+            if len(table) != count or any(len(row) != count for row in table):
+                raise BundleManifestError(f"sensor_estimator.{name}: must have {count} rows of {count} values")
+            for value in (value for row in table for value in row):
+                if not (value > 0 and isfinite(value)):
+                    raise BundleManifestError(f"sensor_estimator.{name}: {value!r} must be positive and finite")
 
     def _check_sensors(self) -> None:
         if len(self.sensors) > MAX_SENSORS:
@@ -202,9 +242,10 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
         found = digest_of({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc})
     except (ValueError, KeyError, TypeError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
-    if schema not in (SCHEMA, OLD_SCHEMA):
+    if not isinstance(schema, str) or schema not in NEW_FIELDS:
+        *most, last = map(repr, NEW_FIELDS)
         raise BundleManifestError(
-            f"bundle {path}: schema {quoted(schema)}, this version reads {SCHEMA!r} and {OLD_SCHEMA!r}"
+            f"bundle {path}: schema {quoted(schema)}, this version reads {', '.join(most)} and {last}"
         )
     if found != digest:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
@@ -223,10 +264,10 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 def parse(path: Path, opened: Opened) -> Manifest:
     """Its fields; raises BundleManifestError for one that is missing, unknown or makes no sense."""
     body = dict(opened.body)
-    if opened.schema == OLD_SCHEMA:
-        if "sensor_positions" in body:
-            raise BundleManifestError(f"bundle {path}: {MANIFEST}: sensor_positions: unknown in schema {OLD_SCHEMA!r}")
-        body["sensor_positions"] = None
+    for name in NEW_FIELDS[opened.schema]:
+        if name in body:
+            raise BundleManifestError(f"bundle {path}: {MANIFEST}: {name}: unknown in schema {opened.schema!r}")
+        body[name] = None
     try:
         tree = _checked(Manifest, body)
         return dacite.from_dict(Manifest, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
@@ -251,8 +292,9 @@ def _checked(kind: type[Any], tree: Any, above: str = "") -> dict[str, Any]:
         if item.name not in tree:
             raise BundleManifestError(f"{name} is missing")
         value = tree[item.name]
-        if isinstance(hint, type) and is_dataclass(hint):
-            checked[item.name] = _checked(hint, value, f"{name}.")
+        part = next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)
+        if part is not None and not (value is None and NoneType in get_args(hint)):
+            checked[item.name] = _checked(part, value, f"{name}.")
         elif item.name != "provenance":
             checked[item.name] = _without_lists(name, value)
     return checked

@@ -1,9 +1,10 @@
-"""`controller.onnx`, judged before ONNX Runtime sees it: it holds one control step, and nothing that acts otherwise.
+"""A bundle's graphs, judged before ONNX Runtime sees them: each holds one computation, and nothing that acts otherwise.
 
 A bundle may come from anyone, and a signature says who made it, not that it is sound. ONNX can read files beside the
 model, loop without end, and bring operators of its own. So a graph may hold what `export.to_onnx` writes, and nothing
 more: the operators in `OPERATORS` with those attributes, constants that are in the file and finite, `Scan` with bodies
-of the same kind, and exactly the inputs and outputs of `contract.controller.interface`.
+of the same kind, and exactly the inputs and outputs of `contract.controller.interface`, or of
+`contract.controller.estimator`.
 
 What is left is ONNX's own business, which ONNX Runtime checks when it loads: types, shapes between nodes, names.
 """
@@ -14,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from contract.controller.estimator import ESTIMATOR_INPUT, ESTIMATOR_OUTPUT, estimator_shapes
 from contract.controller.interface import INPUTS, OUTPUTS, Sizes
 from contract.release.printable import is_name, quoted
 from contract.release.protobuf import Field, Kind, Message, read
@@ -121,6 +123,24 @@ def check_graph(content: bytes, sizes: Sizes) -> int:
     Raises:
         ValueError: it is no such graph; the message names what is in the way.
     """
+    return _check(content, sizes.shapes(), inputs=INPUTS, outputs=OUTPUTS, default=INPUTS[-1])
+
+
+def check_estimator_graph(content: bytes, sizes: Sizes) -> int:
+    """The same for the file that estimates pressures."""
+    shapes = estimator_shapes(sizes.window, sizes.sensors)
+    return _check(content, shapes, inputs=(ESTIMATOR_INPUT,), outputs=(ESTIMATOR_OUTPUT,), default=None)
+
+
+def _check(
+    content: bytes,
+    shapes: Mapping[str, tuple[int, ...]],
+    *,
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    default: str | None,
+) -> int:
+    """Judge a file with these inputs, of which one may have a default, and outputs; how many nodes it has."""
     if len(content) > MAX_BYTES:
         raise ValueError(f"it has {len(content)} bytes: at most {MAX_BYTES}")
     model = _read("the file", memoryview(content), _MODEL)
@@ -131,7 +151,25 @@ def check_graph(content: bytes, sizes: Sizes) -> int:
     _check_versions(model)
     if model["graph"] is None:
         raise ValueError("it has no graph")
-    return _check_main(_read("the graph", model["graph"], _GRAPH), sizes.shapes())
+    graph = _read("the graph", model["graph"], _GRAPH)
+    for direction, names in (("input", inputs), ("output", outputs)):
+        found = _signature(direction, graph)
+        for name in found:
+            if name not in names:
+                raise ValueError(f"{direction} {quoted(name)}: must be one of {', '.join(names)}")
+        for name in names:
+            if name not in found:
+                raise ValueError(f"{direction} {name!r} is missing")
+            if found[name] != shapes[name]:
+                raise ValueError(f"{name!r} has shape {found[name]}, must have {shapes[name]}")
+    constants = _constants(graph)
+    for name in inputs:
+        if name != default and name in constants:
+            only = "none" if default is None else f"only {default!r}"
+            raise ValueError(f"input {name!r} has a default: {only} may")
+    if default is not None and default not in constants:
+        raise ValueError(f"input {default!r} has no default")
+    return _check_nodes(graph, 0, MAX_NODES)
 
 
 def _read(where: str, data: memoryview, schema: Mapping[int, Field]) -> Message:
@@ -150,26 +188,6 @@ def _check_versions(model: Message) -> None:
         )
     if opsets[0]["version"] not in OPSETS:
         raise ValueError(f"its operators are of version {opsets[0]['version']}: must be {OPSETS[0]}")
-
-
-def _check_main(graph: Message, shapes: Mapping[str, tuple[int, ...]]) -> int:
-    for direction, names in (("input", INPUTS), ("output", OUTPUTS)):
-        found = _signature(direction, graph)
-        for name in found:
-            if name not in names:
-                raise ValueError(f"{direction} {quoted(name)}: must be one of {', '.join(names)}")
-        for name in names:
-            if name not in found:
-                raise ValueError(f"{direction} {name!r} is missing")
-            if found[name] != shapes[name]:
-                raise ValueError(f"{name!r} has shape {found[name]}, must have {shapes[name]}")
-    constants = _constants(graph)
-    for name in INPUTS[:-1]:
-        if name in constants:
-            raise ValueError(f"input {name!r} has a default: only {INPUTS[-1]!r} may")
-    if INPUTS[-1] not in constants:
-        raise ValueError(f"input {INPUTS[-1]!r} has no default")
-    return _check_nodes(graph, 0, MAX_NODES)
 
 
 def _check_nodes(graph: Message, depth: int, left: int) -> int:

@@ -35,6 +35,7 @@ class BundlePolicy:
         self._columns = layout.indices(manifest.sensors)
         self._shape = (manifest.window, len(manifest.sensors) + 1)
         self._horizon = manifest.mpc.horizon
+        self._weights = np.array(manifest.mpc.weights.as_tuple())
         self._controller = OnnxController.of(bundle) if controller is None else controller
 
     def start(self) -> Array:
@@ -51,7 +52,7 @@ class BundlePolicy:
         after = self._unpacked(memory, action).observed(Cp[self._columns])
         if not after.is_full:
             return 0.0, _packed(after)
-        after, answer = after.planned(self._controller)
+        after, answer = after.planned(self._controller, self._weights)
         return float(answer.plan[0]), _packed(after)
 
     def _unpacked(self, memory: Array, action: float) -> ControllerMemory:

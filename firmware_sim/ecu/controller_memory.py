@@ -96,6 +96,13 @@ class ControllerMemory:
         """Without rows; plan and actions under way stay."""
         return replace(self, window=np.zeros_like(self.window), rows=0) if self.rows else self
 
+    def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
+        """With other pressures of one sensor, (L,), in the rows that have come."""
+        window = self.window.copy()
+        first = len(window) - self.rows
+        window[first:, sensor] = values[first:]
+        return replace(self, window=_read_only(window))
+
     def commanded(self, action: float) -> "ControllerMemory":
         """With an action sent in this period, in U_inf W."""
         return ControllerMemory(

@@ -25,12 +25,14 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError
+from contract.controller.onnx_estimator import OnnxEstimator
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.pressure_reception import PressureReception
+from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 from firmware_sim.ecu.timing import Timing
 
@@ -113,7 +115,8 @@ class Ecu:
         manifest = bundle.manifest
         self._bundle_hash = bundle.short_hash
         self._controller = controller
-        self._weights = None if weights is None else np.array(weights.as_tuple())
+        # Always said: a renewed bundle's weights are the manifest's, its graph's own those it was exported with.
+        self._weights = np.array((manifest.mpc.weights if weights is None else weights).as_tuple())
         self._config = config
         self._messages = message_set(config.bus)
         self._key = key_of(authentication, config.bus)
@@ -127,6 +130,7 @@ class Ecu:
             dynamic_pressure=config.operating_point.dynamic_pressure,
             fresh_age_ns=self._limits.fresh_age_ns,
         )
+        self._sensor_check = sensor_check_of(bundle, config)
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
         start = EcuState.power_on(
             window=manifest.window,
@@ -199,12 +203,13 @@ class Ecu:
         pressure_ns = received.sampled_ns if usable else state.pressure_ns
         pressure_counter = received.counter if usable else state.pressure_counter
         memory = self._with_row(self._after_silence(state.memory, timing), received.cp)
+        sensors, memory, sensor_fault = self._checked(state.sensors, memory, received.cp, timing.skipped)
         inputs = PeriodInputs(
             usable=usable,
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            fault=timing.fault or _bus_fault(state.health, health) or self._other_ecu(frames) or fault,
+            fault=timing.fault or _bus_fault(state.health, health) or self._other_ecu(frames) or sensor_fault or fault,
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)
@@ -232,6 +237,7 @@ class Ecu:
             pressure_counter=pressure_counter,
             overruns=state.overruns + timing.skipped,
             missed=state.missed + (not usable),
+            sensors=sensors,
             health=health,
             verifier=received.verifier,
             freshness=state.freshness.next(),
@@ -273,6 +279,17 @@ class Ecu:
     def _with_row(self, memory: ControllerMemory, cp: Array | None) -> ControllerMemory:
         """The memory with this period's row."""
         return memory.bridged(self._longest_gap) if cp is None else memory.observed(cp)
+
+    def _checked(
+        self, state: SensorCheckState, memory: ControllerMemory, cp: Array | None, skipped: int
+    ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
+        """The sensor check after this period, the memory without a sensor that lies, and why the jets must shut."""
+        if self._sensor_check is None:
+            return state, memory, None
+        after, fault = self._sensor_check.next(state, memory.window, memory.rows, cp, skipped=skipped)
+        if after.set_aside is not None:
+            memory = memory.with_column(after.set_aside, after.estimates[:, after.set_aside])
+        return after, memory, fault
 
     def _as_sent(self, flow_m2_per_s: float) -> float:
         """The action that a command leads to, in U_inf W: the nearest step of the wire."""
@@ -317,6 +334,13 @@ class Ecu:
         if mode is OperatingMode.DECAY:
             return _Decision(memory=memory, action=0.5 * latest)
         return _Decision(memory=memory.without_plan(), action=0.0)
+
+
+def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
+    """The check of a bundle's pressures; None if it has no estimator, or the settings want none."""
+    figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
+    estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
+    return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:

@@ -14,6 +14,7 @@ from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.receiver import VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
 from firmware_sim.ecu.controller_memory import ControllerMemory
+from firmware_sim.ecu.sensor_check import SensorCheckState
 from firmware_sim.ecu.state_machine import FailSafe
 from firmware_sim.ecu.timing import Timing
 
@@ -35,6 +36,7 @@ class EcuState:
         health: of the CAN controller, as of the latest step.
         verifier: what authentication refused of the Pressure message, and accepted last.
         freshness: of the next JetCommand and the next EcuStatus.
+        sensors: whether the pressures are to be believed.
     """
 
     memory: ControllerMemory
@@ -47,6 +49,7 @@ class EcuState:
     pressure_counter: int | None
     overruns: int
     missed: int
+    sensors: SensorCheckState
     health: BusHealth = HEALTHY
     verifier: VerifierState = field(default_factory=VerifierState)
     freshness: Freshness = field(default_factory=Freshness)
@@ -65,6 +68,7 @@ class EcuState:
             pressure_counter=None,
             overruns=0,
             missed=0,
+            sensors=SensorCheckState.start(window=window, sensors=sensors),
         )
 
     def status(self, bundle_hash: int) -> EcuStatus:
@@ -81,4 +85,5 @@ class EcuState:
             tx_errors=min(self.health.tx_errors, ERROR_LIMIT),
             rx_errors=min(self.health.rx_errors, ERROR_LIMIT),
             bundle_hash=bundle_hash,
+            set_aside=self.sensors.mask,
         )

@@ -1,6 +1,7 @@
 """The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|renew`."""
 
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,14 +10,16 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from rich.markup import escape
 from rich.table import Table
 
+from contract.config.loading import Loaded
 from contract.errors import BundleError
 from contract.release import bundle as bundles
 from contract.release import signing
-from contract.release.bundle import Bundle
+from contract.release.bundle import Bundle, MadeEstimator
+from contract.release.manifest import Manifest
 from stillwake.outputs import Overwrite, check_output
 from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.settings import settings
-from stillwake.terminal import Overrides, console
+from stillwake.terminal import Overrides, console, progress_bar
 
 bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
 
@@ -46,19 +49,27 @@ def renew(
     name: Annotated[str, typer.Option(help="Name of the new bundle.")],
     key: KeyFile,
     trust: Trust = None,
+    sensors: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DATASET", help="Fit a new sensor estimator for the bundle, from this data set: takes minutes."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Make a bundle of the same controller for this version's stillwake.dbc, and sign it.
 
     The old bundle must be in order but for its DBC. The new one names it by its hash.
-    With --set operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed.
+    With --set operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with
+    --set mpc.weights.lift=0.1 it weighs the cost anew. A sensor estimator that it has is kept; with --sensors it gets
+    one, or another one.
     """
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip")
     _, trusted = locate(path, trust)
     private = signing.read_private_key(key)
-    loaded = settings("bundle renew", None, overrides, uses=["operating_point"])
-    given = [name.removeprefix("operating_point.") for name in loaded.given]
+    loaded = settings("bundle renew", None, overrides, uses=["operating_point", "mpc.weights"])
+    estimator = None if sensors is None else partial(fitted_estimator, sensors)
     renewed = bundles.renew(
         path,
         output,
@@ -66,10 +77,47 @@ def renew(
         created=date.today().isoformat(),
         key=private,
         trusted=trusted,
-        operating_point={name: getattr(loaded.config.operating_point, name) for name in given},
+        operating_point=_given(loaded, "operating_point.", loaded.config.operating_point),
+        weights=_given(loaded, "mpc.weights.", loaded.config.mpc.weights),
+        estimator=estimator,
     )
     console.print(*describe(renewed), sep="\n", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
+
+
+def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
+    """What the user set of a section, by name."""
+    names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
+    return {name: getattr(values, name) for name in names}
+
+
+def fitted_estimator(dataset: Path, manifest: Manifest) -> MadeEstimator:
+    """A sensor estimator for a controller, fitted to a data set."""
+    from contract.recording.dataset import read
+    from export.to_onnx.sensor_estimator import build_estimator
+    from train.sensor_estimator import fit_estimator
+
+    recording = read(dataset)
+    with progress_bar("batches") as bar:
+        task = bar.add_task("sensor estimator", total=None, note="")
+        fitted = fit_estimator(
+            recording,
+            manifest.sensors,
+            manifest.window,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    r2 = dict(zip(manifest.sensors, fitted.r2, strict=True))
+    explained = ", ".join(f"{name} {value:.3f}" for name, value in r2.items())
+    console.print(f"R2 of each sensor by the others, on {' and '.join(fitted.judged_on)}: {explained}", soft_wrap=True)
+    return MadeEstimator(
+        graph=build_estimator(fitted.network).SerializeToString(),
+        figures=fitted.figures,
+        provenance={
+            "dataset_sha256": bundles.sha256(dataset.read_bytes()),
+            "judged_on": fitted.judged_on,
+            "r2": r2,
+        },
+    )
 
 
 @bundle.command()
@@ -124,6 +172,8 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("scaling action", f"{scaling.action_std:.4f}"),
         *((f"scaling {name}", f"{mean:.4f} +- {std:.4f}")
           for name, mean, std in zip(("Cd", "Cl"), scaling.force_mean, scaling.force_std, strict=True)),
+        *((f"sensor estimate {name}", f"Cp +- {manifest.sensor_estimator.fast[j][j]:.4f} by the others")
+          for j, name in enumerate(manifest.sensors) if manifest.sensor_estimator is not None),
         ("data set SHA-256", manifest.dataset_sha256),
         ("weights SHA-256", manifest.weights_sha256),
         ("program SHA-256", manifest.program_sha256),

@@ -123,6 +123,8 @@ def run(
     weights = cost_weights(loaded, release)
     config = replace(loaded.config, mpc=replace(release.manifest.mpc, weights=weights))
     console.print(*describe(release), sep="\n", soft_wrap=True)
+    if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
+        console.print("sensor check: off, this bundle has no sensor estimator", soft_wrap=True)
     controller = None
     if library is not None:
         controller = open_library(library, release)

@@ -77,17 +77,22 @@ def leaves(tree: dict[str, Any], above: str = "") -> list[str]:
 
 def test_the_shipped_manifest_reads_and_has_no_positions():
     manifest = read((BUNDLE / MANIFEST).read_bytes())
-    assert SHIPPED["schema"] == "stillwake-bundle/3"
+    assert SHIPPED["schema"] == "stillwake-bundle/4"
     assert manifest.sensor_positions is None
     assert read(sealed(SHIPPED)) == manifest
 
 
-OLD = {name: value for name, value in SHIPPED.items() if name != "sensor_positions"} | {"schema": "stillwake-bundle/2"}
+UNKNOWING = {name: value for name, value in SHIPPED.items() if name != "sensor_estimator"}
+FORMER = UNKNOWING | {"schema": "stillwake-bundle/3"}
+OLD = {name: value for name, value in UNKNOWING.items() if name != "sensor_positions"} | {
+    "schema": "stillwake-bundle/2"
+}
 """As the version before wrote it."""
 
 
 def test_a_manifest_of_the_old_schema_means_the_same():
-    assert read(sealed(OLD)) == read(sealed(SHIPPED))
+    for body in (FORMER, OLD):
+        assert read(sealed(body)) == replace(read(sealed(SHIPPED)), sensor_estimator=None)
 
 
 def test_the_old_schema_knows_no_positions():
@@ -216,7 +221,7 @@ PLACES = ((0.1, 0.5), (0.1, -0.5), (1.0, 0.25), (1.0, -0.25))
 
 def test_positions_are_written_and_read():
     raw = encode(placed(PLACES), {CONTROLLER: "0" * 64}, "0" * 64)
-    assert json.loads(raw)["schema"] == "stillwake-bundle/3"
+    assert json.loads(raw)["schema"] == "stillwake-bundle/4"
     assert read(raw) == placed(PLACES)
     unplaced = encode(placed(None), {CONTROLLER: "0" * 64}, "0" * 64)
     assert json.loads(unplaced)["sensor_positions"] is None
@@ -254,4 +259,31 @@ def test_a_provenance_that_json_cannot_say_is_not_written():
 
 
 def test_the_shipped_bundle_is_whole():
-    assert [check.error for check in bundle.examine(BUNDLE)] == [None] * 7
+    assert [check.error for check in bundle.examine(BUNDLE)] == [None] * 9
+
+
+def test_the_former_schema_knows_no_estimator():
+    assert "sensor_estimator: unknown in schema 'stillwake-bundle/3'" in refusal(
+        sealed({**FORMER, "sensor_estimator": None})
+    )
+
+
+def test_the_present_schema_needs_to_say_whether_there_is_an_estimator():
+    assert "sensor_estimator is missing" in refusal(sealed(UNKNOWING))
+    assert read(sealed({**SHIPPED, "sensor_estimator": None})).sensor_estimator is None
+
+
+@pytest.mark.parametrize("name", ["fast", "slow"])
+@pytest.mark.parametrize(
+    "table",
+    [[[0.1] * 4] * 3, [[0.1] * 3] * 4, [[0.1] * 4] * 3 + [[0.1, 0.1, 0.1, 0.0]], [0.1] * 4, None, [["a"] * 4] * 4],
+)
+def test_an_estimator_has_a_positive_figure_for_every_two_sensors(name, table):
+    assert "sensor_estimator" in refusal(sealed(changed(f"sensor_estimator.{name}", table)))
+
+
+def test_an_estimator_is_a_table():
+    odd: tuple[object, ...] = ([], 3.0, "yes", True)
+    for value in odd:
+        assert "sensor_estimator" in refusal(sealed(changed("sensor_estimator", value)))
+    assert "sensor_estimator.slow is missing" in refusal(sealed(without("sensor_estimator.slow")))

@@ -1,5 +1,6 @@
 """`bundle renew`: a bundle for another version's DBC becomes one for this version's; nothing else about it changes."""
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -8,14 +9,18 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.loading import load_config
+from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
 from contract.operating_point import OperatingPoint
+from contract.recording import dataset
+from contract.recording.dataset import Dataset
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST
 from firmware_sim.ecu.fit import check_vehicle
 from stillwake.shipped import BUNDLE
 from tests.stillwake.commands.resealing import resealed
+from tests.train.test_sensor_estimator import episode
 
 OLD_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 NEW_KEY = Ed25519PrivateKey.from_private_bytes(bytes([7]) * 32)
@@ -55,6 +60,32 @@ def test_the_new_one_has_the_same_controller_and_says_where_it_comes_from(cli, o
     assert found.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
     for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):
         assert getattr(found.manifest, name) == before[name]
+
+
+def test_a_sensor_estimator_is_kept_or_fitted_anew(cli, old, keys, tmp_path):
+    assert renew(cli, old, keys, tmp_path).code == 0
+    kept = bundle.load(tmp_path / "new")
+    assert kept.files[ESTIMATOR] == (old / ESTIMATOR).read_bytes()
+    recording = tmp_path / "short.h5"
+    dataset.write(recording, Dataset(episodes=(episode("a", "train", 100),)))
+    done = renew(cli, old, keys, tmp_path, "--sensors", recording, target="fitted")
+    assert done.code == 0, done.err
+    assert "R2 of each sensor by the others, on train: lower_36" in done.out
+    fitted = bundle.load(tmp_path / "fitted")
+    assert fitted.files[ESTIMATOR] != kept.files[ESTIMATOR]
+    assert fitted.files[CONTROLLER] == kept.files[CONTROLLER]
+    said = fitted.manifest.provenance["sensor_estimator"]
+    assert said["dataset_sha256"] == hashlib.sha256(recording.read_bytes()).hexdigest()
+    assert set(said["r2"]) == set(fitted.manifest.sensors)
+
+
+def test_a_data_set_that_does_not_do_leaves_nothing_behind(cli, old, keys, tmp_path):
+    recording = tmp_path / "short.h5"
+    dataset.write(recording, Dataset(episodes=(episode("a", "train", 20),)))
+    refused = renew(cli, old, keys, tmp_path, "--sensors", recording)
+    assert refused.code == 1
+    assert "no training episode is longer than the window of 32" in refused.err
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_signature_can_be_demanded_of_the_old_one(cli, old, keys, tmp_path):

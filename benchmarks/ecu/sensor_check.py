@@ -1,0 +1,340 @@
+"""The ECU's sensor check over the whole recording: false alarms an hour, and how soon it finds which liar.
+
+    python -m benchmarks sensor-check --json results/sensor_check.json
+
+The shipped bundle's check reads the recording as the ECU would, rounded to the wire's steps. First with sound sensors,
+also with noise and with frames lost: each sensor set aside, and each doubt that would shut the jets, is a false alarm,
+after which the check starts anew. Then with faults that begin at many places of the recording. The flow does not answer
+here as it does in the loop, where a liar moves the jets.
+
+The estimates of a whole episode are computed at once, by NumPy with the graph's own constants, and the first ones are
+compared with ONNX Runtime's; all else is the ECU's code, period by period.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import log
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, save, track
+from can_bridge.wire.message_specs import PRESSURE_RESOLUTION_PA
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, pairs, views
+from contract.errors import StillwakeError
+from contract.recording import dataset
+from contract.release.bundle import Bundle
+from contract.results import versions
+from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Swapped, Zero
+from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
+from firmware_sim.ecu.ecu import sensor_check_of
+from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
+from stillwake.releases import open_release
+from wake.shipped import RECORDING
+
+LONGEST: Final = 250
+"""Periods after a fault's begin in which it is to be found: ten shedding cycles."""
+FIRST: Final = 200
+"""Of an episode, from which on faults begin."""
+DRIFT_PERIODS: Final = 100
+DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
+"""What sound sensors are read through, besides the wire: noise in global deviations, frames lost at random."""
+
+
+class Passage(NamedTuple):
+    """An episode as the ECU reads it.
+
+    Attributes:
+        role: of the episode.
+        cp: (n, S) readings.
+        actions: (n,) in force.
+        heard: (n,) whether the frame came.
+    """
+
+    role: str
+    cp: Array
+    actions: Array
+    heard: npt.NDArray[np.bool_]
+
+
+class Moment(NamedTuple):
+    """Where a fault may begin: in the passage, at the step, with the ECU's state after the step before."""
+
+    passage: Passage
+    step: int
+    state: SensorCheckState
+
+
+class Ahead:
+    """Estimates that are computed beforehand; `at` says for which step they are asked."""
+
+    def __init__(self, found: Array) -> None:
+        self._found = found
+        self.at = 0
+
+    def estimates(self, window: Array) -> Array:
+        """See `firmware_sim.ecu.sensor_check.Estimator`."""
+        del window
+        found: Array = self._found[self.at]
+        return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lab:
+    """The shipped check and its network.
+
+    Attributes:
+        check: as the ECU has it.
+        network: that of its graph.
+    """
+
+    check: SensorCheck
+    network: EstimatorNetwork
+
+    def read(
+        self, passage: Passage, first: int = 0, last: int | None = None
+    ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
+        """For each step what the check makes of a state in it."""
+        length = self.network.window
+        windows = _windows(passage, length)[first:last]
+        ahead = Ahead(_estimates(self.network, windows))
+        check = replace(self.check, estimator=ahead)
+        for number, window in enumerate(windows):
+            step = first + number
+            cp = passage.cp[step] if passage.heard[step] else None
+
+            def after(
+                state: SensorCheckState, window: Array = window, cp: Array | None = cp, step: int = step
+            ) -> SensorCheckState:
+                return check.next(state, window, min(step + 1, length), cp)[0]
+
+            ahead.at = number
+            yield step, after
+
+    def agrees(self, passage: Passage) -> None:
+        """Raises StillwakeError unless the network computes what ONNX Runtime does."""
+        windows = _windows(passage, self.network.window)[:100]
+        found = np.stack([self.check.estimator.estimates(window) for window in windows])
+        # Single precision on either side: sums of some hundred terms of order one.
+        if not np.allclose(found, _estimates(self.network, windows), atol=1e-5):
+            raise StillwakeError("NumPy and ONNX Runtime estimate different pressures from the same constants")
+
+
+class Outcome(NamedTuple):
+    """What came of a fault: the sensor set aside, whether the jets were shut instead, and after how many periods."""
+
+    set_aside: int | None
+    shut: bool
+    periods: int
+
+
+def main(
+    bundle: Annotated[Path | None, typer.Option(help="Bundle; default: the shipped one.")] = None,
+    every: Annotated[int, typer.Option(help="Control steps between two places where faults begin.", min=1)] = 1500,
+    json_file: JsonFile = None,
+) -> None:
+    """False alarms of the sensor check, and what it finds of each fault."""
+    config = Config()
+    release = open_release(bundle, None)
+    check = sensor_check_of(release, config)
+    if check is None:
+        raise StillwakeError(f"bundle {release.manifest.name}: has no sensor estimator")
+    passages = _passages(release, config)
+    alarms, moments = [], list[Moment]()
+    lab = Lab(check=check, network=_network(release.files[ESTIMATOR], release.manifest.window))
+    lab.agrees(passages[0])
+    for through in DISTURBED:
+        places = every if through == "none" else None
+        for passage in track(passages, f"sound sensors, {through}", "episodes"):
+            found = list(_false_alarms(lab, _read_through(passage, through), places))
+            alarms.append((through, passage.role, len(passage.cp), sum(isinstance(one, str) for one in found)))
+            moments += [one for one in found if isinstance(one, Moment)]
+    figures: dict[str, Any] = {
+        "false_alarms": _rates(alarms, config),
+        "faults": _faults(lab, release, moments),
+        "step_us": _times(check, moments[0], release.manifest.window),
+    }
+    for name in ("false_alarms", "faults"):
+        rows = figures[name]
+        table = Table(*rows[0])
+        for row in rows:
+            table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
+        console.print(table)
+    console.print(
+        "a step of the check: " + ", ".join(f"{name} {value:.0f} us" for name, value in figures["step_us"].items())
+    )
+    save(json_file, figures=figures, facts={"bundle": release.manifest.name, "digest": release.digest, "every": every,
+         "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check),
+         "versions": versions("numpy", "onnxruntime")})  # fmt: skip
+
+
+def _passages(release: Bundle, config: Config) -> list[Passage]:
+    recording = dataset.read(RECORDING)
+    columns = recording.layout.indices(release.manifest.sensors)
+    step = PRESSURE_RESOLUTION_PA / config.operating_point.dynamic_pressure
+    return [
+        Passage(
+            role="controlled" if item.provenance["forcing_signal"] == "controlled" else item.role,
+            cp=np.round(item.series["Cp"][:, columns] / step) * step,
+            actions=item.previous_action,
+            heard=np.ones(len(item), dtype=bool),
+        )
+        for item in recording.episodes
+    ]
+
+
+def _read_through(passage: Passage, through: str) -> Passage:
+    kind, _, level = through.partition(" ")
+    if kind == "noise":
+        unit = np.full(passage.cp.shape[1], GLOBAL_DEVIATION)
+        return passage._replace(cp=Noise(float(level), unit, seed=1)(passage.cp))
+    if kind == "lost":
+        return passage._replace(heard=np.random.default_rng(1).random(len(passage.cp)) >= float(level))
+    return passage
+
+
+def _windows(passage: Passage, length: int) -> Array:
+    """(n, L, S+1): the controller's window at every step; a lost frame's row has the pressures before it."""
+    last = np.maximum.accumulate(np.where(passage.heard, np.arange(len(passage.cp)), 0))
+    rows = np.column_stack([passage.cp[last], passage.actions])
+    padded = np.concatenate([np.repeat(rows[:1], length - 1, axis=0), rows])
+    return np.lib.stride_tricks.sliding_window_view(padded, length, axis=0).transpose(0, 2, 1)
+
+
+def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
+    """(n, V, S) of the windows, in single precision."""
+    sensors, found = network.sensors, []
+    scaled = ((windows - network.mean) / network.std).astype(np.float32)
+    layers = [(weight.T.astype(np.float32), bias.astype(np.float32)) for weight, bias in network.layers]
+    for view in views(sensors):
+        order = view.order(sensors)
+        seen = scaled
+        if view.exchanged:
+            seen = ((windows[:, :, order] - network.mean) / network.std).astype(np.float32)
+        kept = np.ones(sensors + 1, dtype=np.float32)
+        kept[list(view.left_out)] = 0.0
+        hidden = np.broadcast_to(1.0 - kept[:-1], (len(windows), sensors))
+        values = np.concatenate([(seen * kept).reshape(len(windows), -1), hidden], axis=1)
+        for number, (weight, bias) in enumerate(layers):
+            values = (np.maximum(values, 0.0) if number else values) @ weight + bias
+        found.append(values * network.std[:-1] + network.mean[:-1])
+    return np.stack(found, axis=1)
+
+
+def _network(content: bytes, window: int) -> EstimatorNetwork:
+    """The network of a `sensors.onnx`, by the names of its constants."""
+    import onnx
+
+    constants = {item.name.rsplit("_", 1)[0]: onnx.numpy_helper.to_array(item).astype(np.float64)
+                 for item in onnx.load_from_string(content).graph.initializer}  # fmt: skip
+    layers = [(constants[f"layer_{k}.weight"], constants[f"layer_{k}.bias"]) for k in range(3)]
+    deviations = 1.0 / constants["kept / std"].max(axis=(0, 1))
+    return EstimatorNetwork(window=window, mean=constants["mean"], std=deviations, layers=layers)
+
+
+def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
+    """A word for every false alarm, and the places where faults may begin."""
+    fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
+    state = fresh
+    for step, after in lab.read(passage):
+        if every and step >= FIRST and (step - FIRST) % every == 0 and step + LONGEST <= len(passage.cp):
+            yield Moment(passage=passage, step=step, state=state)
+        state = after(state)
+        if state.set_aside is not None or state.implausible:
+            yield "shut" if state.implausible else "set aside"
+            state = fresh
+
+
+def _rates(alarms: Sequence[tuple[str, str, int, int]], config: Config) -> list[dict[str, Any]]:
+    found = []
+    for through in DISTURBED:
+        roles = dict.fromkeys(role for one, role, _, _ in alarms if one == through)
+        for role in (*roles, "all"):
+            chosen = [item for item in alarms if item[0] == through and role in (item[1], "all")]
+            hours = sum(item[2] for item in chosen) * config.period_ns / 3.6e12
+            count = sum(item[3] for item in chosen)
+            # With none, the rate is below this at 95 % confidence (Poisson).
+            bound = -log(0.05) / hours if count == 0 else None
+            found.append({"through": through, "role": role, "hours": hours, "alarms": count,
+                          "per_hour": count / hours, "below_per_hour": bound})  # fmt: skip
+    return found
+
+
+def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[str, Any]]:
+    names = release.manifest.sensors
+    unit = np.full(len(names), GLOBAL_DEVIATION)
+    single: dict[str, Callable[[int], SensorFault]] = {
+        "dead": Zero,
+        "stuck": Dead,
+        "bias +1": lambda j: Bias(1.0, unit, j),
+        "bias -1": lambda j: Bias(-1.0, unit, j),
+        "bias +2": lambda j: Bias(2.0, unit, j),
+        "bias -2": lambda j: Bias(-2.0, unit, j),
+        f"drift 2 in {DRIFT_PERIODS}": lambda j: Drift(2.0, unit, j, steps=DRIFT_PERIODS),
+    }
+    cases: list[tuple[str, tuple[int, ...], Callable[[], list[SensorFault]]]] = [
+        (name, (j,), partial(_on_each, make, (j,))) for name, make in single.items() for j in range(len(names))
+    ]
+    both = pairs(len(names))
+    cases += [("swapped", pair, partial(_swapped, pair)) for pair in both]
+    cases += [("both dead", pair, partial(_on_each, single["dead"], pair)) for pair in both]
+    cases += [("both biased +2", pair, partial(_on_each, single["bias +2"], pair)) for pair in both]
+    found = []
+    for name, liars, make in track(cases, "faults", "kinds and sensors"):
+        outcomes = [_outcome(lab, moment, make()) for moment in moments]
+        named = [one for one in outcomes if one.set_aside in liars or one.shut]
+        periods = [one.periods for one in named]
+        found.append({
+            "fault": name, "sensor": "+".join(names[j] for j in liars), "starts": len(outcomes),
+            "set_aside": sum(one.set_aside in liars and not one.shut for one in outcomes),
+            "shut": sum(one.shut for one in outcomes),
+            "wrong": sum(one.set_aside is not None and one.set_aside not in liars and not one.shut for one in outcomes),
+            "unseen": sum(one.set_aside is None and not one.shut for one in outcomes),
+            "periods_median": float(np.median(periods)) if periods else None,
+            "periods_max": max(periods, default=None),
+        })  # fmt: skip
+    return found
+
+
+def _on_each(make: Callable[[int], SensorFault], liars: Sequence[int]) -> list[SensorFault]:
+    return [make(j) for j in liars]
+
+
+def _swapped(pair: tuple[int, int]) -> list[SensorFault]:
+    return [Swapped(*pair)]
+
+
+def _outcome(lab: Lab, moment: Moment, faults: Sequence[SensorFault]) -> Outcome:
+    passage, begin = moment.passage, moment.step
+    cp = passage.cp[begin : begin + LONGEST]
+    for fault in faults:
+        cp = fault(cp)
+    faulty = passage._replace(cp=np.concatenate([passage.cp[:begin], cp]), actions=passage.actions[: begin + LONGEST],
+                              heard=passage.heard[: begin + LONGEST])  # fmt: skip
+    state, first = moment.state, None
+    for step, after in lab.read(faulty, begin):
+        state = after(state)
+        if state.implausible:
+            return Outcome(set_aside=state.set_aside, shut=True, periods=step - begin + 1)
+        if first is None and state.set_aside is not None:
+            first = step - begin + 1
+            if len(faults) == 1:
+                break
+    return Outcome(set_aside=state.set_aside, shut=False, periods=first or LONGEST)
+
+
+def _times(check: SensorCheck, moment: Moment, length: int) -> dict[str, float]:
+    cp, window, took = moment.passage.cp[moment.step], _windows(moment.passage, length)[moment.step], []
+    for _ in range(2000):
+        began = perf_counter()
+        check.next(moment.state, window, length, cp)
+        took.append((perf_counter() - began) * 1e6)
+    return {"p50": float(np.percentile(took, 50)), "p99": float(np.percentile(took, 99))}

@@ -1,0 +1,289 @@
+"""Whether the pressures are to be believed: each is compared with what the other ones say of it.
+
+Transducers fail without a sign: they stand still, read zero, move away, or are plugged in the wrong way round, and all
+frames are in order. A network of the bundle estimates each pressure from the window of the others
+(`contract.controller.estimator`), and three hypotheses are judged by the residuals:
+
+* one sensor lies: it is far from the estimate by the others, and these agree with each other without it. It is set
+  aside until the ECU is started anew, and its estimate, which is never built on itself, stands in for it;
+* two are exchanged: with their readings put right, all agree far better. The jets go to zero, and the fault latches;
+* the pressures disagree, and neither explains it. The same.
+
+Residuals are averaged over a few periods, which keeps what is slow and drops noise, squared, and averaged again over a
+shedding cycle. Noise changes from one period to the next, as no lie does: what noise is left is measured by the
+residuals' differences, and allowed for. So noise on all sensors, which the controller bears, never takes control away.
+
+A sensor whose reading never changes at all needs no estimate: no transducer in a flow does that.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple, Protocol
+
+import numpy as np
+
+from can_bridge.wire.messages import Reason
+from contract.arrays import Array
+from contract.config.vehicle import SensorCheckConfig
+from contract.controller.estimator import Hypotheses, pairs
+from contract.controller.interface import ControllerError
+from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
+
+SCORE_PERIODS: Final = 32
+"""Over which squares are averaged: a shedding cycle, since a lie may agree with the flow for part of one."""
+NOISE_ALLOWED: Final = 0.3
+"""Of the variance of noise: twice what the fast average leaves of it, 1 / (2 FAST_PERIODS - 1), since the estimate has
+some as well."""
+
+
+class Estimator(Protocol):
+    """What computes `sensors.onnx`."""
+
+    def estimates(self, window: Array) -> Array:
+        """(V, S) in Cp for a window (L, S+1); raises ControllerError if there are none."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorCheckState:
+    """After a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are read-only.
+
+    Attributes:
+        residual: of the latest judged period, in Cp; NaN before the first.
+        fast, slow: its running means.
+        noise: running variance of what changes from one period to the next, in Cp^2.
+        score: running mean of the fast mean's square, less the noise, in variances of sound sensors.
+        readings: (S,) the latest; NaN before the first.
+        flat: (S,) periods in a row in which they were the same before.
+        estimates: (L, S) of each sensor by all the others, a row for each row of the controller's window.
+        set_aside: the sensor that lies; None without one.
+        doubt: periods in doubt less those out of it.
+        implausible: control must not rest on the pressures.
+    """
+
+    residual: Array
+    fast: Array
+    slow: Array
+    noise: Array
+    score: Array
+    readings: Array
+    flat: Array
+    estimates: Array
+    set_aside: int | None = None
+    doubt: int = 0
+    implausible: bool = False
+
+    @classmethod
+    def start(cls, *, window: int, sensors: int) -> "SensorCheckState":
+        """Nothing received."""
+        shape = (sensors + len(pairs(sensors)), sensors)
+        zeros = np.zeros(shape)
+        return cls(
+            residual=np.full(shape, np.nan),
+            fast=zeros,
+            slow=zeros,
+            noise=zeros,
+            score=zeros,
+            readings=np.full(sensors, np.nan),
+            flat=np.zeros(sensors),
+            estimates=np.zeros((window, sensors)),
+        )
+
+    def __post_init__(self) -> None:
+        for array in self._arrays():
+            array.flags.writeable = False
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Unpickled and deeply copied arrays are writeable.
+        self.__dict__.update(state)
+        self.__post_init__()
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SensorCheckState):
+            return NotImplemented
+        return (self.set_aside, self.doubt, self.implausible) == (
+            other.set_aside,
+            other.doubt,
+            other.implausible,
+        ) and all(
+            np.array_equal(mine, its, equal_nan=True) for mine, its in zip(self._arrays(), other._arrays(), strict=True)
+        )
+
+    def _arrays(self) -> list[Array]:
+        return [item for item in vars(self).values() if isinstance(item, np.ndarray)]
+
+    @property
+    def mask(self) -> int:
+        """Sensors set aside, a bit each, as EcuStatus reports them."""
+        return 0 if self.set_aside is None else 1 << self.set_aside
+
+
+class Levels(NamedTuple):
+    """What the residuals say in one period; ratios to what sound sensors show.
+
+    Attributes:
+        liar: (S,) that this sensor lies, and the others do not.
+        bias: (S,) the same, of the slow means.
+        swap: (P,) that these two are exchanged.
+        doubt: that the sensors which are in use disagree.
+    """
+
+    liar: Array
+    bias: Array
+    swap: Array
+    doubt: float
+
+
+class Verdict(NamedTuple):
+    """What a state says, by the names of its fields."""
+
+    set_aside: int | None
+    doubt: int
+    implausible: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorCheck:
+    """The check of one bundle's pressures.
+
+    Attributes:
+        estimator: computes the bundle's graph.
+        fast, slow: (S + P, S) deviations of sound sensors' residuals in Cp.
+        config: levels and times.
+    """
+
+    estimator: Estimator
+    fast: Array
+    slow: Array
+    config: SensorCheckConfig
+    hypotheses: Hypotheses = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hypotheses", Hypotheses.of(self.fast.shape[1]))
+
+    @classmethod
+    def of(cls, figures: SensorEstimator, estimator: Estimator, config: SensorCheckConfig) -> "SensorCheck":
+        """With a manifest's figures."""
+        fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
+        return cls(estimator=estimator, fast=fast, slow=slow, config=config)
+
+    def next(
+        self, state: SensorCheckState, window: Array, rows: int, cp: Array | None, *, skipped: int = 0
+    ) -> tuple[SensorCheckState, Reason | None]:
+        """After a period.
+
+        Args:
+            state: before it.
+            window: (L, S + 1) the controller's, with this period's row.
+            rows: how many of them have come.
+            cp: this period's readings, (S,); None without any: nothing is judged.
+            skipped: periods without a step before this one, for each of which the window has a row as well.
+
+        Returns:
+            The state after it, and why the ECU must switch itself off, if it must.
+        """
+        length = len(window)
+        if cp is None or rows == 0:
+            kept = replace(state, estimates=_appended(state.estimates, state.estimates[-1], 1 + min(skipped, length)))
+            return kept, Reason.IMPLAUSIBLE if kept.implausible else None
+        seen = window
+        if rows < length:
+            # As after an ECU's start: what was before the first row is taken to have been like it.
+            seen = window.copy()
+            seen[: length - rows] = window[length - rows]
+        try:
+            by_view = self.estimator.estimates(seen)
+        except ControllerError:
+            return state, Reason.INTERNAL
+        estimates = _appended(state.estimates, state.estimates[-1], min(skipped, length))
+        own = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
+        estimates = _appended(estimates, own, 1)
+        flat = np.where(cp == state.readings, state.flat + 1, 0.0)
+        means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
+        state = replace(state, readings=cp.copy(), flat=flat, estimates=estimates, **means)
+        verdict = self._verdict(state)
+        # As a rule it stands, and a state is costly to make.
+        if verdict != Verdict(state.set_aside, state.doubt, state.implausible):
+            state = replace(state, **verdict._asdict())
+        return state, Reason.IMPLAUSIBLE if state.implausible else None
+
+    def levels(self, state: SensorCheckState) -> Levels:
+        """What the running means of a state say."""
+        sensors = len(state.readings)
+        slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
+        fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
+        swapped = state.score[sensors:].mean(axis=1)
+        alone = fast_each.own
+        doubt = alone.mean() if state.set_aside is None else fast_each.others[state.set_aside]
+        return Levels(
+            liar=alone / (1.0 + fast_each.others),
+            bias=slow_each.own / (1.0 + slow_each.others),
+            swap=alone.mean() / (1.0 + swapped),
+            doubt=float(doubt),
+        )
+
+    def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
+        """The state's running means after one more residual."""
+        before = np.where(np.isnan(state.residual), residual, state.residual)
+        fast = _mean(state.fast, residual, FAST_PERIODS)
+        noise = _mean(state.noise, np.square(residual - before) / 2.0, SCORE_PERIODS)
+        score = np.square(fast) / (np.square(self.fast) + NOISE_ALLOWED * noise)
+        return {
+            "residual": residual,
+            "fast": fast,
+            "slow": _mean(state.slow, residual, SLOW_PERIODS),
+            "noise": noise,
+            "score": _mean(state.score, score, SCORE_PERIODS),
+        }
+
+    def _verdict(self, state: SensorCheckState) -> Verdict:
+        """What the running means and the resting readings of a state amount to."""
+        config, levels = self.config, self.levels(state)
+        flat = np.flatnonzero(state.flat >= config.flat_periods)
+        others_flat = [j for j in flat if j != state.set_aside]
+        set_aside = state.set_aside
+        if set_aside is None and len(others_flat) == 1:
+            set_aside, others_flat = int(others_flat[0]), []
+        elif set_aside is None:
+            evidence = np.maximum(levels.liar / config.liar_level, levels.bias / config.bias_level)
+            if evidence.max() >= 1.0:
+                set_aside = int(evidence.argmax())
+        newly = set_aside != state.set_aside
+        doubted = levels.doubt >= config.doubt_level
+        if set_aside is None:
+            doubted = doubted or bool(levels.swap.max() >= config.swap_level)
+        if others_flat:
+            doubt = config.doubt_periods
+        elif newly:
+            doubt = 0
+        else:
+            doubt = min(config.doubt_periods, max(0, state.doubt + (1 if doubted else -1)))
+        implausible = doubt >= config.doubt_periods or (state.implausible and doubt > 0)
+        return Verdict(set_aside=set_aside, doubt=doubt, implausible=implausible)
+
+
+class _Split(NamedTuple):
+    """Of an array (S + P, S): each sensor by all others, (S,), and the mean of the others without it, (S,)."""
+
+    own: Array
+    others: Array
+
+
+def _split(values: Array, sensors: int) -> _Split:
+    own = values[:sensors].diagonal()
+    return _Split(own=own, others=(values[:sensors].sum(axis=1) - own) / (sensors - 1))
+
+
+def _with_swaps(table: Array) -> Array:
+    """(S + P, S): with two exchanged, each is estimated by all others, as in the diagonal."""
+    sensors = len(table)
+    return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
+
+
+def _mean(before: Array, value: Array, periods: int) -> Array:
+    """The running mean after one more value."""
+    return before + (value - before) / periods
+
+
+def _appended(rows: Array, row: Array, times: int) -> Array:
+    """The newest of the rows with one more, so many times; as many as before."""
+    return np.concatenate([rows, np.tile(row, (times, 1))])[-len(rows) :]

@@ -1,0 +1,63 @@
+"""Views and hypotheses of the sensor estimator, against what can be counted and worked out by hand."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from contract.controller.estimator import EstimatorNetwork, Hypotheses, View, estimator_shapes, pairs, views
+
+
+@pytest.mark.parametrize(("sensors", "count"), [(2, 2 + 1 + 2), (3, 3 + 3 + 9), (4, 4 + 6 + 24)])
+def test_views_are_one_or_two_left_out_and_every_exchange_with_one_left_out(sensors: int, count: int) -> None:
+    found = views(sensors)
+    assert len(found) == len(set(found)) == count
+    assert estimator_shapes(7, sensors) == {"window": (7, sensors + 1), "estimates": (count, sensors)}
+
+
+def test_an_exchange_moves_the_readings_and_leaves_the_action() -> None:
+    assert View((0,), (1, 3)).order(4) == [0, 3, 2, 1, 4]
+
+
+def test_residuals_of_three_sensors_are_those_worked_out_by_hand() -> None:
+    estimates = np.arange(15.0 * 3).reshape(15, 3)
+    # Rows of `views(3)`: 0 1 2 leave out one; 3 4 5 leave out 01 02 12; then exchanged 01, 02, 12, three rows each.
+    residuals = Hypotheses.of(3).residuals(np.array([100.0, 200.0, 300.0]), estimates)
+    expected = [
+        [100 - estimates[0, 0], 200 - estimates[3, 1], 300 - estimates[4, 2]],
+        [100 - estimates[3, 0], 200 - estimates[1, 1], 300 - estimates[5, 2]],
+        [100 - estimates[4, 0], 200 - estimates[5, 1], 300 - estimates[2, 2]],
+        [200 - estimates[6, 0], 100 - estimates[7, 1], 300 - estimates[8, 2]],
+        [300 - estimates[9, 0], 200 - estimates[10, 1], 100 - estimates[11, 2]],
+        [100 - estimates[12, 0], 300 - estimates[13, 1], 200 - estimates[14, 2]],
+    ]
+    np.testing.assert_array_equal(residuals, expected)
+
+
+def random_network(window: int = 5, sensors: int = 4, width: int = 9) -> EstimatorNetwork:
+    rng = np.random.default_rng(1)
+    sizes = (window * (sensors + 1) + sensors, width, width, sensors)
+    layers = [(rng.normal(size=(b, a)) / a, rng.normal(size=b)) for a, b in pairwise(sizes)]
+    mean = np.append(rng.normal(size=sensors), 0.0)
+    return EstimatorNetwork(window=window, mean=mean, std=rng.uniform(0.5, 2.0, sensors + 1), layers=layers)
+
+
+def test_an_estimate_is_never_built_on_what_its_view_leaves_out() -> None:
+    network, rng = random_network(), np.random.default_rng(2)
+    window = rng.normal(size=(5, 5))
+    for row, view in enumerate(views(4)):
+        spoiled = window.copy()
+        # Exchanged readings stand in each other's columns.
+        spoiled[:, [view.order(4)[j] for j in view.left_out]] = 1e6
+        before, after = network.estimates(window)[row], network.estimates(spoiled)[row]
+        np.testing.assert_array_equal(before, after)
+
+
+def test_an_exchanged_view_of_exchanged_readings_is_the_plain_view() -> None:
+    network, window = random_network(), np.random.default_rng(3).normal(size=(5, 5))
+    place = {view: row for row, view in enumerate(views(4))}
+    plain = network.estimates(window)
+    for pair in pairs(4):
+        crossed = network.estimates(window[:, View((), pair).order(4)])
+        for j in range(4):
+            np.testing.assert_array_equal(crossed[place[View((j,), pair)]], plain[place[View((j,))]])

@@ -1,0 +1,92 @@
+"""A sensor estimator in a bundle: there if and only if the manifest says so, and judged like the controller."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from contract.controller.estimator import ESTIMATOR
+from contract.errors import BundleControllerError, BundleError, BundleFileError
+from contract.release import bundle, signing
+from contract.release.bundle import CONTROLLER, Bundle, MadeEstimator
+from contract.release.manifest import SensorEstimator
+from stillwake.shipped import BUNDLE
+
+KEY = Ed25519PrivateKey.from_private_bytes(bytes([3]) * 32)
+
+
+@pytest.fixture
+def shipped() -> Bundle:
+    return bundle.load(BUNDLE)
+
+
+def test_the_shipped_bundle_has_one_and_shows_its_check(shipped: Bundle) -> None:
+    assert shipped.manifest.sensor_estimator is not None
+    checks = {item.name: item for item in bundle.examine(BUNDLE)}
+    assert checks[ESTIMATOR].error is None
+    assert checks["sensor graph"].error is None
+    assert checks["sensor graph"].found.endswith("nodes")
+
+
+def test_a_bundle_without_one_loads_and_is_not_asked_for_it(shipped: Bundle, tmp_path: Path) -> None:
+    contents = {CONTROLLER: shipped.files[CONTROLLER]}
+    bundle.write(tmp_path / "bare", replace(shipped.manifest, sensor_estimator=None), contents)
+    assert ESTIMATOR not in bundle.load(tmp_path / "bare").files
+    assert "sensor graph" not in {item.name for item in bundle.examine(tmp_path / "bare")}
+
+
+def refused(path: Path) -> BundleError:
+    """What both `load` and `examine` say."""
+    with pytest.raises(BundleError) as said:
+        bundle.load(path)
+    failed = [item for item in bundle.examine(path) if item.error is not None]
+    assert [str(item.error) for item in failed] == [str(said.value)]
+    return said.value
+
+
+def test_a_file_that_the_manifest_says_nothing_of_is_refused(shipped: Bundle, tmp_path: Path) -> None:
+    bundle.write(tmp_path / "b", replace(shipped.manifest, sensor_estimator=None), shipped.files)
+    error = refused(tmp_path / "b")
+    assert isinstance(error, BundleFileError)
+    assert "sensors.onnx: manifest.json says nothing of it" in str(error)
+
+
+def test_a_file_that_the_manifest_speaks_of_must_be_there(shipped: Bundle, tmp_path: Path) -> None:
+    bundle.write(tmp_path / "b", shipped.manifest, {CONTROLLER: shipped.files[CONTROLLER]})
+    assert "sensors.onnx is missing: manifest.json has a sensor_estimator" in str(refused(tmp_path / "b"))
+
+
+def test_another_graph_in_its_place_is_refused(shipped: Bundle, tmp_path: Path) -> None:
+    bundle.write(tmp_path / "b", shipped.manifest, {**shipped.files, ESTIMATOR: shipped.files[CONTROLLER]})
+    error = refused(tmp_path / "b")
+    assert isinstance(error, BundleControllerError)
+    assert "sensors.onnx: input 'plan': must be one of window" in str(error)
+
+
+def test_an_altered_one_is_refused(tmp_path: Path) -> None:
+    shutil.copytree(BUNDLE, tmp_path / "b")
+    content = bytearray((BUNDLE / ESTIMATOR).read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "b" / ESTIMATOR).write_bytes(content)
+    assert "sensors.onnx was altered" in str(refused(tmp_path / "b"))
+
+
+def test_renewal_keeps_it_or_puts_another_one_in_its_place(shipped: Bundle, tmp_path: Path) -> None:
+    kept = bundle.renew(BUNDLE, tmp_path / "kept", name="kept", created="2026-01-02", key=KEY)
+    assert kept.files[ESTIMATOR] == shipped.files[ESTIMATOR]
+    assert kept.manifest.sensor_estimator == shipped.manifest.sensor_estimator
+    figures = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
+    made = MadeEstimator(graph=shipped.files[ESTIMATOR], figures=figures, provenance={"r2": {"base_7": 0.9}})
+    given = []
+
+    def estimator(manifest):
+        given.append(manifest)
+        return made
+
+    other = bundle.renew(BUNDLE, tmp_path / "new", name="new", created="2026-01-02", key=KEY, estimator=estimator)
+    assert given == [shipped.manifest]
+    assert other.manifest.sensor_estimator == figures
+    assert other.manifest.provenance["sensor_estimator"] == {"r2": {"base_7": 0.9}}
+    assert other.signer == signing.public_key(KEY)

@@ -1,0 +1,118 @@
+"""The ECU with the shipped sensor estimator on recorded pressures: what is on the bus, what the controller sees."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from can_bridge.wire.messages import Mode, Reason
+from contract import sensors
+from contract.recording import dataset
+from contract.release import bundle
+from stillwake.shipped import BUNDLE
+from tests.firmware_sim.conftest import make_bench
+from wake.shipped import recording
+
+RELEASE = bundle.load(BUNDLE)
+COLUMNS = sensors.TRUCK.indices(RELEASE.manifest.sensors)
+QUANTUM = 0.1 / 375.0
+"""Of the wire, in Cp."""
+
+
+@pytest.fixture(scope="module")
+def pressures() -> np.ndarray:
+    """Cp of the uncontrolled wake, (n, 4): the controller here leaves the jets shut, so that they fit."""
+    (episode,) = [item for item in dataset.read(recording()).episodes if item.name == "none_0"]
+    return episode.series["Cp"][:, COLUMNS]
+
+
+@pytest.fixture
+def bench(recording_controller):
+    return make_bench(recording_controller(lambda i: 0.0), bundle=RELEASE)
+
+
+def drive(bench: Any, pressures, steps, read=lambda cp, k: cp, *, enable=True, first=None):
+    """Steps from where the bench stands in the recording; the commands."""
+    begin = bench.frames if first is None else first
+    return [
+        bench.step(bench.pressure(read(pressures[k].copy(), k), enable=enable)) for k in range(begin, begin + steps)
+    ]
+
+
+def dead(j):
+    def read(cp, k):
+        cp[j] = 0.0
+        return cp
+
+    return read
+
+
+def test_sound_sensors_stay_in_control(bench, pressures):
+    commands = drive(bench, pressures, 200)
+    assert {command.mode for command in commands[40:]} == {Mode.CONTROL}
+    assert (bench.status.set_aside, bench.status.reason) == (0, Reason.NONE)
+
+
+@pytest.mark.parametrize("j", range(4))
+def test_control_goes_on_without_a_dead_sensor_and_the_bus_says_which(bench, pressures, j):
+    drive(bench, pressures, 80)
+    commands = drive(bench, pressures, 60, dead(j))
+    assert {command.mode for command in commands} == {Mode.CONTROL}
+    assert (bench.status.set_aside, bench.status.reason) == (1 << j, Reason.NONE)
+    # The controller sees the estimate, in all rows, also in those from before the fault was noticed.
+    window = bench.controller.calls[-1][0]
+    true = pressures[bench.frames - 32 : bench.frames, j]
+    assert np.sqrt(np.mean(np.square(window[:, j] - true))) < 0.25 * true.std()
+    others = [i for i in range(4) if i != j]
+    np.testing.assert_allclose(window[:, others], pressures[bench.frames - 32 : bench.frames, others], atol=QUANTUM)
+
+
+def test_a_sensor_set_aside_stays_so_when_it_reads_well_again_and_after_another_request(bench, pressures):
+    drive(bench, pressures, 80)
+    drive(bench, pressures, 40, dead(1))
+    drive(bench, pressures, 40)
+    drive(bench, pressures, 5, enable=False)
+    drive(bench, pressures, 40)
+    assert bench.status.set_aside == 0b10
+    bench.ecu.restore(make_bench(bench.controller, bundle=RELEASE).ecu.state)
+    drive(bench, pressures, 40)
+    assert bench.status.set_aside == 0
+
+
+def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(bench: Any, pressures):
+    drive(bench, pressures, 80)
+    commands = drive(bench, pressures, 150, lambda cp, k: cp[[2, 1, 0, 3]])
+    assert commands[-1].mode is Mode.FAULT
+    assert not commands[-1].enable
+    assert bench.status.reason == Reason.IMPLAUSIBLE
+    drive(bench, pressures, 6, lambda cp, k: cp[[2, 1, 0, 3]], enable=False)
+    assert drive(bench, pressures, 6, lambda cp, k: cp[[2, 1, 0, 3]])[-1].mode is Mode.FAULT
+    # The plugs are put right: when the pressures have agreed for some time, the next request counts.
+    drive(bench, pressures, 250)
+    drive(bench, pressures, 6, enable=False)
+    assert drive(bench, pressures, 6)[-1].mode is Mode.CONTROL
+    assert bench.status.reason == Reason.NONE
+
+
+def test_switched_off_or_without_an_estimator_nothing_is_checked(recording_controller, pressures):
+    off = replace(make_bench().config.ecu.sensor_check, enabled=False)
+    bare = replace(RELEASE, manifest=replace(RELEASE.manifest, sensor_estimator=None), files={})
+    for made, settings in ((RELEASE, {"sensor_check": off}), (bare, {})):
+        bench: Any = make_bench(recording_controller(lambda i: 0.0), bundle=made, **settings)
+        drive(bench, pressures, 80)
+        drive(bench, pressures, 60, dead(1))
+        assert bench.status.set_aside == 0
+        assert bench.controller.calls[-1][0][-1, 1] == 0.0
+
+
+def test_the_same_state_and_frames_give_the_same_answer_in_another_ecu(bench, pressures):
+    drive(bench, pressures, 80)
+    drive(bench, pressures, 5, dead(0))
+    other = make_bench(bench.controller, bundle=RELEASE)
+    other.ecu.restore(bench.ecu.state)
+    frames = [bench.pressure(dead(0)(pressures[200 + k].copy(), k)) for k in range(3)]
+    for frame in frames:
+        assert bench.ecu.step(bench.now_ns, [frame]) == other.ecu.step(bench.now_ns, [frame])
+        assert bench.ecu.state == other.ecu.state
+        bench.now_ns += bench.config.period_ns

@@ -1,0 +1,240 @@
+"""The sensor check against liars that are planted, with an estimator whose answers are known.
+
+All sensors see one oscillation, each about a level of its own; what a view estimates is the mean of the sensors that it
+sees, moved to that level. So residuals of sound sensors are 0 but for the noise that a test puts in.
+"""
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.wire.messages import Reason
+from contract.arrays import Array
+from contract.config.vehicle import SensorCheckConfig
+from contract.controller.estimator import views
+from contract.controller.interface import ControllerError
+from contract.release.manifest import SensorEstimator
+from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
+from tests.examples import examples
+
+LENGTH = 8
+LEVELS = np.array([-0.3, -0.36, -0.42, -0.37])
+SHIFT = np.array([0.0, 0.0, 0.5, 0.5]) * np.pi
+"""Of the phase: two sensors on either side."""
+DEVIATION = 0.02
+
+
+class Flow:
+    """Four pressures of one oscillation, and the estimator that knows it."""
+
+    def readings(self, step: int) -> Array:
+        """Cp, (4,): a period of 30 steps, as the wake's."""
+        return LEVELS + 0.25 * np.sin(2 * np.pi * step / 30 + SHIFT)
+
+    def estimates(self, window: Array) -> Array:
+        """By least squares of amplitude and phase over what the view sees of the window."""
+        time = 2 * np.pi * np.arange(-len(window) + 1, 1) / 30
+        found = []
+        for view in views(4):
+            seen = window[:, view.order(4)]
+            used = [j for j in range(4) if j not in view.left_out]
+            basis = np.concatenate([np.column_stack([np.sin(time + SHIFT[j]), np.cos(time + SHIFT[j])]) for j in used])
+            values = np.concatenate([seen[:, j] - LEVELS[j] for j in used])
+            sine, cosine = np.linalg.lstsq(basis, values, rcond=None)[0]
+            found.append(LEVELS + sine * np.sin(SHIFT) + cosine * np.cos(SHIFT))
+        return np.array(found)
+
+
+def made(config: SensorCheckConfig | None = None) -> SensorCheck:
+    deviations = tuple((DEVIATION,) * 4 for _ in range(4))
+    figures = SensorEstimator(fast=deviations, slow=deviations)
+    return SensorCheck.of(figures, Flow(), SensorCheckConfig() if config is None else config)
+
+
+class Drive:
+    """Steps a check; `read` is what becomes of the readings."""
+
+    def __init__(self, config: SensorCheckConfig | None = None) -> None:
+        self.check = made(config)
+        self.state = SensorCheckState.start(window=LENGTH, sensors=4)
+        self.window, self.rows, self.now = np.zeros((LENGTH, 5)), 0, 0
+        self.fault: Reason | None = None
+
+    def step(self, read: Callable[[Array, int], Array] = lambda cp, k: cp, *, heard: bool = True) -> None:
+        cp = read(Flow().readings(self.now), self.now)
+        row = np.append(cp if heard or not self.rows else self.window[-1, :4], 0.0)
+        self.window = np.concatenate([self.window[1:], row[None]])
+        self.rows = min(self.rows + 1, LENGTH)
+        self.state, self.fault = self.check.next(self.state, self.window, self.rows, cp if heard else None)
+        self.now += 1
+
+    def until_seen(self, read: Callable[[Array, int], Array], most: int) -> int:
+        """Steps with a fault until the check says something."""
+        for count in range(1, most + 1):
+            self.step(read)
+            if self.state.set_aside is not None or self.fault is not None:
+                return count
+        raise AssertionError(f"nothing seen in {most} periods")
+
+
+def sound(steps: int = 100, config: SensorCheckConfig | None = None) -> Drive:
+    drive = Drive(config)
+    for _ in range(steps):
+        drive.step()
+    return drive
+
+
+def with_value(j: int, value: Callable[[float, int], float]) -> Callable[[Array, int], Array]:
+    def read(cp: Array, k: int) -> Array:
+        read_as = cp.copy()
+        read_as[j] = value(cp[j], k)
+        return read_as
+
+    return read
+
+
+def test_sound_sensors_are_believed() -> None:
+    drive = sound(500)
+    assert (drive.state.set_aside, drive.state.doubt, drive.fault) == (None, 0, None)
+
+
+@pytest.mark.parametrize("j", range(4))
+@pytest.mark.parametrize(
+    ("fault", "most"),
+    [
+        (lambda value, k: 0.001 * (-1) ** k, 10),
+        (lambda value, k: value + 0.15, 20),
+        (lambda value, k: value - 0.15, 20),
+        (lambda value, k: value + 0.004 * (k - 100), 45),
+        (lambda value, k: -0.35 + 0.001 * (-1) ** k, 30),
+    ],
+    ids=["dead but for noise", "bias", "other bias", "drift", "stuck but for noise"],
+)
+def test_a_liar_is_set_aside_and_control_goes_on(j: int, fault: Callable[[float, int], float], most: int) -> None:
+    drive = sound()
+    drive.until_seen(with_value(j, fault), most)
+    assert (drive.state.set_aside, drive.fault, drive.state.mask) == (j, None, 1 << j)
+
+
+def test_what_stands_in_for_a_liar_is_what_it_would_have_read() -> None:
+    drive = sound()
+    drive.until_seen(with_value(1, lambda value, k: 0.3 * (k % 2)), 20)
+    for _ in range(LENGTH):
+        drive.step(with_value(1, lambda value, k: 0.3 * (k % 2)))
+    expected = [Flow().readings(k)[1] for k in range(drive.now - LENGTH, drive.now)]
+    # The oscillation is known to the estimator, up to rounding.
+    np.testing.assert_allclose(drive.state.estimates[:, 1], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("j", range(4))
+def test_a_reading_that_never_changes_is_seen_in_the_stated_periods(j: int) -> None:
+    drive = sound()
+    held = float(Flow().readings(drive.now - 1)[j])
+    # Its last sound reading stays: as many repetitions as are stated.
+    assert drive.until_seen(with_value(j, lambda value, k: held), 10) <= SensorCheckConfig().flat_periods
+    assert drive.state.set_aside == j
+
+
+def test_a_reading_at_the_crest_that_rests_for_fewer_periods_is_no_fault() -> None:
+    drive = sound()
+    held = Flow().readings(drive.now - 1)
+    for _ in range(SensorCheckConfig().flat_periods - 1):
+        drive.step(lambda cp, k: np.where(np.arange(4) == 0, np.clip(cp, held - 1e-12, held), cp))
+        assert drive.state.set_aside is None
+
+
+def test_a_vehicle_that_stands_has_four_dead_readings_and_no_control() -> None:
+    drive = Drive()
+    drive.until_seen(lambda cp, k: np.zeros(4), 60)
+    assert drive.fault is Reason.IMPLAUSIBLE
+
+
+@pytest.mark.parametrize("pair", [(0, 2), (0, 3), (1, 2), (1, 3)])
+def test_exchanged_sensors_shut_the_jets(pair: tuple[int, int]) -> None:
+    def read(cp: Array, k: int) -> Array:
+        crossed = cp.copy()
+        crossed[list(pair)] = cp[list(pair[::-1])]
+        return crossed
+
+    drive = sound()
+    for _ in range(100):
+        drive.step(read)
+    assert drive.fault is Reason.IMPLAUSIBLE
+
+
+def test_a_second_liar_shuts_the_jets() -> None:
+    drive = sound()
+    drive.until_seen(with_value(0, lambda value, k: value + 0.4), 30)
+    for _ in range(80):
+        drive.step(lambda cp, k: cp + np.array([0.4, 0.0, 0.0, -0.5]))
+    assert (drive.state.set_aside, drive.fault) == (0, Reason.IMPLAUSIBLE)
+
+
+def test_plausible_again_the_fault_ends_and_the_liar_stays_aside() -> None:
+    drive = sound()
+    drive.until_seen(with_value(0, lambda value, k: value + 0.4), 30)
+    for _ in range(80):
+        drive.step(lambda cp, k: cp + np.array([0.4, 0.0, 0.0, -0.5]))
+    for _ in range(300):
+        drive.step()
+    assert (drive.state.set_aside, drive.fault) == (0, None)
+
+
+@given(st.integers(0, 2**32), st.floats(0.0, 0.115))
+@examples(10)
+def test_noise_on_all_sensors_is_borne(seed: int, level: float) -> None:
+    rng, drive = np.random.default_rng(seed), Drive()
+    for _ in range(300):
+        drive.step(lambda cp, k: cp + level * rng.standard_normal(4))
+        assert (drive.state.set_aside, drive.fault) == (None, None)
+
+
+@given(st.lists(st.booleans(), min_size=200, max_size=200))
+@examples(10)
+def test_lost_frames_are_no_lies(heard: list[bool]) -> None:
+    drive = sound(50)
+    for came in heard:
+        # Without frames the estimator's window holds rows; what it makes of them is the network's business, and the
+        # one here takes none: the window is as if they had come.
+        before = drive.state
+        drive.step(heard=came)
+        if not came:
+            assert drive.fault is None
+            assert np.array_equal(drive.state.score, before.score)
+            drive.window[-1, :4] = Flow().readings(drive.now - 1)
+        assert drive.state.set_aside is None
+
+
+def test_periods_left_out_move_the_estimates_with_the_window() -> None:
+    drive = sound()
+    before = drive.state.estimates.copy()
+    drive.window = np.concatenate([drive.window[4:], np.repeat(drive.window[-1:], 3, axis=0), drive.window[-1:]])
+    drive.state, _ = drive.check.next(drive.state, drive.window, LENGTH, drive.window[-1, :4], skipped=3)
+    np.testing.assert_array_equal(drive.state.estimates[: LENGTH - 4], before[4:])
+    np.testing.assert_array_equal(drive.state.estimates[LENGTH - 4 : -1], np.tile(before[-1], (3, 1)))
+
+
+def test_an_estimator_that_fails_shuts_the_jets() -> None:
+    class Failing:
+        def estimates(self, window: Array) -> Array:
+            raise ControllerError("no")
+
+    drive = sound()
+    drive.check = replace(drive.check, estimator=Failing())
+    drive.step()
+    assert drive.fault is Reason.INTERNAL
+
+
+def test_a_state_is_compared_and_kept() -> None:
+    state = sound(40).state
+    kept = pickle.loads(pickle.dumps(state))
+    assert kept == state
+    assert kept != sound(41).state
+    assert kept != "state"
+    with pytest.raises(ValueError, match="read-only"):
+        kept.score[0, 0] = 1.0

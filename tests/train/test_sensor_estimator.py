@@ -1,0 +1,60 @@
+"""The sensor estimator on a made-up flow whose sensors all follow one oscillation."""
+
+import numpy as np
+import pytest
+
+from contract.arrays import Array
+from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Dataset, Episode
+from contract.recording.episode import Role
+from contract.sensors import TRUCK
+from train.sensor_estimator import fit_estimator
+
+CHOSEN = ("upper_39", "base_0", "lower_36")
+WINDOW = 8
+
+
+def episode(name: str, role: Role, steps: int, *, constant: bool = False) -> Episode:
+    """Every sensor has an amplitude and a phase of its own; the phase runs unevenly."""
+    rng = np.random.default_rng(len(name))
+    phase = np.cumsum(rng.uniform(0.15, 0.25, steps))
+    shifts, sizes = np.linspace(0.0, 2.0, len(TRUCK)), np.linspace(0.2, 0.4, len(TRUCK))
+    cp = -0.3 + sizes * np.sin(phase[:, None] + shifts)
+    if constant:
+        cp[:, TRUCK.indices(["base_0"])] = -0.3
+    series: dict[str, Array] = {"t": 0.2 * np.arange(float(steps)), "action": rng.normal(0.0, 0.05, steps), "Cp": cp}
+    series |= {"Cd": np.ones(steps), "Cl": np.sin(phase)}
+    return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
+
+
+@pytest.mark.slow  # some hundred batches
+def test_sensors_that_follow_one_motion_are_known_by_each_other() -> None:
+    recording = Dataset(episodes=(episode("a", "train", 600), episode("test", "test", 400)))
+    done: list[tuple[int, int]] = []
+    fitted = fit_estimator(recording, CHOSEN, WINDOW, epochs=300, progress=lambda *at: done.append(at))
+    assert done[-1][0] == done[-1][1] == len(done)
+    assert fitted.judged_on == ("test",)
+    assert min(fitted.r2) > 0.9
+    # A slower mean has less of what changes sign.
+    assert np.all(np.array(fitted.figures.slow) < np.array(fitted.figures.fast))
+
+
+def test_the_same_recording_and_seed_give_the_same_network() -> None:
+    recording = Dataset(episodes=(episode("a", "train", 100),))
+    first, again = (fit_estimator(recording, CHOSEN, WINDOW, epochs=20) for _ in range(2))
+    assert first.judged_on == ("train",)
+    for mine, its in zip(first.network.layers, again.network.layers, strict=True):
+        np.testing.assert_array_equal(mine[0], its[0])
+
+
+@pytest.mark.parametrize(
+    ("recording", "sensors", "error", "said"),
+    [
+        (Dataset(episodes=(episode("a", "train", 60),)), ("upper_39", "nose"), ConfigError, "nose"),
+        (Dataset(episodes=(episode("a", "train", 8),)), CHOSEN, DatasetError, "longer than the window of 8"),
+        (Dataset(episodes=(episode("a", "train", 60, constant=True),)), ("upper_39", "base_0"), DatasetError, "base_0"),
+    ],
+)
+def test_a_recording_that_does_not_do_is_refused(recording, sensors, error, said) -> None:
+    with pytest.raises(error, match=said):
+        fit_estimator(recording, sensors, WINDOW, epochs=1)

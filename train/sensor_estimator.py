@@ -1,0 +1,209 @@
+"""Fit the network that estimates each pressure of a controller from its other ones, for the ECU's sensor check.
+
+It learns from the recording's "train" episodes and their mirror images, and is measured on those it never saw. While it
+learns, readings get noise and rows are held as the ECU holds them over lost frames, so that neither upsets it later.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from contract.arrays import Array
+from contract.controller.estimator import EstimatorNetwork, Hypotheses, views
+from contract.errors import DatasetError
+from contract.recording.dataset import Dataset, Episode
+from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
+
+WIDTH: Final = 192
+EPOCHS: Final = 40.0
+"""More changes little: the residuals of 25 and of 100 differ by some percent."""
+BATCH: Final = 1024
+LEARNING_RATE: Final = 3e-3
+NOISE: Final = 0.5
+"""Most noise, in global deviations; squared uniform draws make little noise frequent."""
+HELD: Final = 0.4
+"""Largest share of rows that repeat the one before."""
+WEIGHT_DECAY: Final = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedEstimator:
+    """A network and what it leaves.
+
+    Attributes:
+        network: the numbers.
+        figures: for the manifest.
+        r2: of each sensor by its others, on the episodes that `judged_on` names.
+        judged_on: the roles of those episodes.
+    """
+
+    network: EstimatorNetwork
+    figures: SensorEstimator
+    r2: tuple[float, ...]
+    judged_on: tuple[str, ...]
+
+
+def fit_estimator(
+    recording: Dataset,
+    sensors: Sequence[str],
+    window: int,
+    *,
+    epochs: float = EPOCHS,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> FittedEstimator:
+    """Fit it for the sensors and the window of a controller.
+
+    Args:
+        recording: data set with those sensors.
+        epochs: passes over the training windows.
+        progress: called with (batches done, batches in all).
+
+    Raises:
+        ConfigError: the recording has no such sensor.
+        DatasetError: no training episode holds a window, or a pressure or the action never changes.
+    """
+    columns = recording.layout.indices(sensors)
+    mirror = None if recording.layout.mirror is None else recording.layout.mirror[columns]
+    used = [item for item in recording.with_role("train") if len(item) > window]
+    if not used:
+        raise DatasetError(f"no training episode is longer than the window of {window} control steps")
+    learned = [_rows(item, columns) for item in used]
+    # Before pooling, in which the mirror image of a dead sensor would hide it.
+    for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
+        if spread == 0.0:
+            raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
+    if mirror is not None:
+        learned += [_rows(item, mirror, sign=-1.0) for item in used]
+    together = np.concatenate(learned)
+    mean, std = together.mean(axis=0), together.std(axis=0)
+    mean[-1] = 0.0
+    network = _fit(learned, mean, std, window, epochs=epochs, seed=seed, progress=progress)
+    judged = [item for item in recording.episodes if item.role != "train" and len(item) > window + SLOW_PERIODS]
+    roles = tuple(sorted({item.role for item in judged}))
+    return _measured(network, [_rows(item, columns) for item in judged or used], roles or ("train",))
+
+
+def _rows(episode: Episode, columns: Array, sign: float = 1.0) -> Array:
+    """(n, S+1), rows (Cp_k, a_{k-1})."""
+    return np.column_stack([episode.series["Cp"][:, columns], sign * episode.previous_action])
+
+
+def _fit(
+    learned: Sequence[Array],
+    mean: Array,
+    std: Array,
+    window: int,
+    *,
+    epochs: float,
+    seed: int,
+    progress: Callable[[int, int], None],
+) -> EstimatorNetwork:
+    generator = torch.Generator().manual_seed(seed)
+    sensors = len(mean) - 1
+    rows = torch.tensor((np.concatenate(learned) - mean) / std, dtype=torch.float32)
+    begins = np.cumsum([0, *(len(item) for item in learned[:-1])])
+    starts = torch.tensor(
+        np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
+    )
+    # Views that exchange sensors need no training of their own: their windows, put right, are ordinary ones.
+    hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
+    for flags, view in zip(hidden, views(sensors), strict=False):
+        flags[list(view.left_out)] = 1.0
+    unit = torch.tensor(np.sqrt(np.square(std[:-1]).mean()) / std[:-1], dtype=torch.float32)
+    sizes = (window * (sensors + 1) + sensors, WIDTH, WIDTH, sensors)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]
+    model = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
+    batches = max(1, round(epochs * len(starts) / BATCH))
+    optimiser = torch.optim.AdamW(model.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=batches)
+    place = torch.arange(window)
+    for done in range(batches):
+        chosen = starts[torch.randint(len(starts), (BATCH,), generator=generator)]
+        seen = rows[chosen[:, None] + place]
+        target = seen[:, -1, :-1].clone()
+        flags = hidden[torch.randint(len(hidden), (BATCH,), generator=generator)]
+        answer = model(_inputs(_disturbed(seen, unit, generator), flags))
+        loss = (torch.square(answer - target) * flags).sum() / flags.sum()
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]  # torch has no type for it
+        optimiser.step()
+        schedule.step()
+        progress(done + 1, batches)
+    layers = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
+    return EstimatorNetwork(window=window, mean=mean, std=std, layers=layers)
+
+
+def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
+    """What the network reads, (B, L (S+1) + S), of windows (B, L, S+1) and flags (B, S)."""
+    kept = torch.cat([1.0 - hidden, torch.ones(len(hidden), 1)], dim=1)
+    return torch.cat([(seen * kept[:, None]).flatten(1), hidden], dim=1)
+
+
+def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor:
+    """Windows (B, L, S+1) with noise on the readings and rows held."""
+    batch, length, columns = seen.shape
+    level = NOISE * torch.square(torch.rand(batch, 1, 1, generator=generator))
+    readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)
+    share = HELD * torch.rand(batch, 1, generator=generator) * torch.randint(2, (batch, 1), generator=generator)
+    held = torch.rand(batch, length, generator=generator) < share
+    held[:, 0] = held[:, -1] = False  # the newest readings are new: on a period without any, nothing is judged
+    source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
+    readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
+    return torch.cat([readings, seen[:, :, -1:]], dim=2)
+
+
+def _measured(network: EstimatorNetwork, judged: Sequence[Array], roles: tuple[str, ...]) -> FittedEstimator:
+    """Root mean squares of the residuals, averaged over time as the check does it."""
+    residuals = [_residuals(network, rows) for rows in judged]
+    alone = np.concatenate([np.einsum("nii->ni", item) for item in residuals])
+    spread = np.concatenate([rows[network.window - 1 :, :-1] for rows in judged]).var(axis=0)
+    r2 = 1.0 - np.square(alone).mean(axis=0) / spread
+    return FittedEstimator(
+        network=network,
+        figures=SensorEstimator(fast=_deviation(residuals, FAST_PERIODS), slow=_deviation(residuals, SLOW_PERIODS)),
+        r2=tuple(r2.tolist()),
+        judged_on=roles,
+    )
+
+
+def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
+    """(n - L + 1, S, S): entry [., j, i] of sensor i with j left out as well."""
+    sensors, length = network.sensors, network.window
+    windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
+    hypotheses = Hypotheses.of(sensors)
+    weight, bias = network.layers[0]
+    found = np.empty((len(windows), sensors, sensors))
+    scaled = (windows - network.mean) / network.std
+    for row, view in enumerate(views(sensors)):
+        if view.exchanged:
+            break
+        seen = np.ones(sensors + 1)
+        seen[list(view.left_out)] = 0.0
+        values = (scaled * seen).reshape(len(windows), -1) @ weight[:, : length * (sensors + 1)].T
+        values += weight[:, length * (sensors + 1) :] @ (1.0 - seen[:-1]) + bias
+        for matrix, offset in network.layers[1:]:
+            values = np.maximum(values, 0.0) @ matrix.T + offset
+        estimates = values * network.std[:-1] + network.mean[:-1]
+        for j, i in np.argwhere(hypotheses.view[:sensors] == row):
+            found[:, j, i] = windows[:, -1, i] - estimates[:, i]
+    return found
+
+
+def _deviation(residuals: Sequence[Array], periods: int) -> tuple[tuple[float, ...], ...]:
+    """(S, S) root mean squares of the residuals' running means over so many periods."""
+    squares = []
+    for item in residuals:
+        mean = np.zeros(item.shape[1:])
+        for number, value in enumerate(item):
+            mean = mean + (value - mean) / periods
+            if number >= periods or len(item) <= periods:
+                squares.append(np.square(mean))
+    return tuple(tuple(row) for row in np.sqrt(np.mean(squares, axis=0)).tolist())
