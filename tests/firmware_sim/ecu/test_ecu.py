@@ -281,10 +281,12 @@ def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recor
             ecu.step(now_ns, [sender.frame(codec.emit_pressure(message), now_ns=now_ns)])
         return seen
 
-    # The bundle's own apply where none are given.
+    # The manifest's apply where none are given, whatever the controller was exported with.
     defaults = driven(None)
     assert defaults
-    assert all(weights is None for weights in defaults)
+    own = bundle_of().manifest.mpc.weights
+    for weights in defaults:
+        np.testing.assert_array_equal(weights, own.as_tuple())
     found = driven(
         CostWeights(drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
     )

@@ -122,4 +122,4 @@ def test_a_bundle_for_a_slower_vehicle_fits_it_and_no_other(cli, keys, tmp_path)
         check_vehicle(found, load_config())
     refused = renew(cli, BUNDLE, keys, tmp_path, "--set", "flow.reynolds=400", target="other")
     assert refused.code == 1
-    assert "`bundle renew` does not use it; it uses operating_point" in refused.err
+    assert "`bundle renew` does not use it; it uses mpc.weights, operating_point" in refused.err

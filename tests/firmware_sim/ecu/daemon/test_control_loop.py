@@ -167,7 +167,7 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
 
 def test_an_edge_does_not_arm_while_the_other_ecu_is_there(rig):
     rig.into_control()
-    other = Frame(frame_id=JET_COMMAND.frame_id, data=bytes(8))
+    other = E2eSender(JET_COMMAND).frame(bytes(8), now_ns=0)
     for number in range(60):
         rig.wish = number % 20 > 3
         rig.pending.append((rig.next_sample + MS, other))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
@@ -101,15 +102,18 @@ def test_a_flood_takes_bounded_room_and_the_newest_stay():
     assert (box.received, box.dropped) == (ROOM + 10, 10)
 
 
-def test_commands_of_another_ecu_are_counted_and_other_frames_are_not():
+def test_sound_frames_of_another_ecu_are_counted_and_other_frames_are_not():
     box = inbox("virtual")
     for spec, times in ((JET_COMMAND, 3), (ECU_STATUS, 2), (PRESSURE, 1)):
+        sender = E2eSender(spec)
         for _ in range(times):
-            box.put(Frame(frame_id=spec.frame_id, data=bytes(spec.length)))
-    assert box.take().foreign == 3
-    box.put(Frame(frame_id=JET_COMMAND.frame_id, data=b""))
-    # Whatever is in it: nobody else may send it.
-    assert box.take() == ([], 1)
+            box.put(sender.frame(bytes(spec.protected), now_ns=0))
+    taken = box.take()
+    assert (len(taken.frames), taken.foreign) == (1, 5)
+    # Anybody can make these, without being an ECU.
+    for data in (b"", bytes(JET_COMMAND.length), bytes(JET_COMMAND.length - 1)):
+        box.put(Frame(frame_id=JET_COMMAND.frame_id, data=data))
+    assert box.take() == ([], 0)
     assert (box.foreign, box.received) == (4, 5)
 
 
