@@ -68,6 +68,7 @@ def write_stand_in(folder: Path, release: Bundle, config: Config) -> StandIn:
             dataset_sha256=unknown, weights_sha256=unknown, metrics={}, versions={}, config={}
         ).training(),
     )
-    bundles.write(paths.bundle, stands_in, {bundles.CONTROLLER: lowered.graph}, None)
+    # The sensor estimator, if there is one, is the release's own: it has no random twin, and its time counts too.
+    bundles.write(paths.bundle, stands_in, {**release.files, bundles.CONTROLLER: lowered.graph}, None)
     write_folder(paths.library, dict(lowered.library))
     return paths
