@@ -163,22 +163,33 @@ class Ecu:
             interventions=Intervention(0),
         )
 
-    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, updating: bool = False
+    ) -> list[Frame]:
         """One control period.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
+            updating: a new bundle is to be written: the ECU shuts itself off for good, as soon as no jet may run.
 
         Returns:
             A JetCommand and an EcuStatus.
         """
-        outcome = self.next(self._state, now_ns, frames, health)
+        outcome = self.next(self._state, now_ns, frames, health, updating=updating)
         self._state, self.trace = outcome.state, outcome.trace
         return outcome.frames
 
-    def next(self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> StepOutcome:
+    def next(
+        self,
+        state: EcuState,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = HEALTHY,
+        *,
+        updating: bool = False,
+    ) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
         timing = state.timing.next(now_ns, self._period_ns, config)
@@ -193,6 +204,7 @@ class Ecu:
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
             fault=timing.fault or _bus_fault(state.health, health),
+            updating=updating,
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)
@@ -287,7 +299,7 @@ class Ecu:
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""
         latest = memory.under_way.newest
-        if mode is OperatingMode.CONTROL:
+        if mode is OperatingMode.ACTIVE:
             try:
                 planned, answer = memory.planned(self._controller, self._weights)
             except ControllerError:
