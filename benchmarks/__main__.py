@@ -50,6 +50,7 @@ MEASUREMENTS: Final = {
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
+    "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }

@@ -109,8 +109,8 @@ Control of this kind is (m, k)-firm: so many of any k periods in a row may be mi
 to **{borne} of any {window} periods** may have no usable pressures, and no more than **{row} in a row**: the first
 {hold} with the last command held, the others with the command halved each time. One more, of either, and the jets are
 shut in that period and the fault latches. Periods count from the one in which the wish rises. Lost, corrupted,
-repeated, stale and invalid pressures are all the same in this; a stream with more than `bus.e2e.max_errors` wrong CRCs among the
-latest `bus.e2e.window` periods is not to be trusted and shuts the jets without hold or decay (row {invalid}).
+repeated, stale and invalid pressures are all the same in this; a stream with more than `bus.e2e.max_errors` wrong CRCs
+among the latest `bus.e2e.window` periods is not to be trusted and shuts the jets without hold or decay (row {invalid}).
 """
 
 

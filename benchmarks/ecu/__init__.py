@@ -1,0 +1,1 @@
+"""Measurements of the ECU on a hostile bus."""
