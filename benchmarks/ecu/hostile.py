@@ -71,9 +71,13 @@ def stretch(number: int, *, seed: int, periods: int = STRETCH) -> Stretch:
             modes[world.ecu.trace.mode.name] += 1
         if found:
             broken.update(found)
-            first.append(f"stretch {number} ({name}), period {seen.period}: {', '.join(found)} {seen.error or ''}")
+            first.append(f"stretch {number} ({name}), period {seen.period}: {', '.join(found)}{_of(seen.error)}")
     rss_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return Stretch(periods=periods, broken=broken, modes=modes, driven=driven, first=tuple(first[:3]), rss_kib=rss_kib)
+
+
+def _of(error: BaseException | None) -> str:
+    return "" if error is None else f": {error!r}"
 
 
 def stretches(steps: int, *, seed: int, processes: int) -> Iterator[Stretch]:

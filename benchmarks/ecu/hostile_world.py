@@ -235,18 +235,24 @@ PERIOD_NS: Final = 20_000_000
 
 
 class RandomEvents:
-    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts."""
+    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts.
 
-    def __init__(self, seed: int | str) -> None:
+    Args:
+        seed: of all that happens.
+        hostility: from 0 to 1, kept throughout; without, it changes.
+    """
+
+    def __init__(self, seed: int | str, hostility: float | None = None) -> None:
         self._rng = Random(seed)
         self._wish = False
-        self._odd = 0.0
+        self._fixed = hostility
+        self._odd = hostility or 0.0
         self._burst: list[str] = []
 
     def next(self, now_ns: int) -> Events:
         """The next period's; `now_ns` of the ECU's clock."""
         rng = self._rng
-        if rng.random() < 1 / 300:
+        if self._fixed is None and rng.random() < 1 / 300:
             self._odd = rng.choice((0.0, 0.003, 0.01, 0.03, 0.1, 0.4))
         if rng.random() < (0.01 if self._wish else 0.15):
             self._wish = not self._wish

@@ -36,8 +36,9 @@ PROMISES: Final = {
     "vehicle: bounds": "the jets' action is within the action limit",
     "vehicle: rate": "it moves by no more than one step a period; shutting is free",
     "vehicle: wish": "it is zero while the vehicle does not want control",
-    "vehicle: doubt": "it is not zero only by a sound enabled command of a driving mode that came at most hold periods "
-    "before the newest one due, and echoes pressures that the vehicle sent, at most five periods before",
+    "vehicle: doubt": "it is zero unless by a sound enabled command of a driving mode that echoes pressures which the "
+    "vehicle sent at most five periods before; of commands in order by the newest one due, otherwise by one up to hold "
+    "periods older",
 }
 
 
@@ -159,7 +160,7 @@ class EcuJudge:
             yield "controller"
         if enable and mode == wire.CONTROL and not any(item.wish for item in named):
             yield "fresh pressures"
-        if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(mode, flow, echo, now_ns):
+        if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(command, now_ns, elapsed_ns):
             yield "held pressures"
         if self._too_many_lost(mode, missing=not candidates):
             yield "loss limits"
@@ -207,13 +208,17 @@ class EcuJudge:
         share = 1.0 if elapsed_ns is None else min(1.0, max(0, elapsed_ns) / self._period_ns)
         return self._step * share + self._quantum
 
-    def _holds(self, mode: int, flow: float, echo: int | None, now_ns: int) -> bool:
-        if self.used is None or echo != self.used.counter or not 0 <= now_ns - self.used.sampled_ns <= self._held_ns:
+    def _holds(self, command: dict[str, Any], now_ns: int, elapsed_ns: int | None) -> bool:
+        if self.used is None or not command["PressureCounterValid"]:
             return False
-        # In a step that came early even the way towards zero is limited: then it lies between the two.
-        target = self._flow if mode == wire.HOLD else 0.5 * self._flow
+        if command["PressureCounter"] != self.used.counter or not 0 <= now_ns - self.used.sampled_ns <= self._held_ns:
+            return False
+        target = self._flow if command["Mode"] == wire.HOLD else 0.5 * self._flow
+        if abs(target - self._flow) <= self._reach(elapsed_ns) - self._quantum:
+            return bool(abs(command["Flow"] - target) <= self._quantum)
+        # In a step that came early even the way towards zero is limited.
         low, high = sorted((target, self._flow))
-        return low - self._quantum <= flow <= high + self._quantum
+        return bool(low - self._quantum <= command["Flow"] <= high + self._quantum)
 
     def _too_many_lost(self, mode: int, *, missing: bool) -> bool:
         wanted = mode in (wire.WARMUP, *wire.DRIVING)
@@ -255,6 +260,9 @@ class VehicleJudge:
         self._due = range(first, first + config.ecu.hold_periods + 1)
         """Periods before this one in which a command may have come that drives the jets now."""
         self._enabling: deque[int] = deque(maxlen=16)
+        self._clear: deque[int] = deque(maxlen=16)
+        self._in_order = 0
+        self._counter = -1
         self._action = 0.0
         self._reset_at: int | None = None
 
@@ -263,8 +271,8 @@ class VehicleJudge:
         if seen.reset_vehicle:
             self._action, self._reset_at = 0.0, seen.period
             self._enabling.clear()
-        if any(self._enables(item, seen.period) for item in seen.commands):
-            self._enabling.append(seen.period)
+            self._in_order = 0
+        self._received(seen)
         if abs(seen.action) > self._limit + 1e-12:
             yield "vehicle: bounds"
         # Rounding of the sum of two numbers.
@@ -272,12 +280,27 @@ class VehicleJudge:
             yield "vehicle: rate"
         if seen.action != 0.0 and not seen.wish:
             yield "vehicle: wish"
-        if seen.action != 0.0 and not any(seen.period - before in self._enabling for before in self._due):
+        newest = seen.period - self._due[0]
+        due = (0,) if newest in self._clear else range(len(self._due))
+        if seen.action != 0.0 and not any(newest - before in self._enabling for before in due):
             yield "vehicle: doubt"
         self._action = seen.action
 
-    def _enables(self, item: Delivered, period: int) -> bool:
-        command = wire.read(item.frame, wire.COMMAND)
+    def _received(self, seen: Seen) -> None:
+        """Keep whether one of the period's commands may drive the jets, and whether it is clear which one counts."""
+        commands = [(wire.read(item.frame, wire.COMMAND), item) for item in seen.commands]
+        if any(self._enables(command, item, seen.period) for command, item in commands):
+            self._enabling.append(seen.period)
+        alone = commands[0][0] if len(commands) == 1 else None
+        follows = alone is not None and alone["E2E_Counter"] == (self._counter + 1) % 256
+        self._in_order = self._in_order + 1 if follows else 0
+        if alone is not None:
+            self._counter = alone["E2E_Counter"]
+        # A receiver's window of five is then full of good ones.
+        if self._in_order >= 5:
+            self._clear.append(seen.period)
+
+    def _enables(self, command: dict[str, Any] | None, item: Delivered, period: int) -> bool:
         if command is None or not (command["Enable"] and command["PressureCounterValid"]):
             return False
         if command["Mode"] not in wire.DRIVING or item.sampled is None:
