@@ -118,7 +118,8 @@ class EcuJudge:
     def reset(self) -> None:
         """After a power-on."""
         self.used: Used | None = None
-        self._flow, self._mode, self._step_ns = 0.0, wire.OFF, None
+        self._flow, self._mode = 0.0, wire.OFF
+        self._step_ns: int | None = None
         self._counter = 0
         self._counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
         self._lost: deque[bool] = deque(maxlen=self._loss_window)

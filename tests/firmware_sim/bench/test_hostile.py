@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
 from benchmarks.ecu.hostile_controller import BAD, GOOD
 from benchmarks.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, RandomEvents, World
@@ -86,9 +86,9 @@ class HostilePeriods(RuleBasedStateMachine):
         self.period(reset_ecu=ecu, reset_vehicle=not ecu)
 
 
-TestHostilePeriods = HostilePeriods.TestCase
-TestHostilePeriods.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
-TestHostilePeriods.pytestmark = [pytest.mark.slow]  # a thousand periods and more
+@pytest.mark.slow  # a thousand periods and more
+def test_no_story_that_hypothesis_finds_breaks_a_promise():
+    run_state_machine_as_test(HostilePeriods, settings=settings(max_examples=25, stateful_step_count=20, deadline=None))
 
 
 @pytest.mark.parametrize("hostility", [0.01, 0.3])
