@@ -60,10 +60,12 @@ retrain: $(VENV)/dev.stamp
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
-	$(BIN)/stillwake run runs/limits --overwrite --set ecu.compute_time_ms=0.0 --json results/limit_latency.json
+	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
+	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
+		--json results/limit_latency.json
 	$(BIN)/stillwake train runs/model --overwrite
 	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15 --overwrite
-	$(BIN)/stillwake run runs/limits --overwrite --bundle runs/long --json results/limit_iterations.json
+	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json

@@ -109,22 +109,23 @@ def _before_and_under(figures: Mapping[str, Any]) -> str:
 
 
 def limits(results: Path) -> str:
-    """What latency and few iterations cost."""
+    """What latency, planning ahead and few iterations cost."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     rows = []
     facts = read(results / "demo.json")["facts"]
     late, period = facts["config"]["ecu"]["compute_time_ms"], facts["budget_ms"]
     for label, name in (
-        ("the release", "demo"),
-        ("no compute time", "limit_latency"),
-        ("15 iterations instead of 5", "limit_iterations"),
+        ("the release: a period ahead", "demo"),
+        (f"not ahead, {late:g} ms for computing", "limit_late_start"),
+        ("not ahead, no time for computing", "limit_latency"),
+        ("the second row with 15 iterations, not 5", "limit_iterations"),
     ):
         figures = read(results / f"{name}.json")["figures"]
         rows.append((label, *(figures[key] for key in names)))
     return f"""{table(("", "mean Cd (wall)", "less drag, %", "mean abs Cl", "mean Cl", "rms action"), rows)}
 
-The first two differ only in when the jets answer: at the instant of the sample, or {late:g} ms of a period of
-{period:g} ms later, which the controller's model leaves out."""
+The first three differ in when the jets answer: a period of {period:g} ms after the sample, for which the controller
+plans; {late:g} ms after it, which the controller's model leaves out; or at the instant of the sample."""
 
 
 def steady(results: Path) -> str:

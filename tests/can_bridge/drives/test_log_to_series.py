@@ -184,7 +184,7 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after(kind: str
                 echo=echo,
                 mode="HOLD" if held else "CONTROL",
                 next_period=True,
-            )  # fmt: skip
+            )
         )
     (piece,) = read(messages).pieces
     # What the jets did in the first period was asked for before the log begins.

@@ -22,9 +22,10 @@ def state_of(*frames: Frame) -> MonitorState:
 def test_rows_of_a_command_with_a_loss():
     state = state_of(*(frame(JET_COMMAND, i, t_ns=i * 20_000_000) for i in (0, 1, 3)))
     found = rows(state, 100_000_000)
-    assert [one.signal for one in found] == ["Mode", "Enable", "PressureCounterValid", "Flow", "PressureCounter"]
-    assert [one.is_first for one in found] == [True, False, False, False, False]
-    flow = found[3]
+    signals = ["Mode", "Enable", "PressureCounterValid", "NextPeriod", "Flow", "PressureCounter"]
+    assert [one.signal for one in found] == signals
+    assert [one.is_first for one in found] == [True] + 5 * [False]
+    flow = found[4]
     assert (flow.message, flow.frame_id, flow.value, flow.unit) == ("JetCommand", "130", "0", "m2/s")
     # Frames at 0, 20 and 60 ms, looked at 100 ms: two intervals in 60 ms, age 40 ms.
     assert flow.rate_hz == pytest.approx(2 / 0.06)

@@ -112,6 +112,7 @@ def test_jet_command_is_the_same_to_cantools_in_both_directions(flow, mode, enab
         not_authentic=st.just(0),
         tx_errors=st.just(0),
         rx_errors=st.just(0),
+        set_aside=st.just(0),
     )
 )
 def test_status_is_the_same_to_cantools_in_both_directions(message):
@@ -212,7 +213,7 @@ def status(**changes: Any) -> EcuStatus:
         (classic_codec.emit_jet_command, jet(pressure_counter=16), r"pressure_counter = 16: must be in 0\.\.15"),
         (classic_codec.emit_ecu_status, status(missed=-1), "missed = -1: must not be negative"),
         (classic_codec.emit_ecu_status, status(bundle_hash=2**32), "bundle_hash"),
-        (classic_codec.emit_ecu_status, status(reason=10), "10 is not a valid Reason"),
+        (classic_codec.emit_ecu_status, status(reason=12), "12 is not a valid Reason"),
     ],
 )  # fmt: skip
 def test_what_the_wire_cannot_carry_is_refused_by_name(emit, message, culprit):
