@@ -2,7 +2,8 @@
 
 What happens is told by `Events`, drawn by `random_events` from a seed or by a test; what it led to is a `Seen`. The
 bus has no authentication here, so nobody forges: a frame of another node is a copy with another counter, and copies
-of old frames are up to a hundred periods old. A counter of 8 bits cannot tell those of 256 periods ago.
+of old frames are up to a hundred periods old, and of the same power cycle of their sender: a counter of 8 bits cannot
+tell those of 256 periods ago, nor those of before a reset.
 """
 
 from collections import deque
@@ -74,6 +75,10 @@ class Path:
     def __init__(self) -> None:
         self._under_way: list[tuple[int, Delivered]] = []
         self._kept: deque[Delivered] = deque(maxlen=KEPT)
+
+    def forget(self) -> None:
+        """No frame so far will be replayed."""
+        self._kept.clear()
 
     def carried(self, item: Delivered | None, fate: str, period: int, rng: Random) -> list[Delivered]:
         """What arrives in this period; `item` is what was sent in it."""
@@ -162,8 +167,10 @@ class World:
             self._health = HEALTHY
             self._inbox.clear()
             self._judges[0].reset()
+            self._commands.forget()
         if events.reset_vehicle:
             self.node = VehicleNode(NAMES, self.config)
+            self._pressures.forget()
         cp = np.full(sensors.COUNT, rng.uniform(-1.0, 1.0) if events.valid else rng.choice((np.nan, np.inf, 1e300)))
         frame = self.node.sample(cp, enable_request=events.wish, now_ns=START_NS + seen.period * self.config.period_ns)
         for item in self._pressures.carried(Delivered(frame, seen.period), events.pressure, seen.period, rng):

@@ -258,7 +258,7 @@ class FailSafe:
         lost: the latest `loss_window` periods, a bit each and the newest lowest: 1 without usable pressures. Those
             since control was requested or re-armed.
         reason: why the loop is not in control; kept while a fault stands.
-        enable_request: of the vehicle, as last received; taken to stand before the first.
+        enable_request: of the vehicle, as last received; taken to stand before the first, and when a fault begins.
     """
 
     mode: OperatingMode = OperatingMode.INIT
@@ -281,6 +281,9 @@ class FailSafe:
             lost = (self.lost << 1 | (not usable)) & ((1 << config.loss_window) - 1)
         period = Period(inputs, wish, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
+        if row.to is OperatingMode.FAULT is not self.mode:
+            # As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault.
+            wish = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=wish
         )

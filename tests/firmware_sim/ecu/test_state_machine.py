@@ -1,5 +1,7 @@
 """The fail-safe's table, and what must hold for every history of frames."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -102,6 +104,17 @@ def test_an_edge_in_a_period_with_a_fault_is_spent(rearm):
     # A fault that stands is none the less one: good frames count from the last period with it.
     assert modes(after(ON, "xxxx"), "gTgTgG", config) == "FFFFFC"
     assert after(ON, "xxxxggggT").good == 1
+
+
+def test_a_wish_that_is_low_when_a_fault_begins_must_be_seen_low_again():
+    """It may have risen before the fault, in frames that were lost or not to be trusted."""
+    config = EcuConfig(rearm_frames=1)
+    lost = PeriodInputs(
+        usable=False, enable_request=None, unusable_because=Reason.STREAM_LOST, window_full=True, fault=Reason.CLOCK
+    )
+    state = after(ON, "g").next(lost, config)
+    assert modes(state, "GGgG", config) == "FFFC"
+    assert modes(after(ON, "g").next(replace(lost, enable_request=False), config), "G", config) == "C"
 
 
 @pytest.mark.parametrize(
