@@ -116,7 +116,7 @@ def main(
     save(
         json_file,
         figures=figures,
-        facts={"seed": seed, "settings": list(SETTINGS), **versions("cantools", "autosar-e2e", "numpy")},
+        facts={"seed": seed, "settings": list(SETTINGS), "versions": versions("cantools", "autosar-e2e", "numpy")},
     )
     if figures["violations"]:
         raise typer.Exit(1)
