@@ -56,6 +56,7 @@ MEASUREMENTS: Final = {
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
+    "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"

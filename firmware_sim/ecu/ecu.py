@@ -169,7 +169,13 @@ class Ecu:
         )
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
+        self,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = HEALTHY,
+        *,
+        fault: Reason | None = None,
+        updating: bool = False,
     ) -> list[Frame]:
         """One control period.
 
@@ -178,11 +184,12 @@ class Ecu:
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
             fault: for which the ECU must switch itself off, found by what is around it.
+            updating: a new bundle is to be written: the ECU shuts itself off for good, as soon as no jet may run.
 
         Returns:
             A JetCommand and an EcuStatus.
         """
-        outcome = self.next(self._state, now_ns, frames, health, fault=fault)
+        outcome = self.next(self._state, now_ns, frames, health, fault=fault, updating=updating)
         self._state, self.trace = outcome.state, outcome.trace
         return outcome.frames
 
@@ -194,6 +201,7 @@ class Ecu:
         health: BusHealth = HEALTHY,
         *,
         fault: Reason | None = None,
+        updating: bool = False,
     ) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
@@ -210,6 +218,7 @@ class Ecu:
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
             fault=timing.fault or _bus_fault(state.health, health) or self._other_ecu(frames) or sensor_fault or fault,
+            updating=updating,
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)
@@ -321,7 +330,7 @@ class Ecu:
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""
         latest = memory.under_way.newest
-        if mode is OperatingMode.CONTROL:
+        if mode is OperatingMode.ACTIVE:
             try:
                 planned, answer = memory.planned(self._controller, self._weights)
             except ControllerError:

@@ -1,18 +1,17 @@
-"""What the ECU does when pressures stay away: hold, decay, zero and latch.
+"""What the ECU does in each control period: one table of states and transitions, and nothing beside it.
 
-    miss 1 .. hold_periods              HOLD   keep the last command
-    the next decay_periods misses       DECAY  halve it every period
-    one more                            FAULT  zero, latched
-    loss_limit misses in loss_window    FAULT  zero, latched
-    a stream that is not to be trusted  FAULT  zero, latched
+`TRANSITIONS` is read from its first row on; the first one that starts at the present state and whose condition holds
+is taken, in the control step that sees the condition. `docs/reference/states.md` and its picture are made from it.
 
-A latched fault ends only when `rearm_frames` good frames in a row have come and the vehicle then raises its enable
-request anew. Short of the latch, the first good frame resumes control. At power-on the request must be raised, too:
-one that stands already may be of the time before a fault.
+The ECU takes no more losses than (m, k)-firm control allows: with the settings as they are, control is taken away when
+`loss_limit` = 25 of the last `loss_window` = 50 periods have no usable pressures, or when more than `hold_periods` +
+`decay_periods` = 3 in a row have none.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum, auto
+from typing import Final, NamedTuple
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
@@ -21,14 +20,25 @@ from contract.config.vehicle import EcuConfig
 class OperatingMode(Enum):
     """What the ECU does in a control period. The wire has a table of its own: see `on_wire`."""
 
-    OFF = auto()
-    """Control is not requested, or has not been since power-on."""
+    INIT = auto()
+    """Since power-on there have been no usable pressures."""
+    STANDBY = auto()
+    """Pressures come. The vehicle's wish for control stands as it did at power-on: it may be of the time before a
+    fault, so it must fall first."""
+    ARMED = auto()
+    """The wish is low: control starts when it rises."""
     WARMUP = auto()
-    """It is, but the window is not full."""
-    CONTROL = auto()
+    """Control is wanted, but the controller's window is not full."""
+    ACTIVE = auto()
+    """The jets follow the controller."""
     HOLD = auto()
+    """Pressures are missing: the last command stays."""
     DECAY = auto()
+    """They are missing for longer: the command is halved each period."""
     FAULT = auto()
+    """The jets are shut and stay so until good frames have come and the wish rises anew."""
+    UPDATE = auto()
+    """A new bundle is being written; a reset alone leads out."""
 
     @property
     def on_wire(self) -> Mode:
@@ -38,18 +48,18 @@ class OperatingMode(Enum):
     @property
     def drives_jets(self) -> bool:
         """Whether the jets may run."""
-        return self in _DRIVES_JETS
+        return self in DRIVES_JETS
 
 
-_ON_WIRE = {
-    OperatingMode.OFF: Mode.OFF,
+_ON_WIRE: Final = {
+    **dict.fromkeys((OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE), Mode.OFF),
     OperatingMode.WARMUP: Mode.WARMUP,
-    OperatingMode.CONTROL: Mode.CONTROL,
+    OperatingMode.ACTIVE: Mode.CONTROL,
     OperatingMode.HOLD: Mode.HOLD,
     OperatingMode.DECAY: Mode.DECAY,
     OperatingMode.FAULT: Mode.FAULT,
 }
-_DRIVES_JETS = frozenset({OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY})
+DRIVES_JETS: Final = frozenset({OperatingMode.ACTIVE, OperatingMode.HOLD, OperatingMode.DECAY})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +72,7 @@ class PeriodInputs:
         unusable_because: why pressures are not usable; ignored if they are.
         window_full: the controller can plan.
         fault: for which the ECU must switch itself off in this period, whatever came.
+        updating: a new bundle is to be written.
     """
 
     usable: bool
@@ -69,6 +80,171 @@ class PeriodInputs:
     unusable_because: Reason
     window_full: bool
     fault: Reason | None = None
+    updating: bool = False
+
+
+class Period(NamedTuple):
+    """What conditions are about: one period's inputs, and what has been counted up to it.
+
+    Attributes:
+        inputs: of the period.
+        wish: of the vehicle, as last received.
+        rises: it was low before this period and stands now.
+        misses: periods in a row without usable pressures.
+        good: usable ones in a row.
+        lost: periods without usable pressures among the latest `loss_window` in which control was wanted.
+        config: the limits.
+        kept: reason of the state before.
+    """
+
+    inputs: PeriodInputs
+    wish: bool
+    rises: bool
+    misses: int
+    good: int
+    lost: int
+    config: EcuConfig
+    kept: Reason
+
+
+class Condition(NamedTuple):
+    """A condition by its name."""
+
+    text: str
+    holds: Callable[[Period], bool]
+
+
+class Because(NamedTuple):
+    """Which Reason a state is reported with, by its name."""
+
+    text: str
+    of: Callable[[Period], Reason]
+
+
+def _missing(period: Period) -> Reason:
+    return Reason.NONE if period.inputs.usable else period.inputs.unusable_because
+
+
+def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
+    """A vehicle none of whose frames is authentic cannot make its wish heard: the reason alone says why."""
+    return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
+
+
+NO_REASON: Final = Because("NONE", lambda period: Reason.NONE)
+QUIET: Final = Because("NONE; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NONE))
+STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NOT_ARMED))
+MISSING: Final = Because("why pressures are missing", _missing)
+WHILE_MISSING: Final = Because("NONE; if pressures are missing, why", _missing)
+OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
+FIRST: Final = Because("the first one stays", lambda period: period.kept)
+
+ALWAYS: Final = Condition("in any other case", lambda period: True)
+UPDATING: Final = Condition("a bundle is to be written", lambda period: period.inputs.updating)
+OWN_FAULT: Final = Condition(
+    "the ECU's own fault: clock, deadline, bus-off, controller", lambda period: period.inputs.fault is not None
+)
+REARMED: Final = Condition(
+    "the wish rises with usable pressures, `rearm_frames` or more in a row",
+    lambda period: period.inputs.usable and period.rises and period.good >= period.config.rearm_frames,
+)
+LOW: Final = Condition("the wish is low", lambda period: not period.wish)
+NEVER_YET: Final = Condition(
+    "no usable pressures, and the wish does not rise", lambda period: not (period.inputs.usable or period.rises)
+)
+LOW_AND_USABLE: Final = Condition(
+    "usable pressures, and the wish is low", lambda period: period.inputs.usable and not period.wish
+)
+STANDING: Final = Condition(
+    "usable pressures, and the wish stands from before", lambda period: period.inputs.usable and not period.rises
+)
+INVALID: Final = Condition("the stream is not to be trusted", lambda period: _missing(period) is Reason.STREAM_INVALID)
+TOO_LONG: Final = Condition(
+    "more than `hold_periods` + `decay_periods` missing in a row",
+    lambda period: period.misses > period.config.hold_periods + period.config.decay_periods,
+)
+TOO_MANY: Final = Condition(
+    "`loss_limit` of the last `loss_window` missing, this one too",
+    lambda period: not period.inputs.usable and period.lost >= period.config.loss_limit,
+)
+FILLING: Final = Condition("the window is not full", lambda period: not period.inputs.window_full)
+USABLE: Final = Condition("usable pressures", lambda period: period.inputs.usable)
+SHORT: Final = Condition(
+    "no more than `hold_periods` missing in a row", lambda period: period.misses <= period.config.hold_periods
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transition:
+    """One row of the table.
+
+    Attributes:
+        start: states that it leads from.
+        when: what must hold.
+        to: the state it leads to.
+        reason: that is reported.
+        within: periods from the first that has the cause to the one that reacts, which is 1 for the same: a number,
+            or a formula in settings of the ECU.
+    """
+
+    start: frozenset[OperatingMode]
+    when: Condition
+    to: OperatingMode
+    reason: Because
+    within: str = "1"
+
+
+def _row(start: str, when: Condition, to: OperatingMode, reason: Because, within: str = "1") -> Transition:
+    states = frozenset(OperatingMode[name] for name in start.split())
+    return Transition(start=states, when=when, to=to, reason=reason, within=within)
+
+
+_S = OperatingMode
+_WANTED: Final = "WARMUP ACTIVE HOLD DECAY"
+"""Where control is wanted and no fault stands."""
+
+TRANSITIONS: Final = (
+    _row("UPDATE", ALWAYS, _S.UPDATE, NO_REASON),
+    _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, NO_REASON),
+    _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, OWN),
+    _row("FAULT", OWN_FAULT, _S.FAULT, FIRST),
+    # Power-on, and no wish.
+    _row("INIT", NEVER_YET, _S.INIT, QUIET),
+    _row("INIT", LOW_AND_USABLE, _S.ARMED, QUIET),
+    _row("INIT", STANDING, _S.STANDBY, STANDS),
+    _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, QUIET),
+    _row("STANDBY", ALWAYS, _S.STANDBY, STANDS),
+    # The wish rises, or it stands and control is wanted.
+    _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, MISSING),
+    _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, MISSING, "hold_periods + decay_periods + 1"),
+    _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, MISSING, "loss_limit"),
+    _row("INIT", ALWAYS, _S.WARMUP, WHILE_MISSING),
+    _row(f"ARMED {_WANTED}", FILLING, _S.WARMUP, WHILE_MISSING),
+    _row(f"ARMED {_WANTED}", USABLE, _S.ACTIVE, NO_REASON),
+    _row("ARMED WARMUP ACTIVE HOLD", SHORT, _S.HOLD, MISSING),
+    _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, MISSING, "hold_periods + 1"),
+    # A latched fault.
+    _row(
+        "FAULT",
+        Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
+        _S.WARMUP,
+        NO_REASON,
+        "rearm_frames",
+    ),
+    _row("FAULT", REARMED, _S.ACTIVE, NO_REASON, "rearm_frames"),
+    _row("FAULT", ALWAYS, _S.FAULT, FIRST),
+)
+"""All that can happen, in the order in which it is looked at; see `Transition`."""
+
+
+def _rows_of(mode: OperatingMode) -> tuple[list[Transition], Transition]:
+    """The rows of a state in their order, and the last one, which asks for nothing."""
+    *rows, otherwise = (row for row in TRANSITIONS if mode in row.start)
+    return rows, otherwise
+
+
+_FROM: Final = {mode: _rows_of(mode) for mode in OperatingMode}
+_UNWANTED: Final = frozenset({_S.INIT, _S.STANDBY, _S.ARMED})
+_COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,70 +257,56 @@ class FailSafe:
         good: usable ones in a row.
         lost: the latest `loss_window` periods, a bit each and the newest lowest: 1 without usable pressures. Those
             since control was requested or re-armed.
-        latched: a fault that needs re-arming.
-        reason: why the loop is not in control; kept while latched.
-        enable_request: of the vehicle, as last received; taken to stand before the first.
-        armed: the request has been raised since power-on.
+        reason: why the loop is not in control; kept while a fault stands.
+        enable_request: of the vehicle, as last received; taken to stand before the first, and when a fault begins.
     """
 
-    mode: OperatingMode = OperatingMode.OFF
+    mode: OperatingMode = OperatingMode.INIT
     misses: int = 0
     good: int = 0
     lost: int = 0
-    latched: bool = False
     reason: Reason = Reason.NONE
     enable_request: bool = True
-    armed: bool = False
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
         """The state in the next period; config has the lengths of hold, decay and re-arming and the most losses."""
-        before = self if inputs.fault is None else self.latch(inputs.fault)
-        request = before.enable_request if inputs.enable_request is None else inputs.enable_request
-        edge = request and not before.enable_request
-        armed = before.armed or edge
-        wanted = armed and request
-        latched, reason, lost = before.latched, before.reason, 0
-        if wanted and not latched:
-            lost = (before.lost << 1 | (not inputs.usable)) & ((1 << config.loss_window) - 1)
-        if inputs.usable:
-            misses, good = 0, before.good + 1
-            # An edge is spent where a fault is new or stands.
-            latched = latched and not (edge and good >= config.rearm_frames and inputs.fault is None)
-        else:
-            misses, good = before.misses + 1, 0
-            if wanted and not latched:
-                reason = inputs.unusable_because
-                too_long = misses > config.hold_periods + config.decay_periods
-                latched = too_long or lost.bit_count() >= config.loss_limit or reason is Reason.STREAM_INVALID
-        if not latched and (inputs.usable or not wanted):
-            # A vehicle none of whose frames is authentic cannot make its wish heard: this alone says why.
-            refused = not inputs.usable and inputs.unusable_because is Reason.NOT_AUTHENTIC
-            reason = Reason.NOT_AUTHENTIC if refused else Reason.NONE
-        if latched:
-            mode = OperatingMode.FAULT
-        elif not wanted:
-            mode = OperatingMode.OFF
-        elif not inputs.window_full:
-            mode = OperatingMode.WARMUP
-        elif misses == 0:
-            mode = OperatingMode.CONTROL
-        else:
-            mode = OperatingMode.HOLD if misses <= config.hold_periods else OperatingMode.DECAY
+        wish = self.enable_request if inputs.enable_request is None else inputs.enable_request
+        rises = wish and not self.enable_request
+        usable = inputs.usable
+        misses = 0 if usable else self.misses + 1
+        # Good frames that re-arm are counted from the last period with a fault of the ECU's own.
+        good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
+        lost = 0
+        if wish and inputs.fault is None and self.mode not in _COUNTS_NO_LOSS and (rises or self.mode not in _UNWANTED):
+            lost = (self.lost << 1 | (not usable)) & ((1 << config.loss_window) - 1)
+        period = Period(inputs, wish, rises, misses, good, lost.bit_count(), config, self.reason)
+        row = taken(self.mode, period)
+        if row.to is OperatingMode.FAULT is not self.mode:
+            # As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault.
+            wish = inputs.enable_request is not False
         return FailSafe(
-            mode=mode,
-            misses=misses,
-            good=good,
-            lost=lost,
-            latched=latched,
-            reason=reason,
-            enable_request=request,
-            armed=armed,
+            mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=wish
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch for a cause other than missing pressures; the good frames that re-arm are counted from here.
+        """After a fault of the ECU's own that shows only in the course of the period; good frames count from here."""
+        inputs = PeriodInputs(
+            usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
+        )
+        wish, misses = self.enable_request, self.misses
+        period = Period(inputs, wish, False, misses, 0, 0, _NO_LIMITS, self.reason)
+        row = taken(self.mode, period)
+        return FailSafe(mode=row.to, misses=misses, good=0, lost=0, reason=row.reason.of(period), enable_request=wish)
 
-        Of a fault that is latched already the first cause is kept.
-        """
-        first = self.reason if self.latched else reason
-        return replace(self, mode=OperatingMode.FAULT, good=0, lost=0, latched=True, reason=first)
+
+_NO_LIMITS: Final = EcuConfig()
+"""For the rows of a fault of the ECU's own, which look at no setting."""
+
+
+def taken(mode: OperatingMode, period: Period) -> Transition:
+    """The row that a period takes from a state. There always is one: the last row of each state asks for nothing."""
+    rows, otherwise = _FROM[mode]
+    for row in rows:
+        if row.when.holds(period):
+            return row
+    return otherwise

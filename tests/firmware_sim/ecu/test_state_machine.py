@@ -1,5 +1,7 @@
 """The fail-safe's table, and what must hold for every history of frames."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,9 +10,9 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 
-ARMED = FailSafe(enable_request=False, armed=True)
-"""Since power-on control has been requested, and no longer is."""
-ON = FailSafe(good=9, enable_request=True, armed=True)
+ARMED = FailSafe(mode=OperatingMode.ARMED, enable_request=False)
+"""Control may be requested at any time."""
+ON = FailSafe(mode=OperatingMode.ACTIVE, good=9)
 
 
 def after(
@@ -38,11 +40,11 @@ def after(
 
 
 def modes(state: FailSafe, events: str, config: EcuConfig | None = None) -> str:
-    """The initials of the modes gone through, with a full window."""
+    """The initials on the wire of the modes gone through, with a full window."""
     found = ""
     for event in events:
         state = after(state, event, config)
-        found += state.mode.name[0]
+        found += state.mode.on_wire.name[0]
     return found
 
 
@@ -87,7 +89,7 @@ def test_a_latched_fault_needs_good_frames_and_an_edge(events, expected):
 def test_the_window_must_be_full():
     assert after(ON, "G", window_full=False).mode is OperatingMode.WARMUP
     assert after(ON, "xxxxG", window_full=False).mode is OperatingMode.FAULT
-    assert after(FailSafe(), "g", window_full=False).mode is OperatingMode.OFF
+    assert after(FailSafe(), "g", window_full=False).mode is OperatingMode.ARMED
 
 
 def test_a_fault_of_the_ecu_itself_latches_before_the_frames_of_the_period_count():
@@ -104,6 +106,17 @@ def test_an_edge_in_a_period_with_a_fault_is_spent(rearm):
     assert after(ON, "xxxxggggT").good == 1
 
 
+def test_a_wish_that_is_low_when_a_fault_begins_must_be_seen_low_again():
+    """It may have risen before the fault, in frames that were lost or not to be trusted."""
+    config = EcuConfig(rearm_frames=1)
+    lost = PeriodInputs(
+        usable=False, enable_request=None, unusable_because=Reason.STREAM_LOST, window_full=True, fault=Reason.CLOCK
+    )
+    state = after(ON, "g").next(lost, config)
+    assert modes(state, "GGgG", config) == "FFFC"
+    assert modes(after(ON, "g").next(replace(lost, enable_request=False), config), "G", config) == "C"
+
+
 @pytest.mark.parametrize(
     ("events", "expected"),
     [
@@ -113,7 +126,9 @@ def test_an_edge_in_a_period_with_a_fault_is_spent(rearm):
         ("xxGGG", "OOOOO"),
         ("xxgG", "OOOC"),
         ("GxxxxxxG", "OOOOOOOO"),  # nothing is wanted yet: there is nothing to latch
-        ("IiI", "OOD"),
+        ("GiI", "OOD"),
+        # Without pressures there is no full window: INIT leads to WARMUP alone.
+        ("IiI", "OOW"),
     ],
 )
 def test_at_power_on_the_request_must_be_raised(events, expected):
@@ -122,9 +137,9 @@ def test_at_power_on_the_request_must_be_raised(events, expected):
 
 def test_a_stream_that_is_not_trusted_latches_at_once():
     state = after(ON, "x", reason=Reason.STREAM_INVALID)
-    assert (state.mode, state.latched, state.reason) == (OperatingMode.FAULT, True, Reason.STREAM_INVALID)
-    assert after(ON, "gx", reason=Reason.STREAM_INVALID).mode is OperatingMode.OFF
-    assert after(FailSafe(), "x", reason=Reason.STREAM_INVALID).mode is OperatingMode.OFF
+    assert (state.mode, state.reason) == (OperatingMode.FAULT, Reason.STREAM_INVALID)
+    assert after(ON, "gx", reason=Reason.STREAM_INVALID).mode is OperatingMode.ARMED
+    assert after(FailSafe(), "x", reason=Reason.STREAM_INVALID).mode is OperatingMode.INIT
     for reason in (Reason.STREAM_LOST, Reason.SENSOR_INVALID, Reason.STALE, Reason.NOT_AUTHENTIC):
         state = after(ON, "x", reason=reason)
         assert (state.mode, state.reason) == (OperatingMode.HOLD, reason)
@@ -157,13 +172,50 @@ def test_losses_count_from_when_control_is_wanted():
     assert after(ON, "xG").lost == 0b10
 
 
-def test_every_mode_has_its_own_name_on_the_wire():
-    assert {mode.name: mode.on_wire.name for mode in OperatingMode} == {mode.name: mode.name for mode in Mode}
+def test_the_wire_knows_off_for_every_state_in_which_nobody_asks_for_control():
+    off = {mode for mode in OperatingMode if mode.on_wire is Mode.OFF}
+    assert off == {OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE}
+    others = {mode.name: mode.on_wire.name for mode in OperatingMode if mode not in off}
+    assert others == {"ACTIVE": "CONTROL", **{name: name for name in ("WARMUP", "HOLD", "DECAY", "FAULT")}}
 
 
 def test_the_jets_run_in_three_modes():
     running = {mode for mode in OperatingMode if mode.drives_jets}
-    assert running == {OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY}
+    assert running == {OperatingMode.ACTIVE, OperatingMode.HOLD, OperatingMode.DECAY}
+
+
+def test_a_wish_that_stands_at_power_on_is_seen_on_the_wire():
+    state = after(FailSafe(), "G")
+    assert (state.mode, state.reason) == (OperatingMode.STANDBY, Reason.NOT_ARMED)
+    assert after(state, "x" * 9).reason is Reason.NOT_ARMED
+    assert after(state, "x", reason=Reason.NOT_AUTHENTIC).reason is Reason.NOT_AUTHENTIC
+    assert (after(state, "g").mode, after(state, "g").reason) == (OperatingMode.ARMED, Reason.NONE)
+
+
+def test_before_the_first_pressures_a_wish_is_heard_all_the_same():
+    assert after(FailSafe(), "i").mode is OperatingMode.INIT
+    assert after(FailSafe(), "ix", reason=Reason.NOT_AUTHENTIC).reason is Reason.NOT_AUTHENTIC
+    assert after(FailSafe(), "iG", window_full=False).mode is OperatingMode.WARMUP
+    assert after(FailSafe(), "ixxxI").mode is OperatingMode.FAULT
+
+
+def written(state: FailSafe, **changes) -> FailSafe:
+    """One period in which a bundle is to be written."""
+    inputs = {"usable": True, "enable_request": True, "unusable_because": Reason.NONE, "window_full": True}
+    return state.next(PeriodInputs(**{**inputs, "updating": True, **changes}), EcuConfig())
+
+
+@pytest.mark.parametrize("mode", OperatingMode)
+def test_an_update_begins_where_no_jet_may_run_and_ends_with_a_reset_alone(mode):
+    state = written(FailSafe(mode=mode, reason=Reason.DEADLINE), enable_request=None)
+    assert (state.mode is OperatingMode.UPDATE) != mode.drives_jets
+    if mode.drives_jets:  # once the wish has ended
+        state = written(written(state, enable_request=False))
+    assert state.mode is OperatingMode.UPDATE
+    for event in "GgGxgGggggggGTgG":
+        state = after(state, event)
+        assert (state.mode, state.reason) == (OperatingMode.UPDATE, Reason.NONE)
+    assert state.latch(Reason.INTERNAL).mode is OperatingMode.UPDATE
 
 
 def test_the_first_cause_is_kept_while_latched():
@@ -199,13 +251,13 @@ def test_every_history_keeps_the_rules(events, hold, decay, rearm):
         request = requested if event == "x" else event.isupper()
         in_a_row, missed = (in_a_row + 1, 0) if event in "Gg" else (0, missed + 1)
         mode = state.mode
-        if before.latched and not state.latched:
+        if before.mode is OperatingMode.FAULT and state.mode is not OperatingMode.FAULT:
             assert event == "G"
             assert not requested
             assert in_a_row >= rearm
         if request and missed > hold + decay:
             assert mode is OperatingMode.FAULT
-        if mode is OperatingMode.CONTROL:
+        if mode is OperatingMode.ACTIVE:
             assert request
             assert missed == 0
         if mode in (OperatingMode.HOLD, OperatingMode.DECAY):
@@ -213,5 +265,4 @@ def test_every_history_keeps_the_rules(events, hold, decay, rearm):
             assert 1 <= missed <= hold + decay
             assert (mode is OperatingMode.HOLD) == (missed <= hold)
             assert state.reason is Reason.STREAM_LOST
-        assert (mode is OperatingMode.FAULT) == state.latched
         assert (state.reason is Reason.NONE) or mode in (OperatingMode.HOLD, OperatingMode.DECAY, OperatingMode.FAULT)

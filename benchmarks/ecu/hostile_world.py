@@ -1,0 +1,300 @@
+"""One ECU and one vehicle, and all that can go wrong between them in a control period.
+
+What happens is told by `Events`, drawn by `random_events` from a seed or by a test; what it led to is a `Seen`. The
+bus has no authentication here, so nobody forges: a frame of another node is a copy with another counter, and copies
+of old frames are up to a hundred periods old, and of the same power cycle of their sender: a counter of 8 bits cannot
+tell those of 256 periods ago, nor those of before a reset.
+"""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Final
+
+import numpy as np
+
+from benchmarks.ecu.hostile_controller import BAD, GOOD, HostileController
+from benchmarks.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.e2e import profile5
+from can_bridge.wire.message_specs import PRESSURE
+from contract import sensors
+from contract.config.controller import MpcConfig
+from contract.config.tree import Config
+from contract.release.bundle import Bundle
+from contract.release.manifest import Manifest, Scaling
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.ecu.ecu import Ecu
+
+NAMES: Final = ("upper_39", "lower_39", "base_0", "base_9")
+START_NS: Final = 10**12
+FATES: Final = ("pass", "lost", "late1", "late2", "late3", "twice", "flipped", "short", "replayed", "foreign")
+"""Of a frame on its way; `replayed` and `foreign` add one to it."""
+WINDOW, HORIZON = 4, 5
+"""Of the release: so short that control is often reached."""
+KEPT: Final = 100
+"""Old frames that can be replayed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Events:
+    """What happens in one control period.
+
+    Attributes:
+        wish: of the vehicle.
+        pressure, command: fates of the two frames.
+        valid: all four transducers work.
+        queued_ns: how long the pressure frame waited where its receiver knows of it.
+        elapsed_ns: what the ECU's clock makes of the time since its step before.
+        steps: the ECU steps at all.
+        bus_off: its CAN controller is; `unseen` if it has recovered before the step.
+        deed, value: what the controller does, see `HostileController`.
+        reset_ecu, reset_vehicle: power on anew before it.
+        chance: seed of where bits flip and which frame comes again.
+    """
+
+    wish: bool = True
+    pressure: str = "pass"
+    command: str = "pass"
+    valid: bool = True
+    queued_ns: int = 1_000_000
+    elapsed_ns: int = 20_000_000
+    steps: bool = True
+    bus_off: bool = False
+    unseen: bool = False
+    deed: str = "swing"
+    value: float = 0.05
+    reset_ecu: bool = False
+    reset_vehicle: bool = False
+    chance: int = 0
+
+
+class Path:
+    """One message's way over the bus: frames put in come out in a later period, or not, or otherwise."""
+
+    def __init__(self) -> None:
+        self._under_way: list[tuple[int, Delivered]] = []
+        self._kept: deque[Delivered] = deque(maxlen=KEPT)
+
+    def forget(self) -> None:
+        """No frame so far will be replayed."""
+        self._kept.clear()
+
+    def carried(self, item: Delivered | None, fate: str, period: int, rng: Random) -> list[Delivered]:
+        """What arrives in this period; `item` is what was sent in it."""
+        if item is not None:
+            late = int(fate[-1]) if fate.startswith("late") else 0
+            if fate != "lost":
+                self._under_way.append((period + late, _damaged(item, fate, rng)))
+            if fate == "twice":
+                self._under_way.append((period + rng.randrange(3), item))
+            if fate == "replayed" and self._kept:
+                # In front of the genuine one, or behind it.
+                self._under_way.insert(rng.choice((0, len(self._under_way))), (period, rng.choice(self._kept)))
+            if fate == "foreign":
+                self._under_way.insert(0, (period, _foreign(item, rng)))
+            self._kept.append(item)
+        arrived = [one for due, one in self._under_way if due <= period]
+        self._under_way = [(due, one) for due, one in self._under_way if due > period]
+        return arrived
+
+
+def _damaged(item: Delivered, fate: str, rng: Random) -> Delivered:
+    frame = item.frame
+    if fate == "flipped":
+        # Up to three bits, which profile 5 finds in frames of this length: all of them were tried.
+        data = int.from_bytes(frame.data, "big")
+        for bit in rng.sample(range(8 * len(frame.data)), rng.randrange(1, 4)):
+            data ^= 1 << bit
+        return Delivered(replace(frame, data=data.to_bytes(len(frame.data), "big")), None)
+    return Delivered(replace(frame, data=frame.data[:4]), None) if fate == "short" else item
+
+
+def _foreign(item: Delivered, rng: Random) -> Delivered:
+    """Of a second node with another count, as sound as the first one's: no pressures that the vehicle sampled."""
+    data, spec = item.frame.data, PRESSURE
+    if item.frame.frame_id != spec.frame_id:
+        return item
+    counter = (profile5.counter_of(data) + rng.randrange(20, 237)) % 256
+    protected = profile5.protect(bytes(3) + data[3:], data_id=spec.data_id, counter=counter)
+    return Delivered(replace(item.frame, data=protected), None)
+
+
+class World:
+    """Both nodes, and the two who judge them.
+
+    Args:
+        config: of both nodes.
+        judged_by: what they are held against; the same unless a test plants a fault in the settings.
+
+    Attributes:
+        seen: the latest period.
+        now_ns: the ECU's clock.
+    """
+
+    def __init__(self, config: Config, judged_by: Config | None = None) -> None:
+        self.config = config
+        self.now_ns = START_NS
+        self.seen = Seen(period=-1, wish=False)
+        self._bundle = small_bundle(config)
+        self._controller = HostileController()
+        self._judges = EcuJudge(judged_by or config), VehicleJudge(judged_by or config)
+        self._pressures, self._commands = Path(), Path()
+        self._inbox: list[Delivered] = []
+        self._health = HEALTHY
+        self.ecu = Ecu(self._bundle, self._controller, config)
+        self.node = VehicleNode(NAMES, config)
+
+    def period(self, events: Events) -> list[str]:
+        """Run one control period; names of the promises that it broke."""
+        seen = Seen(
+            period=self.seen.period + 1,
+            wish=events.wish,
+            reset_ecu=events.reset_ecu,
+            reset_vehicle=events.reset_vehicle,
+        )
+        try:
+            self.seen, broken = self._lived_through(seen, events)
+        except Exception as error:  # noqa: BLE001 - what this looks for
+            self.seen = replace(seen, error=error)
+            return ["exceptions"]
+        return [*broken, *self._judges[1].judge(self.seen)]
+
+    def _lived_through(self, seen: Seen, events: Events) -> tuple[Seen, list[str]]:
+        rng, now_ns = Random(events.chance), self.now_ns + events.elapsed_ns
+        if events.reset_ecu:
+            self.ecu = Ecu(self._bundle, self._controller, self.config)
+            self._health = HEALTHY
+            self._inbox.clear()
+            self._judges[0].reset()
+            self._commands.forget()
+        if events.reset_vehicle:
+            self.node = VehicleNode(NAMES, self.config)
+            self._pressures.forget()
+        cp = np.full(sensors.COUNT, rng.uniform(-1.0, 1.0) if events.valid else rng.choice((np.nan, np.inf, 1e300)))
+        frame = self.node.sample(cp, enable_request=events.wish, now_ns=START_NS + seen.period * self.config.period_ns)
+        for item in self._pressures.carried(Delivered(frame, seen.period), events.pressure, seen.period, rng):
+            stamped = replace(item.frame, timestamp_ns=max(0, now_ns - events.queued_ns))
+            self._inbox.append(Delivered(stamped, item.sampled))
+        sent, broken = None, list[str]()
+        if events.steps:
+            seen = self._stepped(seen, events, now_ns)
+            broken = list(self._judges[0].judge(seen))
+            used = self._judges[0].used
+            if seen.answers:
+                sent = Delivered(seen.answers[0], None if used is None else used.sampled)
+        commands = self._commands.carried(sent, events.command, seen.period, rng)
+        actuation = self.node.apply_commands([item.frame for item in commands])
+        return replace(seen, commands=tuple(commands), action=actuation.action), broken
+
+    def _stepped(self, seen: Seen, events: Events, now_ns: int) -> Seen:
+        """With what the ECU received and answered."""
+        self.now_ns = now_ns
+        pressures, self._inbox = tuple(self._inbox), []
+        before, count = self._health, self._health.bus_off + events.bus_off
+        state = BusState.BUS_OFF if events.bus_off and not events.unseen else BusState.ERROR_ACTIVE
+        self._health = BusHealth(state=state, bus_off=count)
+        self._controller.prepare(events.deed, events.value)
+        answers = self.ecu.step(now_ns, [item.frame for item in pressures], self._health)
+        return replace(
+            seen,
+            now_ns=now_ns,
+            pressures=pressures,
+            answers=tuple(answers),
+            bus_off=state is BusState.BUS_OFF or count > before.bus_off,
+            bad_answer=self._controller.called and events.deed in BAD,
+        )
+
+
+def small_bundle(config: Config) -> Bundle:
+    """A release of a few periods' window and horizon, for these settings; there is no model in it."""
+    manifest = Manifest(
+        name="hostile",
+        precision="float32",
+        sensors=NAMES,
+        window=WINDOW,
+        control_period=config.flow.control_period,
+        action_limit=config.flow.action_limit,
+        operating_point=config.operating_point,
+        mpc=MpcConfig(horizon=HORIZON),
+        scaling=Scaling(
+            pressure_mean=(0.0,) * 4,
+            pressure_std=(1.0,) * 4,
+            action_std=1.0,
+            force_mean=(1.0, 0.0),
+            force_std=(1.0, 1.0),
+        ),
+        budget_ms=20.0,
+        compute_time_ms=8.0,
+        created="2026-01-02",
+        dataset_sha256="0" * 64,
+        weights_sha256="0" * 64,
+        program_sha256="0" * 64,
+        provenance={},
+    )
+    return Bundle(manifest=manifest, files={}, digest="0123456789abcdef" * 4)
+
+
+JUMPS_NS: Final = (0, -1, -200_000_000, -(10**10), -(10**13), 10**8, 10**9, 10**13)
+UNEVEN_NS: Final = (1_000_000, 9_000_000, 15_000_000, 29_900_000, 40_000_000, 60_000_000)
+QUEUED_NS: Final = (10_000_000, 25_000_000, 35_000_000, 90_000_000, -5_000_000)
+PERIOD_NS: Final = 20_000_000
+
+
+class RandomEvents:
+    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts.
+
+    Args:
+        seed: of all that happens.
+        hostility: from 0 to 1, kept throughout; without, it changes.
+    """
+
+    def __init__(self, seed: int | str, hostility: float | None = None) -> None:
+        self._rng = Random(seed)
+        self._wish = False
+        self._fixed = hostility
+        self._odd = hostility or 0.0
+        self._burst: list[str] = []
+
+    def next(self, now_ns: int) -> Events:
+        """The next period's; `now_ns` of the ECU's clock."""
+        rng = self._rng
+        if self._fixed is None and rng.random() < 1 / 300:
+            self._odd = rng.choice((0.0, 0.003, 0.01, 0.03, 0.1, 0.4))
+        if rng.random() < (0.01 if self._wish else 0.15):
+            self._wish = not self._wish
+        odd = self._odd
+        return Events(
+            wish=self._wish,
+            pressure=self._fate(),
+            command=rng.choice(FATES) if rng.random() < odd else "pass",
+            valid=rng.random() >= odd / 4,
+            queued_ns=rng.choice(QUEUED_NS) if rng.random() < odd / 2 else rng.randrange(5_000_000),
+            elapsed_ns=self._elapsed_ns(now_ns),
+            steps=rng.random() >= odd / 10,
+            bus_off=rng.random() < odd / 50,
+            unseen=rng.random() < 0.5,
+            deed=rng.choice(BAD) if rng.random() < odd / 30 else rng.choice(GOOD),
+            value=rng.uniform(-0.15, 0.15),
+            reset_ecu=rng.random() < odd / 100,
+            reset_vehicle=rng.random() < odd / 100,
+            chance=rng.getrandbits(32),
+        )
+
+    def _fate(self) -> str:
+        rng = self._rng
+        if self._burst:
+            return self._burst.pop()
+        if rng.random() < self._odd / 10:
+            self._burst = [rng.choice(FATES[1:])] * rng.randrange(1, 7)
+        return rng.choice(FATES) if rng.random() < self._odd else "pass"
+
+    def _elapsed_ns(self, now_ns: int) -> int:
+        rng = self._rng
+        if now_ns < 0 and rng.random() < 0.1:
+            return 10**13
+        if rng.random() < self._odd / 30:
+            return rng.choice(JUMPS_NS)
+        if rng.random() < self._odd / 10:
+            return rng.choice(UNEVEN_NS)
+        return PERIOD_NS + round(rng.gauss(0.0, 0.02) * PERIOD_NS)

@@ -1,0 +1,311 @@
+"""What must hold in every control period, whatever the bus, the clock and the controller do.
+
+Judged from what went over the wire, when, and what the vehicle's jets did. `PROMISES` names them; each is stated for
+an ECU that plans ahead, whose commands the vehicle follows in the period after (`ecu.plan_ahead`), and for one that
+does not. Frames are read by cantools and autosar-e2e; limits are worked out here from the settings.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from benchmarks.ecu import wire_witness as wire
+from can_bridge.wire.frame import Frame
+from contract.config.tree import Config
+
+PROMISES: Final = {
+    "exceptions": "no exception leaves the ECU's step or the vehicle's node",
+    "frames": "each step sends one JetCommand and one EcuStatus, sound, counted without a gap, of one mode",
+    "bounds": "the command is within the action limit",
+    "rate": "the command moves by no more than one step a period, and in less time by as much less; shutting is free",
+    "shut unless active": "Enable is set in CONTROL, HOLD and DECAY alone, and without it the flow is zero",
+    "clock": "shut in a step at which time stood still, went back or was negative",
+    "bus-off": "shut while the CAN controller is bus-off and in the first step after",
+    "controller": "shut, and FAULT, in a step in which the controller gave no finite plan",
+    "fresh pressures": "a command in CONTROL echoes a sound frame of this step, with the wish, of pressures that are "
+    "fresh enough",
+    "held pressures": "a command in HOLD is the one before, in DECAY half of it, and its pressures are within their "
+    "longer budget",
+    "loss limits": "while control is wanted, fewer than the limit of the latest periods have no usable frame, and no "
+    "more than hold and decay in a row",
+    "re-arming": "FAULT ends in a step with the wish, after enough usable frames in a row, the wish low since it began",
+    "power-on": "after a reset nothing is driven before the wish was seen low and then raised",
+    "reasons": "FAULT and jets that are shut in a driving mode have a Reason, CONTROL has none",
+    "counts": "the status counts each period without a usable frame, and no count falls",
+    "vehicle: bounds": "the jets' action is within the action limit",
+    "vehicle: rate": "it moves by no more than one step a period; shutting is free",
+    "vehicle: wish": "it is zero while the vehicle does not want control",
+    "vehicle: doubt": "it is zero unless by a sound enabled command of a driving mode that echoes pressures which the "
+    "vehicle sent at most five periods before; of commands in order by the newest one due, otherwise by one up to hold "
+    "periods older",
+}
+
+
+class Delivered(NamedTuple):
+    """A frame as it came out of the bus, and the truth behind it.
+
+    Attributes:
+        frame: with the receiver's time.
+        sampled: period in which the vehicle sampled the pressures behind it; None if it never did.
+    """
+
+    frame: Frame
+    sampled: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """One control period, as somebody sees it who watches the wires.
+
+    Attributes:
+        period: number.
+        wish: of the vehicle.
+        reset_ecu, reset_vehicle: powered on anew before it.
+        now_ns: of the ECU's step; None if it did not step.
+        pressures: what the ECU received since its step before.
+        answers: what it sent.
+        bus_off: its CAN controller is, or was since the step before.
+        bad_answer: its controller gave no finite plan in this step.
+        commands: what the vehicle received, with what they rest on.
+        action: of the jets, U_inf W.
+        error: what left one of the two as an exception.
+    """
+
+    period: int
+    wish: bool
+    reset_ecu: bool = False
+    reset_vehicle: bool = False
+    now_ns: int | None = None
+    pressures: tuple[Delivered, ...] = ()
+    answers: tuple[Frame, ...] = ()
+    bus_off: bool = False
+    bad_answer: bool = False
+    commands: tuple[Delivered, ...] = ()
+    action: float = 0.0
+    error: BaseException | None = None
+
+
+class Used(NamedTuple):
+    """A sound frame of pressures that a command may rest on."""
+
+    counter: int
+    sampled_ns: int
+    wish: bool
+    sampled: int | None
+
+
+class EcuJudge:
+    """What the ECU promises; `judge` each of its steps.
+
+    Attributes:
+        used: the frame that the latest command rests on.
+    """
+
+    def __init__(self, config: Config) -> None:
+        scale, ecu = config.operating_point.flow_rate_scale, config.ecu
+        self._period_ns = config.period_ns
+        self._quantum = 0.0002
+        self._limit = config.flow.action_limit * scale
+        self._step = ecu.command_step * scale
+        self._held_ns = (1 + ecu.hold_periods + ecu.decay_periods) * config.period_ns
+        self._fresh_ns = min(round(ecu.pressure_age * config.period_ns), self._held_ns)
+        self._most_in_a_row = ecu.hold_periods + ecu.decay_periods
+        self._loss_limit, self._rearm = ecu.loss_limit, ecu.rearm_frames
+        self._loss_window = ecu.loss_window
+        self.reset()
+
+    def reset(self) -> None:
+        """After a power-on."""
+        self.used: Used | None = None
+        self._flow, self._mode = 0.0, wire.OFF
+        self._step_ns: int | None = None
+        self._counter = 0
+        self._counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
+        self._lost: deque[bool] = deque(maxlen=self._loss_window)
+        self._in_a_row = self._good = 0
+        self._low_since_fault = self._low_since_power_on = self._raised = False
+
+    def judge(self, seen: Seen) -> Iterator[str]:
+        """Names of the promises that a step has broken."""
+        assert seen.now_ns is not None
+        now_ns, elapsed_ns = seen.now_ns, None if self._step_ns is None else seen.now_ns - self._step_ns
+        messages = self._messages(seen.answers)
+        sound, candidates = self._received(seen.pressures, now_ns)
+        self._in_a_row = 0 if candidates else self._in_a_row + 1
+        self._good = self._good + 1 if candidates else 0
+        if messages is None:
+            yield "frames"
+            return
+        command, status = messages
+        mode, enable, flow = command["Mode"], bool(command["Enable"]), command["Flow"]
+        echo = command["PressureCounter"] if command["PressureCounterValid"] else None
+        named = [item for item in candidates if item.counter == echo]
+        if named:
+            self.used = named[-1]
+        raised = any(item.wish for item in candidates)
+        # A frame of an invalid sensor or of old pressures has a wish all the same.
+        self._raised |= self._low_since_power_on and any(item["EnableRequest"] for item in sound)
+
+        if abs(flow) > self._limit + 1e-9:
+            yield "bounds"
+        if enable and abs(flow - self._flow) > self._reach(elapsed_ns):
+            yield "rate"
+        if (enable and mode not in wire.DRIVING) or (not enable and flow != 0.0):
+            yield "shut unless active"
+        if enable and (now_ns < 0 or (elapsed_ns is not None and elapsed_ns <= 0)):
+            yield "clock"
+        if enable and seen.bus_off:
+            yield "bus-off"
+        if seen.bad_answer and (enable or mode != wire.FAULT):
+            yield "controller"
+        if enable and mode == wire.CONTROL and not any(item.wish for item in named):
+            yield "fresh pressures"
+        if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(command, now_ns, elapsed_ns):
+            yield "held pressures"
+        if self._too_many_lost(mode, missing=not candidates):
+            yield "loss limits"
+        left_fault = self._mode == wire.FAULT and mode != wire.FAULT
+        if left_fault and not (raised and self._low_since_fault and self._good >= self._rearm):
+            yield "re-arming"
+        if enable and not self._raised:
+            yield "power-on"
+        if not _has_its_reason(mode, enable=enable, reason=status["Reason"]):
+            yield "reasons"
+        if not self._counts_on(status, missing=not candidates):
+            yield "counts"
+
+        low = any(not item["EnableRequest"] for item in sound)
+        self._low_since_power_on |= low
+        self._low_since_fault = mode == wire.FAULT and ((self._low_since_fault and self._mode == wire.FAULT) or low)
+        self._flow, self._mode, self._step_ns = flow, mode, now_ns
+
+    def _messages(self, answers: tuple[Frame, ...]) -> tuple[dict[str, Any], dict[str, Any]] | None:
+        if len(answers) != 2:
+            return None
+        command, status = wire.read(answers[0], wire.COMMAND), wire.read(answers[1], wire.STATUS)
+        if command is None or status is None:
+            return None
+        counter, self._counter = self._counter, (self._counter + 1) % 256
+        numbered = command["E2E_Counter"] == status["E2E_Counter"] == counter
+        return (command, status) if numbered and status["State"] == command["Mode"] else None
+
+    def _received(self, pressures: tuple[Delivered, ...], now_ns: int) -> tuple[list[dict[str, Any]], list[Used]]:
+        """The signals of sound frames, and which of them a command may rest on."""
+        sound, candidates = [], []
+        for item in pressures:
+            signals = wire.read(item.frame, wire.PRESSURE)
+            if signals is None:
+                continue
+            sound.append(signals)
+            sampled_ns = item.frame.timestamp_ns - round(signals["Age"] * 1e6)
+            valid = all(signals[f"Valid{sensor}"] for sensor in range(4))
+            if valid and 0 <= now_ns - sampled_ns <= self._fresh_ns:
+                wish = bool(signals["EnableRequest"])
+                candidates.append(Used(signals["E2E_Counter"], sampled_ns, wish, item.sampled))
+        return sound, candidates
+
+    def _reach(self, elapsed_ns: int | None) -> float:
+        share = 1.0 if elapsed_ns is None else min(1.0, max(0, elapsed_ns) / self._period_ns)
+        return self._step * share + self._quantum
+
+    def _holds(self, command: dict[str, Any], now_ns: int, elapsed_ns: int | None) -> bool:
+        if self.used is None or not command["PressureCounterValid"]:
+            return False
+        if command["PressureCounter"] != self.used.counter or not 0 <= now_ns - self.used.sampled_ns <= self._held_ns:
+            return False
+        target = self._flow if command["Mode"] == wire.HOLD else 0.5 * self._flow
+        if abs(target - self._flow) <= self._reach(elapsed_ns) - self._quantum:
+            return bool(abs(command["Flow"] - target) <= self._quantum)
+        # In a step that came early even the way towards zero is limited.
+        low, high = sorted((target, self._flow))
+        return bool(low - self._quantum <= command["Flow"] <= high + self._quantum)
+
+    def _too_many_lost(self, mode: int, *, missing: bool) -> bool:
+        wanted = mode in (wire.WARMUP, *wire.DRIVING)
+        if not wanted:
+            self._lost.clear()
+            return False
+        self._lost.append(missing)
+        return missing and (self._in_a_row > self._most_in_a_row or sum(self._lost) >= self._loss_limit)
+
+    def _counts_on(self, status: dict[str, Any], *, missing: bool) -> bool:
+        before, self._counts = self._counts, {name: status[name] for name in _COUNTS}
+        new = status["Missed"] - before["Missed"]
+        full = before["Missed"] == 0xFFFF
+        return all(status[name] >= before[name] for name in _COUNTS) and (full or missing <= new <= 1)
+
+
+_COUNTS: Final = ("Missed", "Overruns", "CrcErrors", "Refused", "BusOff")
+
+
+def _has_its_reason(mode: int, *, enable: bool, reason: int) -> bool:
+    """NONE is 0, NOT_AUTHENTIC 8, NOT_ARMED 11."""
+    if mode == wire.FAULT:
+        return reason not in (0, 11)
+    if mode == wire.OFF:
+        return reason in (0, 8, 11)
+    if mode == wire.CONTROL:
+        return (reason == 0) == enable
+    return mode == wire.WARMUP or reason != 0
+
+
+class VehicleJudge:
+    """What the vehicle's node promises by itself; `judge` each period."""
+
+    def __init__(self, config: Config) -> None:
+        self._limit = config.flow.action_limit
+        self._step = config.vehicle.action_step
+        self._oldest = 2 + config.ecu.hold_periods + config.ecu.decay_periods
+        first = 1 if config.ecu.plan_ahead else 0
+        self._due = range(first, first + config.ecu.hold_periods + 1)
+        """Periods before this one in which a command may have come that drives the jets now."""
+        self._enabling: deque[int] = deque(maxlen=16)
+        self._clear: deque[int] = deque(maxlen=16)
+        self._in_order = 0
+        self._counter = -1
+        self._action = 0.0
+        self._reset_at: int | None = None
+
+    def judge(self, seen: Seen) -> Iterator[str]:
+        """Names of the promises that a period has broken."""
+        if seen.reset_vehicle:
+            self._action, self._reset_at = 0.0, seen.period
+            self._enabling.clear()
+            self._in_order = 0
+        self._received(seen)
+        if abs(seen.action) > self._limit + 1e-12:
+            yield "vehicle: bounds"
+        # Rounding of the sum of two numbers.
+        if seen.action != 0.0 and abs(seen.action - self._action) > self._step + 1e-12:
+            yield "vehicle: rate"
+        if seen.action != 0.0 and not seen.wish:
+            yield "vehicle: wish"
+        newest = seen.period - self._due[0]
+        due = (0,) if newest in self._clear else range(len(self._due))
+        if seen.action != 0.0 and not any(newest - before in self._enabling for before in due):
+            yield "vehicle: doubt"
+        self._action = seen.action
+
+    def _received(self, seen: Seen) -> None:
+        """Keep whether one of the period's commands may drive the jets, and whether it is clear which one counts."""
+        commands = [(wire.read(item.frame, wire.COMMAND), item) for item in seen.commands]
+        if any(self._enables(command, item, seen.period) for command, item in commands):
+            self._enabling.append(seen.period)
+        alone = commands[0][0] if len(commands) == 1 else None
+        follows = alone is not None and alone["E2E_Counter"] == (self._counter + 1) % 256
+        self._in_order = self._in_order + 1 if follows else 0
+        if alone is not None:
+            self._counter = alone["E2E_Counter"]
+        # A receiver's window of five is then full of good ones.
+        if self._in_order >= 5:
+            self._clear.append(seen.period)
+
+    def _enables(self, command: dict[str, Any] | None, item: Delivered, period: int) -> bool:
+        if command is None or not (command["Enable"] and command["PressureCounterValid"]):
+            return False
+        if command["Mode"] not in wire.DRIVING or item.sampled is None:
+            return False
+        # Counters start anew with the vehicle: an echo of the time before may name one of its first frames by chance.
+        just_reset = self._reset_at is not None and period - self._reset_at <= 2 * self._oldest
+        return period - item.sampled <= self._oldest * (2 if just_reset else 1)

@@ -1,0 +1,250 @@
+"""Write `docs/reference/states.md` and draw `docs/states.svg` from the ECU's table of transitions: `make docs`.
+
+Boxes and lines have their places here; the numbers on the lines are those of the table's rows. A transition without a
+line, or a line without a transition, is an error.
+"""
+
+import ast
+import inspect
+import sys
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from contract.config.vehicle import EcuConfig
+from firmware_sim.ecu.state_machine import DRIVES_JETS, INVALID, TRANSITIONS, OperatingMode
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+PAGE: Final = ROOT / "docs" / "reference" / "states.md"
+PICTURE: Final = ROOT / "docs" / "states.svg"
+
+WIDTH, HEIGHT = 1000, 600
+INK, LINE = "#17202b", "#5b6b7d"
+BOX: Final = (124, 46)
+"""Width and height of a state's box."""
+STATES: Final = {
+    "INIT": (60, 75),
+    "STANDBY": (60, 195),
+    "ARMED": (60, 330),
+    "WARMUP": (365, 95),
+    "ACTIVE": (750, 95),
+    "HOLD": (750, 222),
+    "DECAY": (750, 340),
+    "FAULT": (440, 510),
+    "UPDATE": (40, 510),
+}
+"""Upper left corners."""
+GROUPS: Final = (
+    ("control is not wanted", (30, 40, 190, 360), "#eef4e8"),
+    ("control is wanted", (330, 40, 615, 360), "#e6edf6"),
+    ("jets may run", (700, 70, 225, 325), "#fdf2df"),
+)
+"""Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
+UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP ACTIVE HOLD DECAY"
+CHOICE: Final = (560, 245)
+"""Middle of the diamond, which is no state: where ARMED and what stands under a wish are led on."""
+
+
+class Line(NamedTuple):
+    """From states, named in one text, to one; corners, and the middle of its label."""
+
+    start: str
+    to: str
+    corners: tuple[tuple[int, int], ...]
+    label: tuple[int, int]
+
+
+LINES: Final = (
+    Line("INIT", "STANDBY", ((122, 121), (122, 195)), (122, 154)),
+    Line("INIT", "ARMED", ((60, 98), (44, 98), (44, 353), (60, 353)), (44, 270)),
+    Line("STANDBY", "ARMED", ((122, 241), (122, 330)), (122, 280)),
+    Line("INIT", "WARMUP", ((184, 105), (365, 105)), (270, 105)),
+    Line("ARMED ACTIVE HOLD DECAY", "WARMUP", ((560, 211), (560, 130), (489, 130)), (560, 170)),
+    Line("ARMED WARMUP HOLD DECAY", "ACTIVE", ((577, 228), (640, 228), (640, 118), (750, 118)), (640, 165)),
+    Line("ARMED WARMUP ACTIVE", "HOLD", ((594, 245), (750, 245)), (670, 245)),
+    Line("ARMED WARMUP ACTIVE HOLD", "DECAY", ((577, 262), (640, 262), (640, 363), (750, 363)), (640, 325)),
+    Line(WANTED, "ARMED", ((330, 368), (184, 368)), (258, 368)),
+    Line(WANTED, "FAULT", ((530, 400), (530, 510)), (530, 455)),
+    Line(UNWANTED, "FAULT", ((200, 400), (200, 522), (440, 522)), (330, 522)),
+    Line(UNWANTED, "UPDATE", ((80, 400), (80, 510)), (80, 450)),
+    Line("WARMUP", "UPDATE", ((385, 141), (385, 470), (130, 470), (130, 510)), (280, 470)),
+    Line("FAULT", "UPDATE", ((440, 546), (164, 546)), (300, 548)),
+    Line("FAULT", "WARMUP", ((465, 510), (465, 300), (420, 300), (420, 141)), (465, 425)),
+    Line("FAULT", "ACTIVE", ((564, 533), (968, 533), (968, 118), (874, 118)), (760, 533)),
+)
+
+_HEAD: Final = """# States of the ECU
+
+For ECU and validation engineers: what the ECU does in each control period, and what leads from one state to another.
+`make docs` writes this page and its picture from the table in
+[state_machine.py](../../firmware_sim/ecu/state_machine.py), which is what runs.
+
+![the states, and by which rows of the table they are left](../states.svg)
+
+Numbers are rows of the table below. The diamond is no state: a wish that rises, and in each later period the wish that
+stands, is led on from there by whether the window is full and pressures came.
+
+## States
+
+| state | on the wire | jets | what it is |
+|---|---|---|---|"""
+
+_TABLE: Final = """
+## Transitions
+
+The rows are looked at in this order, once a control period, and the first one that starts at the present state and
+whose condition holds is taken. A fault of the ECU's own that shows in the course of the period, such as a controller
+without an answer, takes its row in the same period. With 1 in the last column the reaction is in the JetCommand of the
+period that has the cause; otherwise the cause has to last for so many. Names in code style are settings of the section
+`ecu`. The wish is the last one heard of the vehicle; at power-on and when a fault begins it is taken to stand, so that
+it must be seen low before a rise counts. With `ecu.plan_ahead` the jets follow a command in the period after, so one
+period later than the column says.
+
+| row | from | when | to | Reason on the wire | within periods |
+|---|---|---|---|---|---|"""
+
+_LOSSES: Final = """
+## How many losses are borne
+
+Control of this kind is (m, k)-firm: so many of any k periods in a row may be missed. With the settings as they are, up
+to **{borne} of any {window} periods** may have no usable pressures, and no more than **{row} in a row**: the first
+{hold} with the last command held, the others with the command halved each time. One more, of either, and the jets are
+shut in that period and the fault latches. Periods count from the one in which the wish rises. Lost, corrupted,
+repeated, stale and invalid pressures are all the same in this; a stream with more than `bus.e2e.max_errors` wrong CRCs
+among the latest `bus.e2e.window` periods is not to be trusted and shuts the jets without hold or decay (row {invalid}).
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    config = EcuConfig()
+    modes = [
+        f"| {mode.name} | {mode.on_wire.name} | {'may run' if mode in DRIVES_JETS else 'shut'} | {text} |"
+        for mode, text in _meanings().items()
+    ]
+    rows = [
+        f"| {number} | {', '.join(_names(row.start))} | {row.when.text} | {row.to.name} | {row.reason.text} "
+        f"| {_formula(row.within)} |"
+        for number, row in enumerate(TRANSITIONS, start=1)
+    ]
+    losses = _LOSSES.format(
+        borne=config.loss_limit - 1,
+        window=config.loss_window,
+        row=config.hold_periods + config.decay_periods,
+        hold=config.hold_periods,
+        invalid=next(number for number, row in enumerate(TRANSITIONS, start=1) if row.when is INVALID),
+    )
+    return "\n".join([_HEAD, *modes, _TABLE, *rows, losses])
+
+
+def _names(states: Iterable[OperatingMode]) -> list[str]:
+    """In the order in which they are defined."""
+    found = set(states)
+    return [mode.name for mode in OperatingMode if mode in found]
+
+
+def _formula(within: str) -> str:
+    return " ".join(f"`{word}`" if word.isidentifier() else word for word in within.split())
+
+
+def _meanings() -> dict[OperatingMode, str]:
+    """What stands below each state in the source."""
+    tree = ast.parse(inspect.getsource(OperatingMode)).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    found: dict[OperatingMode, str] = {}
+    for line, text in zip(tree.body, tree.body[1:], strict=False):
+        match line, text:
+            case ast.Assign(targets=[ast.Name(id=name)]), ast.Expr(value=ast.Constant(value=str(words))):
+                found[OperatingMode[name]] = " ".join(words.split())
+    return found
+
+
+def rows_on(line: Line) -> list[int]:
+    """Numbers of the rows that a line stands for."""
+    start = {OperatingMode[name] for name in line.start.split()}
+    return [
+        number
+        for number, row in enumerate(TRANSITIONS, start=1)
+        if row.to.name == line.to and not start.isdisjoint(row.start)
+    ]
+
+
+def check_lines() -> None:
+    """Raises ValueError if a transition has no line, or a line leads where nothing leads."""
+    there = {(mode.name, row.to.name) for row in TRANSITIONS for mode in row.start if mode is not row.to}
+    drawn = {(name, line.to) for line in LINES for name in line.start.split()}
+    if there != drawn:
+        raise ValueError(f"lines of docs/states.py: missing {sorted(there - drawn)}, too many {sorted(drawn - there)}")
+
+
+def draw() -> str:
+    """The picture as SVG."""
+    check_lines()
+    x, y = CHOICE
+    parts = [_group(*group) for group in GROUPS]
+    parts += [
+        _path(((184, 340), (300, 340), (300, y), (x - 34, y))),
+        _path(((x, 345), (x, y + 34))),
+        f'<path d="M{x - 34} {y} L{x} {y - 34} L{x + 34} {y} L{x} {y + 34} z" fill="white" stroke="{LINE}"/>',
+        _text(x, 362, "each period while", 13),
+        _text(x, 378, "the wish stands", 13),
+        _text(268, 330, "rises", 13),
+    ]
+    parts += [_path(line.corners) for line in LINES]
+    parts += [_label(line.label, _ranges(rows_on(line))) for line in LINES]
+    parts += [_state(name, *corner) for name, corner in STATES.items()]
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" \
+font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
+<defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="8" markerHeight="8" orient="auto">\
+<path d="M0 0 L10 5 L0 10 z" fill="{LINE}"/></marker></defs>
+<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>
+{chr(10).join(parts)}
+</svg>
+"""
+
+
+def _ranges(numbers: list[int]) -> str:
+    """1, 2, 3, 5 as "1-3, 5"."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and parts[-1][-1] == number - 1:
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
+
+
+def _group(name: str, place: tuple[int, int, int, int], fill: str) -> str:
+    x, y, width, height = place
+    box = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="10" fill="{fill}" stroke="#b9c4d0"/>'
+    return box + _text(x + 12, y + 20, name, 13.5, anchor="start")
+
+
+def _state(name: str, x: int, y: int) -> str:
+    width, height = BOX
+    box = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="8" fill="white" stroke="{LINE}"'
+    return f'{box} stroke-width="1.4"/>' + _text(x + width // 2, y + 29, name, 16, weight=600)
+
+
+def _path(corners: tuple[tuple[int, int], ...]) -> str:
+    points = " L".join(f"{x} {y}" for x, y in corners)
+    return f'<path d="M{points}" fill="none" stroke="{LINE}" stroke-width="1.5" marker-end="url(#tip)"/>'
+
+
+def _label(middle: tuple[int, int], text: str) -> str:
+    x, y = middle
+    width = 16 + 7.5 * len(text)
+    box = f'<rect x="{x - width / 2:g}" y="{y - 11}" width="{width:g}" height="22" rx="11" fill="white"'
+    return f'{box} stroke="{LINE}"/>' + _text(x, y + 5, text, 13.5)
+
+
+def _text(x: int, y: int, text: str, size: float, *, anchor: str = "middle", weight: int = 400) -> str:
+    style = f'font-size="{size:g}" font-weight="{weight}" text-anchor="{anchor}"'
+    return f'<text x="{x}" y="{y}" {style}>{escape(text)}</text>'
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    PICTURE.write_text(draw(), encoding="utf-8")
+    sys.stdout.write(f"wrote {PAGE} and {PICTURE}\n")
