@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from contract.arrays import Array
+from contract.arrays import Array, Index
 from contract.controller.estimator import EstimatorNetwork, Hypotheses, views
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset, Episode
@@ -89,7 +89,7 @@ def fit_estimator(
     return _measured(network, [_rows(item, columns) for item in judged or used], roles or ("train",))
 
 
-def _rows(episode: Episode, columns: Array, sign: float = 1.0) -> Array:
+def _rows(episode: Episode, columns: Index, sign: float = 1.0) -> Array:
     """(n, S+1), rows (Cp_k, a_{k-1})."""
     return np.column_stack([episode.series["Cp"][:, columns], sign * episode.previous_action])
 

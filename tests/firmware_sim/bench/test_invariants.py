@@ -22,6 +22,7 @@ from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import LiveOscillator
 from tests.firmware_sim.conftest import RecordingController, make_bundle
@@ -196,8 +197,10 @@ def test_a_command_on_pressures_that_were_never_sent_is_caught(monkeypatch):
 def test_control_without_an_edge_is_caught(monkeypatch):
     class Eager(Ecu):
         def step(self, now_ns, frames, *rest, **more):
-            fail_safe = replace(self.state.fail_safe, armed=True, latched=False)
-            self.restore(replace(self.state, fail_safe=fail_safe))
+            idle = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
+            if self.state.fail_safe.mode in idle:
+                # As if the wish had been seen low: it rises in any frame that has it.
+                self.restore(replace(self.state, fail_safe=FailSafe(mode=OperatingMode.ARMED, enable_request=False)))
             return super().step(now_ns, frames, *rest, **more)
 
     monkeypatch.setattr(simulation, "Ecu", Eager)
