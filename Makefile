@@ -24,7 +24,8 @@ test: lint coverage
 coverage: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m "not hypothesis" tests/can_bridge/test_command_gate.py tests/can_bridge/e2e \
 		tests/can_bridge/wire/test_codec.py tests/can_bridge/wire/test_classic_codec.py \
-		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_timing.py \
+		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_transitions.py \
+		tests/firmware_sim/ecu/test_timing.py \
 		--cov=can_bridge.command_gate --cov=can_bridge.e2e --cov=can_bridge.wire.codec \
 		--cov=can_bridge.wire.classic_codec --cov=firmware_sim.ecu.state_machine --cov=firmware_sim.ecu.timing \
 		--cov-branch --cov-report=term-missing:skip-covered \
@@ -86,6 +87,12 @@ full: test
 		--json results/bus_late_$$ms.json; done
 	-for share in 05 10 25 50; do $(BIN)/stillwake run runs/loss_$$share --overwrite \
 		--fault vehicle:drop:probability=0.$$share --json results/bus_loss_$$share.json; done
+	-$(BIN)/stillwake campaign runs/campaign --overwrite --controlled 50 --settle 25 --json results/campaign.json
+	$(BIN)/stillwake bench latency runs/latency --both --overwrite --json results/latency.json
+	$(BIN)/python -m benchmarks hostile --steps 1000000 --json results/hostile.json
+	$(BIN)/python -m benchmarks soak --hours 1 --json results/soak.json
+	$(BIN)/python -m benchmarks sensor-check --json results/sensor_check.json
+	$(BIN)/python -m benchmarks live-speed --json results/live_speed.json
 	$(BIN)/stillwake can load --json results/can_load_fd.json
 	$(BIN)/stillwake can load --set bus.frames=classic --json results/can_load_classic.json
 	# Beside so much traffic a message of ours can be late: status 3 is a figure here, not a failure.
@@ -120,6 +127,7 @@ docs: tables
 	$(BIN)/python docs/rooms.py
 	$(BIN)/python docs/settings.py
 	$(BIN)/python docs/can_messages.py
+	$(BIN)/python docs/states.py
 
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.
 pictures: $(VENV)/dev.stamp

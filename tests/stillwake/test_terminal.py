@@ -159,7 +159,8 @@ def test_a_long_step_before_the_first_update_is_no_silence():
 
 
 def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
-    clock, shown = Clock(), []
+    clock = Clock()
+    shown: list[float] = []
     show = now_and_then(shown.append, interval=1.0, clock=clock)
     for clock.now in (0.0, 0.5, 1.0, 1.5, 2.5, 2.75, 3.5):
         show(clock.now)
