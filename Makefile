@@ -55,7 +55,7 @@ lint: $(VENV)/dev.stamp
 # From the shipped recording to a bundle of the shipped kind, then the loop with it.
 retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake train runs/model --overwrite
-	$(BIN)/stillwake export runs/model runs/bundle --overwrite
+	$(BIN)/stillwake export runs/model runs/bundle --sensors --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
 # Everything slow: all figures in results/, and the tables made of them.

@@ -147,6 +147,13 @@ def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:
     return replace(bundle, signer=signing.public_key(key))
 
 
+def with_estimator(manifest: Manifest, contents: dict[str, bytes], made: MadeEstimator) -> Manifest:
+    """The manifest of a bundle that has this sensor estimator; its graph is put into the contents."""
+    contents[ESTIMATOR] = made.graph
+    provenance = {**manifest.provenance, "sensor_estimator": made.provenance}
+    return replace(manifest, provenance=provenance, sensor_estimator=made.figures)
+
+
 def renew(
     path: Path,
     target: Path,
@@ -189,10 +196,7 @@ def renew(
     if weights:
         manifest = replace(manifest, mpc=replace(manifest.mpc, weights=replace(manifest.mpc.weights, **weights)))
     if estimator is not None:
-        made = estimator(old.manifest)
-        contents[ESTIMATOR] = made.graph
-        provenance["sensor_estimator"] = made.provenance
-        manifest = replace(manifest, provenance=provenance, sensor_estimator=made.figures)
+        manifest = with_estimator(manifest, contents, estimator(old.manifest))
     write(target, manifest, contents, key)
     return load(target, signing.public_key(key))
 

@@ -1,5 +1,6 @@
 """Write gated lowerings as a release bundle, with the manifest of what they assume and where they come from."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
@@ -10,6 +11,7 @@ from contract.config.tree import Config
 from contract.model_folder import Provenance
 from contract.operating_point import OperatingPoint
 from contract.release import bundle
+from contract.release.bundle import MadeEstimator, with_estimator
 from contract.release.manifest import Manifest
 from export.release.gated import Gated
 
@@ -51,6 +53,7 @@ def write_release(
     provenance: Provenance,
     positions: tuple[tuple[float, float], ...] | None = None,
     key: Ed25519PrivateKey | None = None,
+    estimator: Callable[[Manifest], MadeEstimator] | None = None,
 ) -> None:
     """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all.
 
@@ -60,6 +63,7 @@ def write_release(
         provenance: of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length, if they are known.
         key: to sign the release with; unsigned if None.
+        estimator: makes a sensor estimator for the manifest; the ECU does not check its sensors without one.
 
     Raises:
         StillwakeError: the path cannot be written, or holds something else.
@@ -85,4 +89,7 @@ def write_release(
         program_sha256=lowered.program_sha256,
         provenance={**provenance.training(), "export": asdict(gated.graph)},
     )
-    bundle.write(path, manifest, {bundle.CONTROLLER: lowered.graph}, key)
+    contents = {bundle.CONTROLLER: lowered.graph}
+    if estimator is not None:
+        manifest = with_estimator(manifest, contents, estimator(manifest))
+    bundle.write(path, manifest, contents, key)

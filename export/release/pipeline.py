@@ -24,7 +24,8 @@ from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
 from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
 from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
-from contract.release.manifest import PRECISIONS
+from contract.release.bundle import MadeEstimator
+from contract.release.manifest import PRECISIONS, Manifest
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
@@ -108,6 +109,7 @@ def export_all(
     created: date,
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
+    estimator: Callable[[Manifest], MadeEstimator] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
@@ -121,6 +123,7 @@ def export_all(
         created: today.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
+        estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -165,6 +168,7 @@ def export_all(
         provenance=trained.provenance,
         positions=_positions(trained.description),
         key=key,
+        estimator=estimator,
     )
     return gated
 

@@ -14,8 +14,8 @@ from contract.config.loading import Loaded
 from contract.errors import BundleError
 from contract.release import bundle as bundles
 from contract.release import signing
-from contract.release.bundle import Bundle, MadeEstimator
-from contract.release.manifest import Manifest
+from contract.release.bundle import Bundle
+from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_output
 from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.settings import settings
@@ -69,18 +69,18 @@ def renew(
     _, trusted = locate(path, trust)
     private = signing.read_private_key(key)
     loaded = settings("bundle renew", None, overrides, uses=["operating_point", "mpc.weights"])
-    estimator = None if sensors is None else partial(fitted_estimator, sensors)
-    renewed = bundles.renew(
-        path,
-        output,
-        name=name,
-        created=date.today().isoformat(),
-        key=private,
-        trusted=trusted,
-        operating_point=_given(loaded, "operating_point.", loaded.config.operating_point),
-        weights=_given(loaded, "mpc.weights.", loaded.config.mpc.weights),
-        estimator=estimator,
-    )
+    with progress_bar("batches") as bar:
+        renewed = bundles.renew(
+            path,
+            output,
+            name=name,
+            created=date.today().isoformat(),
+            key=private,
+            trusted=trusted,
+            operating_point=_given(loaded, "operating_point.", loaded.config.operating_point),
+            weights=_given(loaded, "mpc.weights.", loaded.config.mpc.weights),
+            estimator=None if sensors is None else partial(fitted_estimator, sensors, bar),
+        )
     console.print(*describe(renewed), sep="\n", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
 
@@ -89,35 +89,6 @@ def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
     """What the user set of a section, by name."""
     names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
     return {name: getattr(values, name) for name in names}
-
-
-def fitted_estimator(dataset: Path, manifest: Manifest) -> MadeEstimator:
-    """A sensor estimator for a controller, fitted to a data set."""
-    from contract.recording.dataset import read
-    from export.to_onnx.sensor_estimator import build_estimator
-    from train.sensor_estimator import fit_estimator
-
-    recording = read(dataset)
-    with progress_bar("batches") as bar:
-        task = bar.add_task("sensor estimator", total=None, note="")
-        fitted = fit_estimator(
-            recording,
-            manifest.sensors,
-            manifest.window,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )
-    r2 = dict(zip(manifest.sensors, fitted.r2, strict=True))
-    explained = ", ".join(f"{name} {value:.3f}" for name, value in r2.items())
-    console.print(f"R2 of each sensor by the others, on {' and '.join(fitted.judged_on)}: {explained}", soft_wrap=True)
-    return MadeEstimator(
-        graph=build_estimator(fitted.network).SerializeToString(),
-        figures=fitted.figures,
-        provenance={
-            "dataset_sha256": bundles.sha256(dataset.read_bytes()),
-            "judged_on": fitted.judged_on,
-            "r2": r2,
-        },
-    )
 
 
 @bundle.command()

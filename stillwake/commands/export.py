@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -16,6 +17,7 @@ from contract.model_folder import DESCRIPTION, read_description
 from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
+from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
@@ -37,6 +39,12 @@ def export(
         ),
     ] = None,
     c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
+    sensors: Annotated[
+        bool,
+        typer.Option(
+            "--sensors", help="Also fit a sensor estimator, so that the ECU finds sensors that lie: takes minutes."
+        ),
+    ] = False,
     key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,
     overwrite: Overwrite = False,
     config_file: ConfigFile = None,
@@ -58,6 +66,7 @@ def export(
 
     from export.release.pipeline import PHASES, export_all, gate_figures
 
+    used = recording() if dataset is None else dataset
     with progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
         done = export_all(
@@ -65,12 +74,13 @@ def export(
             output,
             precision=precision,
             name=name,
-            recording=recording() if dataset is None else dataset,
+            recording=used,
             config=config,
             c_folder=c_folder,
             created=date.today(),
             key=signing_key,
             named=dataset is not None,
+            estimator=partial(fitted_estimator, used, bar) if sensors else None,
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
