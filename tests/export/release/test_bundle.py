@@ -11,9 +11,12 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
+from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
 from contract.model_folder import Provenance
 from contract.release import bundle, signing
+from contract.release.bundle import MadeEstimator
+from contract.release.manifest import Manifest, SensorEstimator
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
@@ -22,7 +25,10 @@ from export.reference.mpc import control_step
 from export.release.bundle import Vehicle, write_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
+from export.to_onnx.sensor_estimator import build_estimator
+from tests.contract.controller.test_estimator import random_network
 
+FIGURES = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
 LOOSE = QuantisationLimits(rms_action_error=0.01, max_cost_gap=0.01)
 
 
@@ -48,6 +54,22 @@ def release(path, lowerings: Gated, **changes) -> None:
     )
     settings = {"name": "test", "created": date(2026, 1, 2), "vehicle": Vehicle.of(Config()), "provenance": provenance}
     write_release(path, lowerings, **{**settings, **changes})
+
+
+def test_a_sensor_estimator_is_made_for_the_manifest_and_written_with_it(tmp_path, program):
+    graph = build_estimator(random_network(window=5, sensors=len(program.sensors))).SerializeToString()
+    asked = []
+
+    def made(manifest: Manifest) -> MadeEstimator:
+        asked.append((manifest.name, manifest.sensors, manifest.window))
+        return MadeEstimator(graph=graph, figures=FIGURES, provenance={"judged_on": ["test"]})
+
+    release(tmp_path / "release", gated(program, "float32"), estimator=made)
+    loaded = bundle.load(tmp_path / "release")
+    assert asked == [("test", program.sensors, 5)]
+    assert loaded.files[ESTIMATOR] == graph
+    assert loaded.manifest.sensor_estimator == FIGURES
+    assert loaded.manifest.provenance["sensor_estimator"] == {"judged_on": ["test"]}
 
 
 @pytest.mark.parametrize("name", ["release", "release.zip"])
