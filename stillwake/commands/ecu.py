@@ -11,7 +11,7 @@ from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from stillwake.commands.run import cost_weights
 from stillwake.releases import Trust, open_release, signature
-from stillwake.settings import WEIGHTS, settings
+from stillwake.settings import REAL_BUS, WEIGHTS, settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, Overrides, visible
 
@@ -19,13 +19,8 @@ _USES: Final = (
     "operating_point",
     "flow.control_period",
     "flow.action_limit",
-    "bus.interface",
-    "bus.channel",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
+    *REAL_BUS,
     "bus.key",
-    "bus.e2e",
     # In real time the step takes what it takes.
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
     WEIGHTS,

@@ -18,7 +18,7 @@ from contract.release.bundle import Bundle
 from contract.results import versions, write_result
 from stillwake.outputs import check_json
 from stillwake.releases import Trust, open_release
-from stillwake.settings import settings
+from stillwake.settings import REAL_BUS, settings
 from stillwake.stopping import until_stopped
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
@@ -28,16 +28,7 @@ if TYPE_CHECKING:
 
 NO_COMMANDS: Final = 3
 """Exit status of a run in which no usable command came."""
-_BUS: Final = (
-    "bus.interface",
-    "bus.channel",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.key",
-    "bus.e2e",
-)
-_USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle")
+_USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
 
 def vehicle(

@@ -39,6 +39,7 @@ def test_sensors_that_follow_one_motion_are_known_by_each_other() -> None:
     assert np.all(np.array(fitted.figures.slow) < np.array(fitted.figures.fast))
 
 
+@pytest.mark.slow  # two fits
 def test_the_same_recording_and_seed_give_the_same_network() -> None:
     recording = Dataset(episodes=(episode("a", "train", 100),))
     first, again = (fit_estimator(recording, CHOSEN, WINDOW, epochs=20) for _ in range(2))

@@ -15,12 +15,12 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.bench.real_time.figures import Figures
 from firmware_sim.bench.real_time.heard import Heard, line
-from firmware_sim.bench.real_time.inbox import Inbox
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Deadlines
+from firmware_sim.ecu.real_time.inbox import Inbox
 from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
 from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
 
@@ -28,6 +28,8 @@ LEAD_IN_NS: Final = 50_000_000
 """From the loop's making to its first sampling instant."""
 SILENCE_S: Final = 1.0
 """Without a usable command, after which it is said what is heard instead."""
+ROOM: Final = 4096
+"""Frames kept for a period: a second of a full classic bus."""
 WRITTEN_EVERY: Final = 500
 """Commands between two writes of the freshness file: ten seconds at 20 ms."""
 
@@ -86,7 +88,9 @@ def run_vehicle(
     if course.stage_times is not None:
         times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
     bus.receive_all()  # what came before the run
-    inbox = Inbox()
+    # Arrival is when the receiving thread has the frame: a step of the computer's date does not reach it, and what the
+    # frame waited for in the kernel counts as being under way.
+    inbox = Inbox(lambda frame: clock.now_ns(), room=ROOM)
     with ExitStack() as stack:
         tell(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))
@@ -110,8 +114,8 @@ def run_vehicle(
         store.accepted(*node.accepted_freshness)
     if times is not None and course.stage_times is not None:
         times.save(course.stage_times)
-    if inbox.lost:
-        tell(f"{inbox.lost} frames were received faster than they could be looked at, and lost")
+    if inbox.dropped:
+        tell(f"{inbox.dropped} frames were received faster than they could be looked at, and lost")
     return figures
 
 

@@ -15,11 +15,11 @@ from contract.config.tree import Config
 from contract.errors import BusError
 from firmware_sim.bench.real_time.figures import Figures
 from firmware_sim.bench.real_time.heard import Heard
-from firmware_sim.bench.real_time.inbox import Inbox
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Deadlines
+from firmware_sim.ecu.real_time.inbox import Inbox
 from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 
 UNSENT_LIMIT: Final = 50

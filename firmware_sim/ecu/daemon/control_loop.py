@@ -18,7 +18,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.ecu.daemon.connection import Back, Connection, Lost
 from firmware_sim.ecu.daemon.counters import Counters
-from firmware_sim.ecu.daemon.reception import Inbox
+from firmware_sim.ecu.daemon.reception import Reception
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Arrivals, Deadlines
@@ -72,7 +72,7 @@ class ControlLoop:
         ecu: Ecu,
         controller: TimedController,
         connection: Connection,
-        inbox: Inbox,
+        inbox: Reception,
         config: Config,
         *,
         tell: Tell,

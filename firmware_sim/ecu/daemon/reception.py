@@ -6,14 +6,12 @@ CLOCK_MONOTONIC.
 """
 
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
-from threading import Lock
 from typing import Final, NamedTuple
 
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
+from firmware_sim.ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
 """Of a frame when it is taken from the bus: any longer would be too old all the same, and may be a clock set on."""
@@ -48,8 +46,8 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
     return max(0, monotonic_ns - age_ns)
 
 
-class Inbox:
-    """Between the thread that reads the bus and the control step; neither waits for the other.
+class Reception:
+    """Pressures for the control step, and a count of what only another ECU can have sent.
 
     Args:
         pressure: the message that the ECU reads.
@@ -58,8 +56,6 @@ class Inbox:
         monotonic_ns, date_ns: the two clocks.
 
     Attributes:
-        received: pressures, and frames of another ECU, so far.
-        dropped: pressures for which there was no room; the oldest ones give way.
         foreign: frames of another ECU so far.
     """
 
@@ -75,29 +71,35 @@ class Inbox:
         self._pressure, self._of_another_ecu = pressure, of_another_ecu
         self._believes_stamps = interface in STAMPED_WITH_THE_DATE
         self._monotonic_ns, self._date_ns = monotonic_ns, date_ns
-        self._lock = Lock()
-        self._frames: deque[Frame] = deque(maxlen=ROOM)
+        self._pressures = Inbox(self._stamp, room=ROOM)
         self._foreign_taken = 0
-        self.received = self.dropped = self.foreign = 0
+        self.foreign = 0
+
+    @property
+    def received(self) -> int:
+        """Pressures, and frames of another ECU, so far."""
+        return self._pressures.received + self.foreign
+
+    @property
+    def dropped(self) -> int:
+        """Pressures for which there was no room; the oldest ones give way."""
+        return self._pressures.dropped
 
     def put(self, frame: Frame) -> None:
-        """Leave a frame; called where the bus is read."""
-        monotonic_ns = self._monotonic_ns()
-        if self._believes_stamps:
-            monotonic_ns = received_ns(frame.timestamp_ns, monotonic_ns=monotonic_ns, date_ns=self._date_ns())
-        with self._lock:
-            if self._pressure.names(frame):
-                self.received += 1
-                self.dropped += len(self._frames) == ROOM
-                self._frames.append(replace(frame, timestamp_ns=monotonic_ns))
-            elif self._of_another_ecu(frame):
-                self.received += 1
-                self.foreign += 1
+        """Leave a frame; called where the bus is read, by one thread at a time."""
+        if self._pressure.names(frame):
+            self._pressures.put(frame)
+        elif self._of_another_ecu(frame):
+            self.foreign += 1
 
     def take(self) -> Taken:
         """Everything, once."""
-        with self._lock:
-            frames, foreign = list(self._frames), self.foreign - self._foreign_taken
-            self._frames.clear()
-            self._foreign_taken = self.foreign
-        return Taken(frames, foreign)
+        foreign, before = self.foreign, self._foreign_taken
+        self._foreign_taken = foreign
+        return Taken(self._pressures.take(), foreign - before)
+
+    def _stamp(self, frame: Frame) -> int:
+        monotonic_ns = self._monotonic_ns()
+        if not self._believes_stamps:
+            return monotonic_ns
+        return received_ns(frame.timestamp_ns, monotonic_ns=monotonic_ns, date_ns=self._date_ns())

@@ -23,7 +23,7 @@ from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.events import Event, plain
-from firmware_sim.ecu.daemon.reception import Inbox
+from firmware_sim.ecu.daemon.reception import Reception
 from firmware_sim.ecu.daemon.reporter import Reporter
 from firmware_sim.ecu.daemon.systemd import Notifier
 from firmware_sim.ecu.ecu import Ecu
@@ -108,7 +108,7 @@ def serve(
     for _ in range(WARM_UP_STEPS):
         ecu.next(ecu.state, now_ns, [])
     key = None if authentication is None else authentication.key
-    inbox = Inbox(
+    inbox = Reception(
         pressure=pressure,
         of_another_ecu=lambda frame: is_of_another_ecu(frame, messages, key),
         interface=config.bus.interface,

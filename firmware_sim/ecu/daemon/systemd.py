@@ -37,7 +37,8 @@ class Notifier:
 
     def status(self, text: str) -> None:
         """One line for `systemctl status`."""
-        self._tell(f"STATUS={text}")
+        # A line break would begin another assignment.
+        self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
         """A control step did; tells it now and then."""

@@ -23,7 +23,7 @@ from contract.release.bundle import Bundle
 from contract.results import versions, write_result
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.releases import Trust, locate, open_release
-from stillwake.settings import settings
+from stillwake.settings import REAL_BUS, settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
@@ -41,12 +41,7 @@ USES: Final = (
     "operating_point",
     "flow.control_period",
     "flow.action_limit",
-    "bus.interface",
-    "bus.channel",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.e2e",
+    *REAL_BUS,
     "ecu",
     "vehicle",
 )

@@ -68,6 +68,16 @@ def test_control_goes_on_without_a_dead_sensor_and_the_bus_says_which(bench, pre
     np.testing.assert_allclose(window[:, others], pressures[bench.frames - 32 : bench.frames, others], atol=QUANTUM)
 
 
+def test_a_vehicle_that_starts_from_standstill_keeps_all_its_sensors(bench, pressures):
+    """Pressures grow with the square of the speed; at first some are of less than a step of the wire, and rest."""
+    drive(bench, pressures, 100, lambda cp, k: np.zeros(4), enable=False)
+    assert bench.status.reason == Reason.IMPLAUSIBLE
+    drive(bench, pressures, 300, lambda cp, k: cp * min(1.0, (k - 100) / 250) ** 2, enable=False)
+    commands = drive(bench, pressures, 60)
+    assert bench.status.set_aside == 0
+    assert commands[-1].mode is Mode.CONTROL
+
+
 def test_a_sensor_set_aside_stays_so_when_it_reads_well_again_and_after_another_request(bench, pressures):
     drive(bench, pressures, 80)
     drive(bench, pressures, 40, dead(1))

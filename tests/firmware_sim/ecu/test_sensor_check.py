@@ -154,6 +154,18 @@ def test_a_vehicle_that_stands_has_four_dead_readings_and_no_control() -> None:
     assert drive.fault is Reason.IMPLAUSIBLE
 
 
+@pytest.mark.parametrize("scale", [0.0, 0.001, 0.01])
+def test_one_that_rests_while_the_others_hardly_move_is_not_set_aside_for_good(scale: float) -> None:
+    """A vehicle that stands or creeps: pressures of a few steps of the wire, and by chance one does not change."""
+    drive = Drive()
+    drive.until_seen(lambda cp, k: np.array([0.0, 1.0, 1.0, 1.0]) * scale * cp, 60)
+    assert (drive.state.set_aside, drive.fault) == (None, Reason.IMPLAUSIBLE)
+    # When it drives, the pressures are believed again.
+    for _ in range(300):
+        drive.step()
+    assert (drive.state.set_aside, drive.fault) == (None, None)
+
+
 @pytest.mark.parametrize("pair", [(0, 2), (0, 3), (1, 2), (1, 3)])
 def test_exchanged_sensors_shut_the_jets(pair: tuple[int, int]) -> None:
     def read(cp: Array, k: int) -> Array:
@@ -225,9 +237,11 @@ def test_an_estimator_that_fails_shuts_the_jets() -> None:
             raise ControllerError("no")
 
     drive = sound()
+    before = drive.state.estimates
     drive.check = replace(drive.check, estimator=Failing())
     drive.step()
     assert drive.fault is Reason.INTERNAL
+    np.testing.assert_array_equal(drive.state.estimates[:-1], before[1:])  # a row for each of the window's
 
 
 def test_a_state_is_compared_and_kept() -> None:

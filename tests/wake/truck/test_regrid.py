@@ -41,6 +41,7 @@ def test_the_same_grid_gives_the_same_flow() -> None:
         assert np.abs(one - other).max() < 1e-13
 
 
+@pytest.mark.slow  # 25 t_c of the wake
 def test_the_wake_goes_on_shedding_on_the_coarse_grid() -> None:
     wake = TruckWake(COARSE)
     told: list[tuple[float, float]] = []

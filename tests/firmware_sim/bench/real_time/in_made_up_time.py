@@ -8,11 +8,11 @@ from can_bridge.wire.messages import Pressure
 from contract.config.tree import Config
 from contract.errors import BusError
 from contract.sensors import TRUCK
-from firmware_sim.bench.real_time.inbox import Inbox
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.real_time.deadlines import Deadlines
+from firmware_sim.ecu.real_time.inbox import Inbox
 from tests.firmware_sim.bench.harness import NAMES, Oscillator
 
 FIRST_NS = 7_000_000_000
@@ -70,7 +70,7 @@ class MadeUpTime:
         self.is_taking = True
         self.flow = LiveOscillator(config.flow.substeps, late_flow)
         self.node = VehicleNode(NAMES, config)
-        self.inbox = Inbox(lambda: self.now_ns)
+        self.inbox = Inbox(lambda frame: self.now_ns, room=4096)
         self.loop = VehicleLoop(
             config,
             self.node,

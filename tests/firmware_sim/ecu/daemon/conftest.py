@@ -19,7 +19,7 @@ from contract.config.vehicle import BusConfig, EcuConfig
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.control_loop import ControlLoop, RealTime
-from firmware_sim.ecu.daemon.reception import Inbox
+from firmware_sim.ecu.daemon.reception import Reception
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.real_time.stage_times import EcuStage, StageTimes
@@ -58,7 +58,7 @@ class Rig:
         self.controller = controller
         self.timed = TimedController(controller, lambda: self.now)
         self.ecu = Ecu(bundle, self.timed, self.config)
-        self.inbox = Inbox(
+        self.inbox = Reception(
             pressure=PRESSURE,
             of_another_ecu=lambda frame: is_of_another_ecu(frame, FD, None),
             interface="virtual",

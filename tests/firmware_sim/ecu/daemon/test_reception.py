@@ -12,7 +12,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode
-from firmware_sim.ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Inbox, received_ns
+from firmware_sim.ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Reception, received_ns
 from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from tests.examples import examples
 
@@ -20,8 +20,8 @@ HOUR = 3_600_000_000_000
 NOW, DATE = 50 * HOUR, 20_000 * 24 * HOUR
 
 
-def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Inbox:
-    return Inbox(
+def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Reception:
+    return Reception(
         pressure=PRESSURE,
         of_another_ecu=lambda frame: is_of_another_ecu(frame, FD, None),
         interface=interface,

@@ -39,6 +39,11 @@ def systemd(request, tmp_path: Path) -> Iterator[Systemd]:
     end.close()
 
 
+def test_a_status_of_several_lines_is_one_assignment(systemd):
+    Notifier({"NOTIFY_SOCKET": systemd.address}, pid=1).status("bus lost:\nREADY=1")
+    assert systemd.heard() == ["STATUS=bus lost: READY=1"]
+
+
 def test_it_says_what_the_protocol_has(systemd):
     notifier = Notifier({"NOTIFY_SOCKET": systemd.address}, pid=1)
     notifier.ready("OFF")

@@ -1,0 +1,51 @@
+"""Frames between the thread that reads a bus and the loop that takes them once a period."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from threading import Lock
+
+from can_bridge.wire.frame import Frame
+
+
+class Inbox:
+    """Stamps frames on arrival and hands them over in order; neither side waits for more than a few instructions.
+
+    Args:
+        stamp: called in the reading thread with each frame: when it arrived, in ns of the loop's clock.
+        room: frames kept. In a flood the oldest give way.
+
+    Attributes:
+        received: frames so far.
+        dropped: those that gave way.
+    """
+
+    def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
+        self._stamp = stamp
+        self._lock = Lock()
+        self._frames: deque[Frame] = deque(maxlen=room)
+        self._room = room
+        self.received = self.dropped = 0
+
+    def put(self, frame: Frame) -> None:
+        """Leave a frame."""
+        stamped = replace(frame, timestamp_ns=self._stamp(frame))
+        with self._lock:
+            self.received += 1
+            self.dropped += len(self._frames) == self._room
+            self._frames.append(stamped)
+
+    def take(self) -> list[Frame]:
+        """Take out everything, oldest first."""
+        with self._lock:
+            taken = list(self._frames)
+            self._frames.clear()
+        return taken
+
+    def before(self, until_ns: int) -> list[Frame]:
+        """Take out what arrived before an instant, oldest first."""
+        taken: list[Frame] = []
+        with self._lock:
+            while self._frames and self._frames[0].timestamp_ns < until_ns:
+                taken.append(self._frames.popleft())
+        return taken
