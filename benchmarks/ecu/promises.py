@@ -36,6 +36,8 @@ PROMISES: Final = {
     "vehicle: bounds": "the jets' action is within the action limit",
     "vehicle: rate": "it moves by no more than one step a period; shutting is free",
     "vehicle: wish": "it is zero while the vehicle does not want control",
+    "vehicle: loss limits": "it is zero once as many of the latest periods under control as the limit says had no "
+    "command, until the vehicle does not want control",
     "vehicle: doubt": "it is zero unless by a sound enabled command of a driving mode that echoes pressures which the "
     "vehicle sent at most five periods before; of commands in order by the newest one due, otherwise by one up to hold "
     "periods older",
@@ -260,6 +262,8 @@ class VehicleJudge:
         first = 1 if config.ecu.plan_ahead else 0
         self._due = range(first, first + config.ecu.hold_periods + 1)
         """Periods before this one in which a command may have come that drives the jets now."""
+        self._silent: deque[bool] = deque(maxlen=config.vehicle.loss_window)
+        self._loss_limit, self._gave_up = config.vehicle.loss_limit, False
         self._enabling: deque[int] = deque(maxlen=16)
         self._clear: deque[int] = deque(maxlen=16)
         self._in_order = 0
@@ -272,7 +276,8 @@ class VehicleJudge:
         if seen.reset_vehicle:
             self._action, self._reset_at = 0.0, seen.period
             self._enabling.clear()
-            self._in_order = 0
+            self._silent.clear()
+            self._in_order, self._gave_up = 0, False
         self._received(seen)
         if abs(seen.action) > self._limit + 1e-12:
             yield "vehicle: bounds"
@@ -281,6 +286,8 @@ class VehicleJudge:
             yield "vehicle: rate"
         if seen.action != 0.0 and not seen.wish:
             yield "vehicle: wish"
+        if seen.action != 0.0 and self._gave_up:
+            yield "vehicle: loss limits"
         newest = seen.period - self._due[0]
         due = (0,) if newest in self._clear else range(len(self._due))
         if seen.action != 0.0 and not any(newest - before in self._enabling for before in due):
@@ -300,6 +307,13 @@ class VehicleJudge:
         # A receiver's window of five is then full of good ones.
         if self._in_order >= 5:
             self._clear.append(seen.period)
+        # A command that may have been refused as well ends the count: the limit is then reached later, at most.
+        without_control = any(command and command["Mode"] in (wire.OFF, wire.FAULT) for command, _ in commands)
+        if not seen.wish or without_control:
+            self._silent.clear()
+        elif self._silent or self._in_order >= 5:
+            self._silent.append(not commands)
+        self._gave_up = seen.wish and (self._gave_up or sum(self._silent) >= self._loss_limit)
 
     def _enables(self, command: dict[str, Any] | None, item: Delivered, period: int) -> bool:
         if command is None or not (command["Enable"] and command["PressureCounterValid"]):

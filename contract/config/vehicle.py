@@ -189,3 +189,13 @@ class VehicleConfig(Settings):
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jets' action in one period that their driver makes, in U_inf W, shutting apart: the same as
     `ecu.command_step`, and kept by the vehicle itself."""
+    loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
+    """Latest periods under control that are judged together by `vehicle.loss_limit`: a second, as by the ECU."""
+    loss_limit: Annotated[int, PERIODS] = 25
+    """Periods without a usable command among them from which on the vehicle shuts its jets and withdraws its request,
+    until its own wish was low once. Like `ecu.loss_limit`, for the other direction: jets that follow every other
+    command at best are not under control."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")

@@ -14,7 +14,9 @@ At the jets, for the action that is reached at the end of every period:
     jets_shut       0, unless the vehicle heard a command that drives jets, which rests on pressures of its own that
                     are not too old, in the period that decides (below), or as long before it as it holds the last
                     command when it hears none
-    jets_request    0 where the vehicle did not request control
+    jets_request    0 where the vehicle did not want control
+    jets_losses     0 once no command came in `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under
+                    control, until the vehicle did not want control
     jets_bounds     within the action limit
     jets_rate       within `vehicle.action_step` of the action before, unless it is 0
 
@@ -76,11 +78,15 @@ class _Heard(NamedTuple):
         drives: a command that may drive the jets.
         old: one that would, but for the age of its pressures.
         shuts: a command came as it should, and takes the jets away.
+        believed: a command came as it should.
+        without_control: a command of an ECU that has no control.
     """
 
     drives: bool
     old: bool
     shuts: bool
+    believed: bool
+    without_control: bool
 
 
 class Invariants:
@@ -112,6 +118,8 @@ class Invariants:
         self._counter: int | None = None
         self._sound = 0  # periods in a row in which just the next command came
         self._requested: deque[bool] = deque(maxlen=1 + config.vehicle.actuator_delay)
+        self._silent: deque[bool] = deque(maxlen=config.vehicle.loss_window)  # of periods surely under control
+        self._gave_up: deque[bool] = deque([False], maxlen=1 + config.vehicle.actuator_delay)
         self._action = 0.0
 
     @classmethod
@@ -152,8 +160,10 @@ class Invariants:
     def period(self, sample: Sample, *, requested: bool) -> None:
         """See `Observer.period`."""
         self._judge_action(sample.action)
+        heard_any = bool(self._arrived)
         self._heard.append(self._of_period())
         self._requested.append(requested)
+        self._count_losses(self._heard[-1], heard_any=heard_any, requested=requested)
         self._period += 1
 
     def finished(self, sample: Sample) -> None:
@@ -208,7 +218,7 @@ class Invariants:
     def _of_period(self) -> _Heard:
         """Of the commands that arrived in the period that ends."""
         frames, self._arrived = self._arrived, []
-        spec, drives, old, last = self._command.spec, False, False, None
+        spec, drives, old, without, last = self._command.spec, False, False, False, None
         for frame in frames:
             command = parsed(self._command, frame)
             if command is None:
@@ -220,6 +230,7 @@ class Invariants:
             if not follows:
                 self._sound = 0
             last = command
+            without |= command.mode not in WANTED
             if command.enable and command.mode in DRIVING:
                 in_time = self._is_in_time(command)
                 drives |= in_time
@@ -227,7 +238,15 @@ class Invariants:
         self._sound = self._sound + 1 if len(frames) == 1 and last is not None else 0
         # A stream is judged by its latest checks; without any errors among them the vehicle believes the next frame.
         believed = last is not None and self._sound > self._config.bus.e2e.window
-        return _Heard(drives=drives, old=old, shuts=believed and not drives)
+        return _Heard(drives=drives, old=old, shuts=believed and not drives, believed=believed, without_control=without)
+
+    def _count_losses(self, heard: _Heard, *, heard_any: bool, requested: bool) -> None:
+        if not requested or heard.without_control:
+            self._silent.clear()
+        elif heard.believed or self._silent:
+            self._silent.append(not heard_any)
+        too_many = sum(self._silent) >= self._config.vehicle.loss_limit
+        self._gave_up.append(requested and (self._gave_up[-1] or too_many))
 
     def _is_in_time(self, command: JetCommand) -> bool:
         """Whether the vehicle may take the pressures behind a command for recent ones."""
@@ -251,6 +270,8 @@ class Invariants:
             return
         if len(self._requested) == self._requested.maxlen and not self._requested[0]:
             self._broken_before("jets_request", f"action {action:g} where control was not requested")
+        if len(self._gave_up) == self._gave_up.maxlen and self._gave_up[0]:
+            self._broken_before("jets_losses", f"action {action:g} after too many periods without a command")
         # The newest of these is of the period that decides, the others of those before it.
         deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
         for heard in deciding:

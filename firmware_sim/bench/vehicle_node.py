@@ -1,7 +1,8 @@
 """The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded.
 
 It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
-run, and that rests on pressures it sent not long ago. No single signal of a command decides.
+run, and that rests on pressures it sent not long ago. No single signal of a command decides. Where too many commands
+are missing it gives up control by itself, and says so on the bus: it no longer requests it (`command_losses`).
 """
 
 from collections.abc import Callable, Sequence
@@ -23,6 +24,7 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from firmware_sim.bench.command_losses import CommandLosses
 from firmware_sim.bench.echo import EchoTracker
 from firmware_sim.ecu.delay_line import DelayLine
 
@@ -86,6 +88,7 @@ class VehicleNode:
         if authentication is not None:
             self._freshness = authentication.freshness
             self._verifier = authentication.verifier(self._receiver.spec)
+        self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
         self._requested = False  # in the latest Pressure frame
         self._action = 0.0  # commanded last, U_inf W
@@ -100,19 +103,22 @@ class VehicleNode:
         """The Pressure frame for the wall pressures Cp of all the plant's sensors, (n,), at the instant `now_ns`.
 
         It is handed over `age_ns` later. A pressure beyond the transducer's range saturates and is marked invalid; one
-        that is no number is sent as 0.
+        that is no number is sent as 0. The request goes out as long as the vehicle has not given up control, which ends
+        with a frame that does not want it.
         """
+        losses = self._losses if enable_request else self._losses.anew()
+        requested = enable_request and not losses.is_latched
         pressure_pa = self._read(cp[self._columns], now_ns) * self.operating_point.dynamic_pressure
         limit = self._messages.pressure_limit_pa
         message = Pressure(
             pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
             valid=tuple(bool(value) for value in np.abs(pressure_pa) <= limit),
-            enable_request=enable_request,
+            enable_request=requested,
             age_ns=age_ns,
         )
         frame = self._sender.frame(self._messages.pressure.emit(message), now_ns=now_ns)
         self.frames_sent += 1
-        self._requested = enable_request
+        self._losses, self._requested = losses, requested
         self._echo = self._echo.sent(profile_of(self._sender.spec).counter_of(frame.data), now_ns)
         frame = secured(frame, spec=self._sender.spec, key=self._key, freshness=self._freshness)
         self._freshness = self._freshness.next()
@@ -122,7 +128,8 @@ class VehicleNode:
         """What the jets do after one control period's frames.
 
         Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut. They
-        shut at once when the vehicle no longer wants control. Commands for the next period act in it, one by one.
+        shut at once when the vehicle no longer wants control, or gives it up because too many commands were missing.
+        Commands for the next period act in it, one by one.
         """
         before = self._action
         spec = self._receiver.spec
@@ -140,7 +147,10 @@ class VehicleNode:
             self._echo = self._echo.interrupted() if echoed is None else self._echo.received(echoed)
             self._action = self._driven(command)
             self._next_period = command.next_period
-        if not self._requested:
+        self._losses = (
+            self._losses.lost() if command is None or self._is_too_old(command) else self._losses.heard(command.mode)
+        )
+        if self.has_given_up or not self._requested:
             self._action = before = 0.0
         return Actuation(
             action=self._delayed(before if self._next_period else self._action),
@@ -151,14 +161,18 @@ class VehicleNode:
 
     def _driven(self, command: JetCommand) -> float:
         """The action that a command leads to, in U_inf W."""
-        age = self._echo.age
-        if not command.enable or command.mode not in _DRIVING or age is None or age > self._oldest_echo:
+        if not _drives(command) or self._is_too_old(command):
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
         limit = self.action_limit
         step = self._config.vehicle.action_step
         in_reach = np.clip(wanted, self._action - step, self._action + step)
         return float(np.clip(in_reach, -limit, limit))
+
+    def _is_too_old(self, command: JetCommand) -> bool:
+        """A command that would drive the jets, but rests on pressures that are."""
+        age = self._echo.age
+        return _drives(command) and (age is None or age > self._oldest_echo)
 
     def _delayed(self, action: float) -> float:
         """The action of `actuator_delay` periods ago, this one being the newest."""
@@ -170,6 +184,11 @@ class VehicleNode:
         """What the jets will have reached at the end of the period whose pressures were sampled last, U_inf W, by the
         commands so far: one for the next period is for this one now."""
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
+
+    @property
+    def has_given_up(self) -> bool:
+        """Too many commands were missing, and the vehicle's own wish has not been low since."""
+        return self._losses.is_latched
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
@@ -189,3 +208,7 @@ class VehicleNode:
     def frames_not_authentic(self) -> int:
         """Jet commands refused by their MAC or freshness."""
         return self._verifier.refused
+
+
+def _drives(command: JetCommand) -> bool:
+    return command.enable and command.mode in _DRIVING

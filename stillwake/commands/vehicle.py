@@ -81,6 +81,7 @@ def vehicle(
 
     Ctrl-C, SIGTERM and --periods end it well: the wish for control is
     withdrawn, and the ECU is told so. Exit status 3: no usable command came.
+    A lost bus ends it with one line and exit status 1: it is not opened again.
     """
     check_json(json_file)
     if stage_times is not None:

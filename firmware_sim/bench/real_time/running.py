@@ -98,10 +98,16 @@ def run_vehicle(
         deadlines = Deadlines(period_ns=config.period_ns, due_ns=first_ns, grace_ns=config.period_ns // 2)
         loop = VehicleLoop(config, node, pressures, bus, inbox, deadlines, stage_times=times)
         silence = _Silence(loop, bus, config, tell)
-        figures, begun = loop.figures, 0
+        figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             loop.period(enable_request=enable_from is not None and begun >= enable_from)
             begun += 1
+            if node.has_given_up and not has_given_up:
+                has_given_up = True
+                tell(
+                    f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: jets "
+                    "shut, control given up and the request withdrawn until the wish falls (vehicle.loss_limit)"
+                )
             receiving.check()
             if begun % per_second == 0:
                 silence.look()

@@ -57,6 +57,7 @@ STORIES = {
     "vehicle: bounds": [Events(value=0.15)] * 3,
     "vehicle: rate": SWINGS,
     "vehicle: wish": [Events(wish=False)],
+    "vehicle: loss limits": [Events(command="lost" if k % 2 else "pass") for k in range(60)],
     "vehicle: doubt": [Events(command="lost")] * 4,
 }
 """What happens, in control, that a defect needs to be seen, by promise."""
@@ -95,6 +96,7 @@ LAX = [
     Lax(replace(CONFIG, vehicle=VehicleConfig(action_step=0.15), ecu=EcuConfig(command_step=0.15)), "vehicle: rate"),
     Lax(replace(CONFIG, flow=replace(CONFIG.flow, action_limit=0.09)), "bounds"),
     Lax(replace(CONFIG, flow=replace(CONFIG.flow, action_limit=0.09)), "vehicle: bounds"),
+    Lax(replace(CONFIG, vehicle=VehicleConfig(loss_limit=26)), "vehicle: loss limits"),
     Lax(replace(CONFIG, ecu=EcuConfig(hold_periods=4)), "vehicle: doubt"),
     Lax(replace(CONFIG, ecu=EcuConfig(plan_ahead=False)), "vehicle: doubt"),
 ]

@@ -16,6 +16,7 @@ from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig, VehicleConfig
 from firmware_sim.bench import simulation
+from firmware_sim.bench.command_losses import CommandLosses
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import simulate
@@ -263,6 +264,17 @@ def test_a_vehicle_that_drives_what_it_did_not_ask_for_is_caught(monkeypatch):
     wrong_vehicle(monkeypatch, apply_commands=asks)
     # The ECU shuts them itself one command later.
     assert "jets_request" in names("no_request@0.7..0.8")
+
+
+def test_a_vehicle_that_never_gives_up_is_caught(monkeypatch):
+    """Half of the commands are lost, never two in a row, and the limit is a third of them."""
+    config = Config(vehicle=VehicleConfig(loss_window=30, loss_limit=10))
+    lost = tuple(f"ecu:drop:probability=1@{0.6 + 0.04 * k:.2f}..{0.62 + 0.04 * k:.2f}" for k in range(14))
+    found, log = violations(*lost, config=config)
+    assert found == []
+    assert not log.series["action"][-5:].any()
+    monkeypatch.setattr(CommandLosses, "lost", lambda self: self)
+    assert names(*lost, config=config) == {"jets_losses"}
 
 
 @pytest.mark.parametrize(("factor", "broken"), [(1.2, {"jets_bounds"}), (-1.0, {"jets_rate"})])

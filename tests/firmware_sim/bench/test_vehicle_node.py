@@ -1,10 +1,14 @@
 """The vehicle's node: what its transducers put on the bus, and what its jets make of commands."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from can_bridge.e2e import profile5
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
@@ -18,6 +22,7 @@ from contract.errors import ConfigError
 from contract.operating_point import OperatingPoint
 from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.vehicle_node import VehicleNode
+from tests.examples import examples
 
 NAMES = ("base_3", "upper_00", "lower_39", "upper_39")
 CONFIG = Config()
@@ -201,6 +206,80 @@ def test_an_echo_that_stands_still_drives_for_as_long_as_pressures_may_be_old_an
     # Period 0: the frame is not sent yet, nor the stream trusted. Then a hold, two decays, the frame's own period, and
     # one for computing and the way.
     assert driven == [False] + [True] * 6 + [False] * 593
+
+
+def driven_through(node: VehicleNode, commands: Commands, came: Iterable[bool]) -> list[bool]:
+    """Whether the jets moved, in periods with a command and without; the wish for control stands."""
+    moved = []
+    for k, comes in enumerate(came):
+        frame = request(node)
+        # Each rests on the newest pressures.
+        command = commands(0.05, echo=profile5.counter_of(frame.data))
+        moved.append(node.apply_commands([command] if comes else []).action != 0.0)
+        assert parsed(frame).enable_request or not any(moved[k:])
+    return moved
+
+
+def in_control(config: Config) -> tuple[VehicleNode, Commands]:
+    node, commands = VehicleNode(NAMES, config), Commands()
+    assert all(driven_through(node, commands, [True] * 60)[1:])
+    return node, commands
+
+
+@pytest.mark.parametrize(("limit", "drives_on"), [(24, False), (25, False), (26, True)])
+def test_every_second_command_lost_ends_control_at_the_limit(limit, drives_on):
+    """Of any 50 periods, 25 are lost."""
+    node, commands = in_control(replace(CONFIG, vehicle=VehicleConfig(loss_window=50, loss_limit=limit)))
+    moved = driven_through(node, commands, [True, False] * 100)
+    # The first is held through as all single ones are; with the limit-th, the jets shut in the same period.
+    assert moved == [True] * 200 if drives_on else [True] * (2 * limit - 1) + [False] * (201 - 2 * limit)
+    assert node.has_given_up is not drives_on
+
+
+@given(st.lists(st.booleans(), max_size=40), st.integers(1, 6), st.integers(1, 8))
+@examples(60)
+def test_control_ends_exactly_when_so_many_of_the_latest_periods_were_lost(came, limit, window):
+    limit = min(limit, window)
+    # A stream that pauses is judged anew, which takes frames that count as lost: the pattern alone is of interest here.
+    bus = replace(CONFIG.bus, e2e=replace(CONFIG.bus.e2e, max_delta=127, min_ok=1))
+    node, commands = in_control(replace(CONFIG, bus=bus, vehicle=VehicleConfig(loss_window=window, loss_limit=limit)))
+    lost = [not comes for comes in came]
+    given_up = any(sum(lost[max(0, k + 1 - window) : k + 1]) >= limit for k in range(len(lost)))
+    driven_through(node, commands, came)
+    assert node.has_given_up == given_up
+
+
+def test_control_given_up_comes_back_only_after_the_wish_was_low_once():
+    node, commands = in_control(CONFIG)
+    driven_through(node, commands, [True, False] * 25)
+    assert node.has_given_up
+    # Whatever the ECU says, and however long; on the bus the wish is low.
+    assert not any(driven_through(node, commands, [True] * 300))
+    assert not parsed(request(node)).enable_request
+    assert not parsed(request(node, wanted=False)).enable_request
+    assert not node.has_given_up
+    assert driven_through(node, commands, [True, True]) == [True, True]
+    assert parsed(request(node)).enable_request
+
+
+def test_commands_missing_while_the_ecu_has_no_control_do_not_count():
+    """Before it is there, and while it is off or has latched a fault."""
+    node, commands = VehicleNode(NAMES, CONFIG), Commands()
+    driven_through(node, commands, [False] * 100)
+    for mode in (Mode.OFF, Mode.FAULT):
+        for _ in range(3):
+            request(node)
+            node.apply_commands([commands(0.0, enable=False, mode=mode, echo=None)])
+        driven_through(node, commands, [False] * 100)
+    assert not node.has_given_up
+
+
+def test_commands_on_pressures_that_are_too_old_count_as_lost():
+    node, commands = in_control(CONFIG)
+    for _ in range(40):
+        request(node)
+        node.apply_commands([commands(0.05, echo=59)])
+    assert node.has_given_up
 
 
 def test_a_reversal_takes_as_many_periods_as_the_jets_own_limit_says():
