@@ -141,7 +141,8 @@ FIRST: Final = Because("the first one stays", lambda period: period.kept)
 ALWAYS: Final = Condition("in any other case", lambda period: True)
 UPDATING: Final = Condition("a bundle is to be written", lambda period: period.inputs.updating)
 OWN_FAULT: Final = Condition(
-    "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, controller", lambda period: period.inputs.fault is not None
+    "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, controller",
+    lambda period: period.inputs.fault is not None,
 )
 REARMED: Final = Condition(
     "the wish rises with usable pressures, `rearm_frames` or more in a row",
