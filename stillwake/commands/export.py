@@ -92,10 +92,10 @@ def export(
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
-    sensors = len(done.lowered.effective.sensors)
-    if sensors != SENSORS:
+    count = len(done.lowered.effective.sensors)
+    if count != SENSORS:
         console.print(
-            f"{sensors} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
+            f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
             f"the C library and the ONNX graph work with any number",
             soft_wrap=True,
         )
