@@ -70,7 +70,11 @@ class Sound:
         facts = {name: getattr(shipped, name) for name in vars(shipped)}
         facts |= {"window": program.window, "sensors": program.sensors, "mpc": program.mpc, "scaling": program.scaling}
         graph = build_controller(program).SerializeToString()
-        bundle.write(folder / "sound", Manifest(**{**facts, "precision": "float32"}), {CONTROLLER: graph})
+        bundle.write(
+            folder / "sound",
+            Manifest(**{**facts, "precision": "float32", "sensor_estimator": None}),
+            {CONTROLLER: graph},
+        )
         loaded = bundle.load(folder / "sound")
         files = {item.name: item.read_bytes() for item in (folder / "sound").iterdir()}
         return cls(files=files, header=c_library(program)[SETTINGS], manifest=loaded.manifest)

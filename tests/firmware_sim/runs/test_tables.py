@@ -151,7 +151,12 @@ def test_the_summary_holds_fault_counters_modes_settings_and_origin(shedding):
     }  # fmt: skip
     assert found["reduction_percent"] is None
     assert found["Cd_controlled"] == pytest.approx(0.88)
-    assert found["settings"]["vehicle"] == {"actuator_delay": 0, "action_step": 0.075}
+    assert found["settings"]["vehicle"] == {
+        "actuator_delay": 0,
+        "action_step": 0.075,
+        "loss_window": 50,
+        "loss_limit": 25,
+    }
     assert found["settings"]["ecu"]["delay_steps"] == 0
     assert found["bundle"]["digest"] == "0123456789abcdef" * 4
     assert found["started_with"]["command"] == ["stillwake", "run", "a"]

@@ -128,7 +128,7 @@ def test_a_start_that_failed_leaves_nothing(tmp_path: Path, monkeypatch: pytest.
 def test_a_recording_begins_in_the_state_it_is_given(tmp_path: Path, oscillator: type) -> None:
     flat = np.array([0.3, -0.2])
     start = tmp_path / "start.npz"
-    save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(1, 2), reynolds=1000.0)))
+    save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(443, 164), reynolds=1000.0)))
     output, config = tmp_path / "a.h5", replace(Config(), flow=replace(Config().flow, reynolds=1000.0))
     with pytest.raises(PlantError, match=r"reynolds = 1000, this plant has 500: `stillwake develop start_re500\.npz"):
         record(output, (NONE,), start=start)
