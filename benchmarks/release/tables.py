@@ -118,7 +118,7 @@ def limits(results: Path) -> str:
         ("the release: a period ahead", "demo"),
         (f"not ahead, {late:g} ms for computing", "limit_late_start"),
         ("not ahead, no time for computing", "limit_latency"),
-        ("the second row with 15 iterations, not 5", "limit_iterations"),
+        ("0.2.0: not ahead, 15 iterations", "limit_iterations"),
     ):
         figures = read(results / f"{name}.json")["figures"]
         rows.append((label, *(figures[key] for key in names)))
