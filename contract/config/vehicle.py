@@ -145,7 +145,7 @@ class EcuConfig(Settings):
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Oldest pressures, from sampling to control step, that may be planned on: one period of waiting for the step, and
-    half a one for the way. Pressures 20 ms late cost the loop nothing, 40 ms a part of the gain."""
+    half a one for the way. Pressures 20 ms late cost the loop little; with 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
     """Latest periods under control that are judged together by `ecu.loss_limit`: a second."""
     loss_limit: Annotated[int, PERIODS] = 25
