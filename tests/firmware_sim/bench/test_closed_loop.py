@@ -3,7 +3,7 @@
 import json
 import re
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import can
@@ -95,7 +95,7 @@ def test_the_summary_has_every_figure(run):
     assert found["fault"] is None
     assert found["modes"] == {"CONTROL": CONTROLLED}
     assert found["bundle"]["digest"] == log.metadata.digest
-    assert found["settings"]["vehicle"] == {"actuator_delay": 0, "action_step": 0.075}
+    assert found["settings"]["vehicle"] == asdict(VehicleConfig())
     # The developed wake's known ranges.
     assert 0.9 < found["Cd_uncontrolled"] < 1.3
     assert -1.0 < found["base_Cp_uncontrolled"] < -0.2
@@ -111,10 +111,11 @@ def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
     modes, actions = log.series["mode"], log.series["action"]
     assert set(modes[:LEAD_IN]) == {Mode.OFF}
     assert set(modes[LEAD_IN:]) == {Mode.CONTROL}
-    assert not actions[: LEAD_IN + 1].any()
+    # Planned ahead: the jets follow a command in the period after, and the sample at its end shows it.
+    assert not actions[: LEAD_IN + 2].any()
     # A random controller's action may pass through zero, to the wire's resolution.
-    assert np.count_nonzero(actions[LEAD_IN + 1 :]) >= CONTROLLED - 2
-    np.testing.assert_array_equal(actions[LEAD_IN + 1 :], log.series["command"][LEAD_IN:-1])
+    assert np.count_nonzero(actions[LEAD_IN + 2 :]) >= CONTROLLED - 3
+    np.testing.assert_array_equal(actions[LEAD_IN + 2 :], log.series["command"][LEAD_IN:-2])
     assert np.diff(log.series["t"]) == pytest.approx(0.2)
 
 
