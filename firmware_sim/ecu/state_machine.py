@@ -38,7 +38,8 @@ class OperatingMode(Enum):
     FAULT = auto()
     """The jets are shut and stay so until good frames have come and the wish rises anew."""
     UPDATE = auto()
-    """A new bundle is being written; a reset alone leads out."""
+    """A new bundle is being written; a reset alone leads out. Whoever writes it says so (`Ecu.step`, `updating`); no
+    command of stillwake does yet."""
 
     @property
     def on_wire(self) -> Mode:

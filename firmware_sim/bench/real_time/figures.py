@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
-from math import inf, nan, sqrt
+from math import ceil, inf, nan, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -31,7 +31,8 @@ class Durations:
         """What this share does not exceed (nearest rank, down to 10 us), 1.0 for the largest; NaN without any."""
         if self._total == 0:
             return nan
-        rank = max(1, int(np.ceil(share * self._total)))
+        # 0.07 * 100 is 7.000000000000001 in binary: a rank is not to grow by rounding.
+        rank = max(1, ceil(round(share * self._total, 6)))
         return int(np.searchsorted(np.cumsum(self._counts), rank)) * RESOLUTION_NS / 1e6
 
 

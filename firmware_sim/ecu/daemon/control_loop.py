@@ -1,7 +1,7 @@
 """Control steps at absolute deadlines: wake, take what came, step, send.
 
-What the step needs of the outside comes to it: the inbox is filled by the thread that reads the bus, and whoever wants
-to know of a step is given its counters. Deadlines follow the arrival of the pressures that were used.
+What the step needs of the outside comes to it: the reception is filled by the thread that reads the bus, and whoever
+wants to know of a step is given its counters. Deadlines follow the arrival of the pressures that were used.
 """
 
 import gc
@@ -53,7 +53,7 @@ class ControlLoop:
         ecu: steps.
         controller: that it plans with.
         connection: open.
-        inbox: filled by the connection.
+        reception: filled by the connection.
         config: of the ECU.
         tell: called with an event's name, its line, and its fields.
         after_step: called with the time and the counters after each step.
@@ -72,7 +72,7 @@ class ControlLoop:
         ecu: Ecu,
         controller: TimedController,
         connection: Connection,
-        inbox: Reception,
+        reception: Reception,
         config: Config,
         *,
         tell: Tell,
@@ -80,7 +80,7 @@ class ControlLoop:
         stage_times: StageTimes | None = None,
         real_time: RealTime = RealTime(),
     ) -> None:
-        self._ecu, self._controller, self._connection, self._inbox = ecu, controller, connection, inbox
+        self._ecu, self._controller, self._connection, self._reception = ecu, controller, connection, reception
         self._tell, self._after_step, self._stages, self._clock = tell, after_step, stage_times, real_time
         self._pressure = message_set(config.bus).pressure.spec
         self._offset_ns = check_offset(config)
@@ -105,7 +105,7 @@ class ControlLoop:
         self._clock.sleep_until(due_ns)
         woke_ns = self._clock.now_ns()
         self._look_at_bus()
-        frames, foreign = self._inbox.take()
+        frames, foreign = self._reception.take()
         fault = self._other_ecu(woke_ns, foreign)
         missed_before = self._ecu.state.missed
         self._controller.forget()
@@ -174,11 +174,11 @@ class ControlLoop:
             state=self._ecu.state,
             steps=before.steps + 1,
             left_out=self._deadlines.left_out,
-            received=self._inbox.received,
-            dropped=self._inbox.dropped,
+            received=self._reception.received,
+            dropped=self._reception.dropped,
             not_sent=self._connection.not_sent,
             losses=self._connection.losses,
-            other_ecu=self._inbox.foreign,
+            other_ecu=self._reception.foreign,
             action=self._ecu.trace.action,
             busy_ns=before.busy_ns + sent_ns - woke_ns,
             longest_ns=max(before.longest_ns, sent_ns - woke_ns),
@@ -238,5 +238,6 @@ def check_offset(config: Config) -> int:
 
 def _usage() -> tuple[int, int, int, int]:
     """Garbage collections of the process; minor faults, major faults and involuntary switches of this thread."""
-    used = resource.getrusage(resource.RUSAGE_THREAD)
+    # Linux counts them for a thread, other systems for the process.
+    used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

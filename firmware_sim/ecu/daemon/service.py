@@ -108,7 +108,7 @@ def serve(
     for _ in range(WARM_UP_STEPS):
         ecu.next(ecu.state, now_ns, [])
     key = None if authentication is None else authentication.key
-    inbox = Reception(
+    reception = Reception(
         pressure=pressure,
         of_another_ecu=lambda frame: is_of_another_ecu(frame, messages, key),
         interface=config.bus.interface,
@@ -129,7 +129,7 @@ def serve(
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())
         stack.callback(notifier.close)
-        connection = stack.enter_context(Connection(opened if open_bus is None else open_bus, inbox.put))
+        connection = stack.enter_context(Connection(opened if open_bus is None else open_bus, reception.put))
         reporter = stack.enter_context(
             Reporter(write, options.as_line, bundle=name, metrics=options.metrics, keep=keep)
         )
@@ -148,7 +148,7 @@ def serve(
             ecu,
             timed,
             connection,
-            inbox,
+            reception,
             config,
             tell=tell,
             after_step=after_step,

@@ -1,11 +1,8 @@
-"""Percentiles against NumPy's own by nearest rank, and against what is known without computing."""
+"""Percentiles of values for which they are known without computing."""
 
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from firmware_sim.latency.quantiles import NEEDED_FOR_P99_9, Quantiles, nearest_rank
+from firmware_sim.latency.quantiles import NEEDED_FOR_P99_9, Quantiles
 
 
 def test_one_to_thousand_milliseconds():
@@ -26,13 +23,6 @@ def test_below_a_thousand_p99_9_is_the_maximum():
     assert Quantiles.of(enough).p99_9 == NEEDED_FOR_P99_9 - 1.0
 
 
-@given(st.lists(st.floats(0.0, 1e9), min_size=1, max_size=300), st.sampled_from([0.25, 0.5, 0.75, 1.0]))
-def test_agrees_with_numpys_inverted_distribution(values, share):
-    # Shares that binary numbers hold exactly: NumPy rounds no rank.
-    ascending = np.sort(np.array(values))
-    assert nearest_rank(ascending, share) == np.quantile(ascending, share, method="inverted_cdf")
-
-
 def test_without_values_there_are_none():
     assert Quantiles.of(np.full(3, np.nan)) == (None, None, None, None, 0)
 
@@ -42,9 +32,3 @@ def test_what_never_came_counts_and_what_was_not_due_does_not():
     assert found.number == 2
     assert found.p50 == 1.0
     assert found.max == np.inf
-
-
-@pytest.mark.parametrize("share", [0.0, -0.5, 1.5])
-def test_no_such_share(share):
-    with pytest.raises(ValueError, match="share"):
-        nearest_rank(np.ones(2), share)

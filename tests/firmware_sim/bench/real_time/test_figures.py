@@ -25,6 +25,13 @@ def test_quantiles_are_numpys_to_the_resolution(times: list[int], share: float) 
     assert exact - RESOLUTION_NS / 1e6 < durations.quantile_ms(share) <= exact
 
 
+def test_a_rank_does_not_grow_by_rounding() -> None:
+    durations = Durations()
+    for number in range(1, 101):
+        durations.add(number * RESOLUTION_NS)
+    assert durations.quantile_ms(0.07) == 7 * RESOLUTION_NS / 1e6
+
+
 def test_times_without_end_and_without_beginning_are_kept_at_the_ends() -> None:
     durations = Durations()
     durations.add(10**15)
