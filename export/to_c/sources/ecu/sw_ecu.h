@@ -1,0 +1,202 @@
+/* The ECU around a control step: CAN frames in, jet command and status out, once a control period.
+ *
+ * It is the twin of the Python ECU (firmware_sim/ecu), which is its specification: the same frames at the same times
+ * lead to the same frames and the same state. Freestanding C99. No allocation, no recursion, no library calls, no
+ * static state: everything stands in the caller's sw_ecu. sw_ecu_settings.h, generated, has the messages of the DBC,
+ * the figures of the release, and the vehicle's settings.
+ *
+ *     static sw_ecu ecu;
+ *     sw_ecu_init(&ecu);
+ *     every control period:
+ *         count = sw_ecu_step(&ecu, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
+ *
+ * Decisions are made in integers and in double, in the order of operations of the Python ECU, and so are the same to
+ * the bit; the control step and the sensor estimates are in float and int8.
+ */
+#ifndef SW_ECU_H
+#define SW_ECU_H
+
+#include <stdint.h>
+
+#include "stillwake.h"
+#include "sw_ecu_settings.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SW_FRAME_BYTES 64
+#define SW_FRAMES_OUT 2 /* a JetCommand and an EcuStatus */
+
+/* Hypotheses of the sensor check: each sensor may lie, each pair may be exchanged. */
+#define SW_PAIRS (SW_SENSORS * (SW_SENSORS - 1) / 2)
+#define SW_HYPOTHESES (SW_SENSORS + SW_PAIRS)
+
+/* Times are in ns of one clock that never goes back, from 0 to this: 73 years. Others are a fault of the clock. */
+#define SW_LATEST_NS ((int64_t)1 << 61)
+
+/* A CAN frame; bytes beyond `length` are not read. */
+typedef struct {
+    int64_t timestamp_ns; /* when it was received, or handed over to be sent */
+    uint32_t id;
+    uint8_t is_extended; /* 29 bits of identifier */
+    uint8_t is_fd;
+    uint8_t length;
+    uint8_t data[SW_FRAME_BYTES];
+} sw_frame;
+
+/* What the ECU does in a control period; on the wire these are SW_MODE_ (sw_ecu_settings.h). */
+typedef enum {
+    SW_INIT,    /* no usable pressures since power-on */
+    SW_STANDBY, /* the wish for control stands as it did at power-on: it must fall first */
+    SW_ARMED,   /* the wish is low */
+    SW_WARMUP,  /* control is wanted, but the window is not full */
+    SW_ACTIVE,  /* the jets follow the controller */
+    SW_HOLD,    /* pressures are missing: the last command stays */
+    SW_DECAY,   /* for longer: it is halved each period */
+    SW_FAULT,   /* the jets are shut until good frames have come and the wish rises anew */
+    SW_UPDATE   /* a new release is being written; a reset alone leads out */
+} sw_operating_mode;
+
+/* What the command gate had to do, bits. */
+enum {
+    SW_GATED_NOT_ENABLED = 1,
+    SW_GATED_NOT_FINITE = 2,
+    SW_GATED_CLOCK = 4,
+    SW_GATED_STALE = 8,
+    SW_GATED_RANGE = 16,
+    SW_GATED_RATE = 32
+};
+
+typedef enum { SW_NODATA, SW_STREAM_INIT, SW_VALID, SW_INVALID } sw_stream;
+
+/* Checks of received frames, in the order of sw_receiver.counts. */
+typedef enum {
+    SW_CHECK_OK,
+    SW_CHECK_OK_SOME_LOST,
+    SW_CHECK_REPEATED,
+    SW_CHECK_WRONG_SEQUENCE,
+    SW_CHECK_ERROR,
+    SW_CHECK_NO_NEW_DATA,
+    SW_CHECKS
+} sw_check;
+
+/* The CAN controller's error counters. */
+typedef struct {
+    uint8_t is_bus_off;
+    uint32_t bus_off; /* how often it was, since power-on */
+    uint32_t tx_errors;
+    uint32_t rx_errors;
+} sw_bus_health;
+
+/* What the surroundings tell the ECU; the caller writes it before a step, and it stays. */
+typedef struct {
+    sw_bus_health health;
+    uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
+    uint8_t updating; /* a new release is to be written: shut off for good, as soon as no jet may run */
+} sw_surroundings;
+
+/* Counts stop at their largest value. */
+typedef struct {
+    uint8_t stream;       /* sw_stream */
+    uint8_t has_counter;  /* whether a frame with a good CRC has come */
+    uint8_t last_counter; /* of the latest one */
+    uint8_t checks;       /* how many stand in `window`, oldest first */
+    uint8_t window[SW_E2E_WINDOW];
+    uint32_t counts[SW_CHECKS];
+} sw_receiver;
+
+typedef struct {
+    uint8_t mode;   /* sw_operating_mode */
+    uint8_t reason; /* SW_REASON_ */
+    uint8_t enable_request;
+    uint32_t misses; /* periods in a row without usable pressures */
+    uint32_t good;   /* usable ones in a row */
+    uint64_t lost;   /* latest SW_LOSS_WINDOW periods, a bit each and the newest lowest */
+} sw_fail_safe;
+
+typedef struct {
+    uint8_t has_step;
+    uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
+    uint32_t off_time; /* latest SW_DEADLINE_WINDOW steps, a bit each */
+    int64_t step_ns;
+    int64_t lag_ns;
+    int64_t skipped;
+} sw_timing;
+
+typedef struct {
+    uint32_t rows; /* of the window that have come, the last ones */
+    uint32_t gap;  /* periods in a row without pressures */
+    double window[SW_WINDOW][SW_COLUMNS];
+    float plan[SW_HORIZON];
+    double under_way[SW_FROZEN_ACTIONS + 1]; /* actions sent, oldest first */
+} sw_memory;
+
+/* The sensor check; rows of the arrays are hypotheses. */
+typedef struct {
+    int8_t set_aside; /* the sensor that lies; -1 without one */
+    uint8_t implausible;
+    uint8_t judged;    /* whether `residual` holds one */
+    uint8_t has_read;  /* whether `readings` hold some */
+    uint32_t doubt;
+    uint32_t flat[SW_SENSORS];
+    double readings[SW_SENSORS];
+    double residual[SW_HYPOTHESES][SW_SENSORS];
+    double fast[SW_HYPOTHESES][SW_SENSORS];
+    double slow[SW_HYPOTHESES][SW_SENSORS];
+    double noise[SW_HYPOTHESES][SW_SENSORS];
+    double score[SW_HYPOTHESES][SW_SENSORS];
+    double estimates[SW_WINDOW][SW_SENSORS];
+} sw_sensors;
+
+/* Everything that is remembered from one control period to the next. */
+typedef struct {
+    sw_memory memory;
+    sw_sensors sensors;
+    sw_receiver pressures;
+    sw_fail_safe fail_safe;
+    sw_timing timing;
+    uint8_t command_counter; /* what the next frame will carry */
+    uint8_t status_counter;
+    uint8_t has_pressures; /* whether usable ones have come */
+    uint8_t pressure_counter; /* of the frame that brought the latest */
+    int64_t pressure_ns; /* when they were sampled */
+    uint32_t overruns;   /* periods left out */
+    uint32_t missed;     /* steps without usable pressures */
+    sw_bus_health health;
+} sw_ecu_state;
+
+/* What happened in the latest step, for observers. */
+typedef struct {
+    double action; /* sent, in U_inf W */
+    uint8_t interventions;
+    uint8_t planned; /* whether `output` is of this step */
+} sw_trace;
+
+typedef struct {
+    sw_ecu_state state; /* first, so that it can be saved and compared by itself */
+    sw_surroundings surroundings;
+    float weights[SW_TERMS]; /* of the cost terms */
+    sw_trace trace;
+    sw_input input;
+    sw_output output;
+    sw_workspace work;
+} sw_ecu;
+
+/* Power-on: nothing received, nothing sent, jets shut, the release's cost weights. */
+void sw_ecu_init(sw_ecu *ecu);
+
+/* One control period. frames_in has everything received since the last step, oldest first. Writes the frames to be sent
+ * and returns how many.
+ */
+int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT]);
+
+/* sizeof(sw_ecu) and sizeof(sw_ecu_state), for callers in other languages. */
+size_t sw_ecu_bytes(void);
+size_t sw_ecu_state_bytes(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,158 @@
+/* The parts of an ECU's control period, in the order they run. Each file implements one. */
+#ifndef SW_ECU_PARTS_H
+#define SW_ECU_PARTS_H
+
+#include "sw_ecu.h"
+
+/* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no
+ * such line; compile the ECU with -ffp-contract=off there.
+ */
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* --- sw_timing.c --- */
+
+/* After the step at now_ns. */
+void sw_timing_next(sw_timing *timing, int64_t now_ns);
+
+/* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */
+
+/* Fills the header of a message of `length` bytes in. */
+void sw_e2e_protect(uint8_t *data, int length, uint16_t data_id, uint8_t counter);
+
+/* Whether the CRC fits. */
+int sw_e2e_check(const uint8_t *data, int length, uint16_t data_id);
+
+/* The counter of a protected message. */
+uint8_t sw_e2e_counter(const uint8_t *data);
+
+/* --- sw_codec.c: the set of messages in use --- */
+
+typedef struct {
+    double pressure_pa[SW_SENSORS];
+    uint8_t valid; /* bit i for sensor i */
+    uint8_t enable_request;
+    int64_t age_ns;
+} sw_pressure;
+
+typedef struct {
+    int32_t flow; /* in steps of the wire */
+    uint8_t mode; /* SW_MODE_ */
+    uint8_t enable;
+    uint8_t has_counter;
+    uint8_t pressure_counter;
+} sw_jet_command;
+
+typedef struct {
+    uint8_t state;  /* SW_MODE_ */
+    uint8_t reason; /* SW_REASON_ */
+    uint8_t set_aside;
+    uint32_t overruns, missed, crc_errors, refused; /* limited when they are sent */
+    uint32_t bus_off, tx_errors, rx_errors;
+} sw_ecu_status;
+
+/* From SW_PRESSURE_BYTES bytes. */
+void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure);
+
+/* Into SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is JetCommand's NextPeriod. */
+void sw_emit_command(uint8_t *data, const sw_jet_command *command);
+void sw_emit_status(uint8_t *data, const sw_ecu_status *status);
+
+/* --- sw_receiver.c --- */
+
+/* The state after one period. Returns the newest frame that was good by itself, or NULL. */
+const sw_frame *sw_receive(sw_receiver *receiver, const sw_frame *frames, int count);
+
+/* --- sw_reception.c: from a period's frames to pressures that may be planned on, or why there are none --- */
+
+typedef struct {
+    uint8_t usable;
+    uint8_t has_request; /* whether a frame came whose wish is to be believed */
+    uint8_t enable_request;
+    uint8_t unusable_because; /* SW_REASON_ */
+    uint8_t counter;          /* of the usable ones' frame */
+    int64_t sampled_ns;       /* theirs */
+    double cp[SW_SENSORS];    /* theirs */
+} sw_received;
+
+void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns);
+
+/* Whether another ECU's command or status is among the frames. */
+int sw_hears_other_ecu(const sw_frame *frames, int count);
+
+/* --- sw_memory.c: window, plan and actions under way --- */
+
+void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS]);
+void sw_memory_bridged(sw_memory *memory);
+void sw_memory_emptied(sw_memory *memory);
+void sw_memory_commanded(sw_memory *memory, double action);
+void sw_memory_without_plan(sw_memory *memory);
+
+/* Other pressures of one sensor in the rows that have come; values has a row a row of the window. */
+void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_WINDOW][SW_SENSORS]);
+
+/* The control step's input. */
+void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input);
+
+/* --- sw_estimator.c --- */
+
+/* Of the newest pressures, in Cp, by every hypothesis: entry [h][i] is what the view of hypothesis h says of sensor i.
+ * Row j < SW_SENSORS leaves sensor j out beside i; row SW_SENSORS + p exchanges the p-th pair and leaves i out. Returns
+ * 0 if one is not finite.
+ */
+int sw_estimate(sw_workspace *work, const double window[SW_WINDOW][SW_COLUMNS],
+                double estimates[SW_HYPOTHESES][SW_SENSORS]);
+
+/* --- sw_sensors.c --- */
+
+void sw_sensors_start(sw_sensors *sensors);
+
+/* After a period with the memory's window; cp is NULL without pressures. Returns the SW_REASON_ for which the ECU must
+ * switch itself off, or SW_REASON_NONE.
+ */
+uint8_t sw_sensors_next(sw_sensors *sensors, sw_workspace *work, const sw_memory *memory, const double *cp,
+                        int64_t skipped);
+
+/* --- sw_fail_safe.c --- */
+
+typedef struct {
+    uint8_t usable;
+    uint8_t has_request;
+    uint8_t enable_request;
+    uint8_t unusable_because;
+    uint8_t window_full;
+    uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
+    uint8_t updating;
+} sw_period_inputs;
+
+void sw_fail_safe_start(sw_fail_safe *fail_safe);
+void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs);
+
+/* After a fault of the ECU's own that shows only in the course of the period. */
+void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason);
+
+int sw_drives_jets(uint8_t mode);
+uint8_t sw_mode_on_wire(uint8_t mode);
+
+/* --- sw_gate.c --- */
+
+typedef struct {
+    double flow_m2_per_s;
+    uint8_t enable;
+    uint8_t interventions;
+} sw_gated;
+
+/* has_previous and has_pressures say whether the times beside them are any. */
+sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
+                 int has_pressures, int64_t pressure_ns, int64_t now_ns);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

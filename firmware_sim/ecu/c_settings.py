@@ -1,0 +1,138 @@
+"""The constants of the ECU in C: messages of the DBC, figures of a release, settings of a vehicle.
+
+They become `sw_ecu_settings.h` in a library's folder, so that no number of the Python ECU is restated in C. A number in
+floating point is written with all of its digits, a double's by default.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from can_bridge.command_gate import GateLimits
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import AGE_RESOLUTION_NS, CLASSIC_AGE_RESOLUTION_NS, FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Mode, Reason
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.errors import ConfigError, LibraryError
+from contract.release.bundle import Bundle
+from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
+from firmware_sim.ecu.fit import check_vehicle
+from firmware_sim.ecu.sensor_check import MOVING, NOISE_ALLOWED, SCORE_PERIODS
+
+HEADER: Final = "sw_ecu_settings.h"
+_BITS: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255}
+"""Most periods that the C ECU's state has room for."""
+
+
+def ecu_settings(bundle: Bundle, config: Config) -> bytes:
+    """`sw_ecu_settings.h` for a verified release in a vehicle.
+
+    Raises:
+        BundleError: the bundle was made for another vehicle or another number of sensors than the bus carries.
+        ConfigError: a setting that the C ECU cannot do.
+        LibraryError: a release without a sensor estimator where the settings want its check.
+    """
+    check_vehicle(bundle, config)
+    _check(config)
+    lines = [f"#define {name} {_literal(value)}" for name, value in _definitions(bundle, config).items()]
+    text = "\n".join(lines)
+    return (
+        "/* Generated: the DBC's messages, a release's figures, a vehicle's settings. */\n"
+        f"#ifndef SW_ECU_SETTINGS_H\n#define SW_ECU_SETTINGS_H\n\n{text}\n\n#endif\n"
+    ).encode()
+
+
+def _check(config: Config) -> None:
+    if config.bus.key:
+        raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
+    asked = {
+        "ecu.loss_window": config.ecu.loss_window,
+        "ecu.deadline_window": config.ecu.deadline_window,
+        "bus.e2e.window": config.bus.e2e.window,
+    }
+    for name, value in asked.items():
+        if value > _BITS[name]:
+            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {_BITS[name]}")
+    if not config.ecu.frozen_actions < 16:
+        raise ConfigError(f"ecu.delay_steps = {config.ecu.delay_steps}: the ECU in C takes at most 14")
+
+
+def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:
+    manifest, messages, limits = bundle.manifest, message_set(config.bus), GateLimits.from_config(config)
+    ecu, e2e, check = config.ecu, config.bus.e2e, config.ecu.sensor_check
+    estimator = manifest.sensor_estimator if check.enabled else None
+    if check.enabled and estimator is None:
+        raise LibraryError("the release has no sensor estimator: set ecu.sensor_check.enabled=false")
+    specs = {"PRESSURE": messages.pressure.spec, "COMMAND": messages.command.spec, "STATUS": messages.status.spec}
+    found: dict[str, int | float | str] = {}
+    for name, spec in specs.items():
+        found |= {
+            f"SW_{name}_ID": spec.frame_id,
+            f"SW_{name}_BYTES": spec.length,
+            f"SW_{name}_DATA_ID": spec.data_id,
+        }
+    spec = messages.pressure.spec
+    return found | {
+        "SW_FRAMES_FD": int(spec.is_fd),
+        "SW_E2E_PROFILE": spec.profile,
+        "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
+        "SW_AGE_RESOLUTION_NS": AGE_RESOLUTION_NS if spec.is_fd else CLASSIC_AGE_RESOLUTION_NS,
+        "SW_FLOW_RESOLUTION": FLOW_RESOLUTION_M2_PER_S,
+        **{f"SW_MODE_{item.name}": item.value for item in Mode},
+        **{f"SW_REASON_{item.name}": item.value for item in Reason},
+        "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",
+        "SW_COST_WEIGHTS": _floats(np.array(manifest.mpc.weights.as_tuple())),
+        "SW_E2E_MAX_DELTA": e2e.max_delta,
+        "SW_E2E_WINDOW": e2e.window,
+        "SW_E2E_MIN_OK": e2e.min_ok,
+        "SW_E2E_MAX_ERRORS": e2e.max_errors,
+        "SW_PERIOD_NS": f"INT64_C({config.period_ns})",
+        "SW_HOLD_PERIODS": ecu.hold_periods,
+        "SW_DECAY_PERIODS": ecu.decay_periods,
+        "SW_REARM_FRAMES": ecu.rearm_frames,
+        "SW_LOSS_WINDOW": ecu.loss_window,
+        "SW_LOSS_LIMIT": ecu.loss_limit,
+        "SW_DEADLINE_MISSES": ecu.deadline_misses,
+        "SW_DEADLINE_WINDOW": ecu.deadline_window,
+        "SW_PLAN_AHEAD": int(ecu.plan_ahead),
+        "SW_FROZEN_ACTIONS": ecu.frozen_actions,
+        "SW_FLOW_SCALE": config.operating_point.flow_rate_scale,
+        "SW_DYNAMIC_PRESSURE": config.operating_point.dynamic_pressure,
+        "SW_GATE_FLOW": limits.flow_m2_per_s,
+        "SW_GATE_STEP": limits.step_m2_per_s,
+        "SW_FRESH_AGE_NS": f"INT64_C({limits.fresh_age_ns})",
+        "SW_HELD_AGE_NS": f"INT64_C({limits.held_age_ns})",
+        "SW_SENSOR_CHECK": int(estimator is not None),
+        "SW_LIAR_LEVEL": check.liar_level,
+        "SW_BIAS_LEVEL": check.bias_level,
+        "SW_SWAP_LEVEL": check.swap_level,
+        "SW_DOUBT_LEVEL": check.doubt_level,
+        "SW_DOUBT_PERIODS": check.doubt_periods,
+        "SW_FLAT_PERIODS": check.flat_periods,
+        "SW_FAST_PERIODS": FAST_PERIODS,
+        "SW_SLOW_PERIODS": SLOW_PERIODS,
+        "SW_SCORE_PERIODS": SCORE_PERIODS,
+        "SW_NOISE_ALLOWED": NOISE_ALLOWED,
+        "SW_MOVING": MOVING,
+        **(
+            {}
+            if estimator is None
+            else {
+                "SW_FAST_DEVIATIONS": _rows(np.array(estimator.fast)),
+                "SW_SLOW_DEVIATIONS": _rows(np.array(estimator.slow)),
+            }
+        ),
+    }
+
+
+def _literal(value: int | float | str) -> str:
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _floats(values: Array) -> str:
+    return "{" + ", ".join(f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values) + "}"
+
+
+def _rows(table: Array) -> str:
+    return "{" + ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in table.tolist()) + "}"
