@@ -1,0 +1,166 @@
+"""How fast a control step could be on this core at best: what its arithmetic and its memory traffic allow.
+
+Two limits are measured by loops that do nothing else, on one thread:
+
+* multiply-accumulates a second: in float32 by one large matrix product of PyTorch's, and by the int16 products to int32
+  that the int8 library makes, with all operands in the first-level cache;
+* bytes a second that one core reads from an array of the networks' size, again and again, as a roll-out does.
+
+No product of a step can be left out, and no roll-out step can begin before the one in front of it has ended, so each
+reads the dynamics' weights anew. The decoder works on the whole horizon at once and reads its weights once a pass, the
+encoder reads the LSTM's for each row of the window. The floor is the larger of both times. Everything else of a step
+(norms, ELU, cost, Adam, calls) is above it.
+"""
+
+import ctypes
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import torch
+
+from contract.controller.compiler import OPTIMISED, compile_c
+from export.program.controller_program import ControllerProgram
+
+_SOURCE: Final = rb"""
+#include <stddef.h>
+#include <stdint.h>
+void integer_products(const int16_t *a, const int16_t *b, size_t count, long times, int32_t *sums);
+float read_all(const float *from, size_t count, long times);
+void integer_products(const int16_t *a, const int16_t *b, size_t count, long times, int32_t *sums)
+{
+    const size_t part = count / 4;
+    for (long t = 0; t < times; t++) {
+        int32_t s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+        for (size_t i = 0; i < part; i++) {
+            s0 += a[i] * b[i];
+            s1 += a[i + part] * b[i];
+            s2 += a[i + 2 * part] * b[i];
+            s3 += a[i + 3 * part] * b[i];
+        }
+        sums[t & 7] += s0 + s1 + s2 + s3;
+    }
+}
+float read_all(const float *from, size_t count, long times)
+{
+    float sums[128] = {0};
+    for (long t = 0; t < times; t++) {
+        for (size_t i = 0; i < count; i += 128) {
+            for (size_t j = 0; j < 128; j++) sums[j] += from[i + j];
+        }
+        sums[0] *= 0.5f;
+    }
+    float sum = 0.0f;
+    for (size_t j = 0; j < 128; j++) sum += sums[j];
+    return sum;
+}
+"""
+_IN_FIRST_LEVEL: Final = 4096
+"""Numbers: 16 KB of float."""
+_BLOCK: Final = 128
+_SQUARE: Final = 512
+_SECONDS: Final = 0.05
+_REPEATS: Final = 7
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoreLimits:
+    """What one core does at most, measured.
+
+    Attributes:
+        float_macs_per_s, integer_macs_per_s: multiply-accumulates.
+        bytes_per_s: read from an array of the networks' size.
+    """
+
+    float_macs_per_s: float
+    integer_macs_per_s: float
+    bytes_per_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work:
+    """What a control step has to do.
+
+    Attributes:
+        macs: multiply-accumulates.
+        weights_read: numbers.
+    """
+
+    macs: int
+    weights_read: int
+
+    @classmethod
+    def of(cls, program: ControllerProgram) -> "Work":
+        """That of a program."""
+        encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
+        lstm = encoder.lstm.weight_input.size + encoder.lstm.weight_recurrent.size
+        head = encoder.hidden.weight.size + encoder.output.weight.size
+        rolled = sum(layer.weight.size for layer in (dynamics.input, dynamics.hidden, dynamics.output))
+        decoded = decoder.input.weight.size + decoder.output.weight.size
+        decoded += sum(block.linear.weight.size for block in decoder.blocks)
+        passes, horizon = 2 * program.mpc.iterations + 1, program.mpc.horizon
+        return cls(
+            macs=program.window * lstm + head + passes * horizon * (rolled + decoded),
+            weights_read=program.window * lstm + head + passes * (horizon * rolled + decoded),
+        )
+
+    def floor_ms(self, macs_per_s: float, bytes_per_weight: int, bytes_per_s: float) -> float:
+        """The least time of a step, ms."""
+        return 1e3 * max(self.macs / macs_per_s, self.weights_read * bytes_per_weight / bytes_per_s)
+
+
+def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
+    """The limits of the core that this runs on.
+
+    Args:
+        weights: of the networks; an array of so many floats is read.
+        compiler: command that compiles C.
+
+    Raises:
+        LibraryError: the compiler does not take the loops.
+    """
+    count = max(1, weights // _BLOCK) * _BLOCK
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "floors.so")
+        compile_c({"floors.c": _SOURCE}, path, compiler=compiler, flags=("-fPIC", "-shared", *OPTIMISED))
+        library = ctypes.CDLL(str(path))
+        library.read_all.restype = ctypes.c_float
+        floats = (ctypes.c_float * max(count, _IN_FIRST_LEVEL))(*([1e-3] * max(count, _IN_FIRST_LEVEL)))
+        integers = (ctypes.c_int16 * _IN_FIRST_LEVEL)(*([3] * _IN_FIRST_LEVEL))
+        integer_sums = (ctypes.c_int32 * 8)()
+        square = torch.full((_SQUARE, _SQUARE), 1e-3)
+        product = torch.empty_like(square)
+        small, size = ctypes.c_size_t(_IN_FIRST_LEVEL), ctypes.c_size_t(count)
+
+        def products(times: int) -> None:
+            for _ in range(times):
+                torch.mm(square, square, out=product)
+
+        def integer_products(times: int) -> None:
+            library.integer_products(integers, integers, small, ctypes.c_long(times), integer_sums)
+
+        def reading(times: int) -> None:
+            library.read_all(floats, size, ctypes.c_long(times))
+
+        return CoreLimits(
+            float_macs_per_s=_SQUARE**3 * _rate(products),
+            integer_macs_per_s=_IN_FIRST_LEVEL * _rate(integer_products),
+            bytes_per_s=4 * count * _rate(reading),
+        )
+
+
+def _rate(loop: Callable[[int], None]) -> float:
+    """Passes a second of a loop that takes their number, the best of several: a limit is not an average."""
+    times = 1
+    while (took := _timed(loop, times)) < _SECONDS:
+        times *= max(2, int(_SECONDS / max(took, 1e-6)))
+    return times / min(_timed(loop, times) for _ in range(_REPEATS))
+
+
+def _timed(loop: Callable[[int], None], times: int) -> float:
+    began = time.perf_counter()
+    loop(times)
+    return time.perf_counter() - began
