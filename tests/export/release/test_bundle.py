@@ -25,6 +25,7 @@ from export.reference.mpc import control_step
 from export.release.bundle import Vehicle, write_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
+from export.int8.rounded_estimator import rounded_estimator
 from export.to_onnx.sensor_estimator import build_estimator
 from tests.contract.controller.test_estimator import random_network
 
@@ -57,7 +58,9 @@ def release(path, lowerings: Gated, **changes) -> None:
 
 
 def test_a_sensor_estimator_is_made_for_the_manifest_and_written_with_it(tmp_path, program):
-    graph = build_estimator(random_network(window=5, sensors=len(program.sensors))).SerializeToString()
+    graph = build_estimator(
+        rounded_estimator(random_network(window=5, sensors=len(program.sensors)))
+    ).SerializeToString()
     asked = []
 
     def made(manifest: Manifest) -> MadeEstimator:
