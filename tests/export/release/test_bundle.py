@@ -19,13 +19,13 @@ from contract.release.bundle import MadeEstimator
 from contract.release.manifest import Manifest, SensorEstimator
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
+from export.int8.rounded_estimator import rounded_estimator
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step
 from export.release.bundle import Vehicle, write_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
-from export.int8.rounded_estimator import rounded_estimator
 from export.to_onnx.sensor_estimator import build_estimator
 from tests.contract.controller.test_estimator import random_network
 
