@@ -107,9 +107,9 @@ def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]
 class EstimatorNetwork:
     """The one network behind all views, fitted by `train.sensor_estimator`.
 
-    Its input is the standardised window within `REACH`, oldest row first, row after row, with the columns of the sensors
-    that are left out at zero, and then a flag for every sensor, 1 for those; ReLU between the layers. Its output is
-    standardised Cp.
+    Its input is the standardised window within `REACH`, oldest row first, row after row, with the columns of the
+    sensors that are left out at zero, and then a flag for every sensor, 1 for those; ReLU between the layers. Its
+    output is standardised Cp.
 
     Attributes:
         window: L.

@@ -9,7 +9,7 @@
 #include <stdint.h>
 
 #include "sw_estimator_settings.h"
-#include "sw_settings.h"
+#include "sw_workspace.h"
 
 #ifdef __cplusplus
 extern "C" {
