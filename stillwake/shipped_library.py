@@ -1,4 +1,4 @@
-"""The C library of the shipped bundle: made from the shipped model whenever it is needed, and checked to be the same."""
+"""The C library of the shipped bundle: made from the shipped model when it is needed, and checked to be the same."""
 
 import tempfile
 from collections.abc import Iterator
