@@ -83,7 +83,9 @@ def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., 
     if compiler == ["gcc"]:
         flags += ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
     path = folder / "parts.so"
-    compile_c(contents | {name: root.joinpath(name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags)
+    compile_c(
+        contents | {name: root.joinpath(name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags
+    )
     ffi = cffi.FFI()
     ffi.cdef(declarations(contents, folder, compiler))
     return Parts(lib=ffi.dlopen(str(path)), ffi=ffi, config=config, messages=message_set(config.bus), bundle=bundle)
