@@ -22,7 +22,8 @@ PERIODS = st.lists(st.lists(FRAME, max_size=3), max_size=40)
 def stream_of(parts, story) -> list[list[Frame]]:
     """Periods of frames; each frame is a kind and by how much its counter goes on."""
     spec = parts.messages.pressure.spec
-    profile, counter, periods = profile_of(spec), 0, []
+    periods: list[list[Frame]] = []
+    profile, counter = profile_of(spec), 0
     for period in story:
         frames = []
         for kind, step in period:
