@@ -113,6 +113,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_E2E_MIN_OK": e2e.min_ok,
         "SW_E2E_MAX_ERRORS": e2e.max_errors,
         "SW_PERIOD_NS": f"INT64_C({config.period_ns})",
+        "SW_STEP_OFFSET_NS": f"INT64_C({round(ecu.step_offset_ms * 1e6)})",
         "SW_HOLD_PERIODS": ecu.hold_periods,
         "SW_DECAY_PERIODS": ecu.decay_periods,
         "SW_REARM_FRAMES": ecu.rearm_frames,
