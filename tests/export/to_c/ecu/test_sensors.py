@@ -15,7 +15,7 @@ from contract.controller.estimator import views
 from contract.controller.onnx_estimator import OnnxEstimator
 from contract.recording import dataset
 from contract.release.bundle import load
-from contract.sensor_faults import Bias, Dead, Drift, SensorFault, Swapped, Zero
+from contract.sensor_faults import Bias, Dead, Drift, Swapped, Zero
 from export.int8.rounded_estimator import rounded_estimator
 from export.to_c.estimator import SIZES, estimator_files
 from export.to_onnx.sensor_estimator import build_estimator
@@ -136,7 +136,7 @@ PHASE = st.tuples(
 
 
 @given(st.integers(0, 2**32), st.lists(PHASE, min_size=1, max_size=4))
-@examples(60)
+@examples(40)
 def test_both_checks_have_the_same_bits_after_any_history(parts, seed, phases: Sequence[Any]):
     """Each phase has a fault, the estimator's errors in tens of Cp, and a share of frames that are lost."""
     rng, twins, now = np.random.default_rng(seed), Twins(parts), 0
@@ -151,38 +151,47 @@ def test_both_checks_have_the_same_bits_after_any_history(parts, seed, phases: S
             now += 1
 
 
-def liars(recorded: Array) -> list[tuple[SensorFault | None, int | None]]:
-    """Faults with the sensor that is to be set aside; None where the jets are to be shut, or nothing is to happen."""
-    unit = np.full(4, 0.128)
-    return [
-        (None, None),
-        (Zero(2), 2),
-        (Dead(1), 1),
-        (Bias(2.0, unit, 0), 0),
-        (Bias(-2.0, unit, 3), 3),
-        (Drift(2.0, unit, 1, steps=100), 1),
-        (Swapped(0, 2), None),
-    ]
+UNIT = np.full(4, 0.128)
+FAULTS = {
+    "none": (None, None),
+    "dead": (Zero(2), 2),
+    "stuck": (Dead(1), 1),
+    "bias": (Bias(2.0, UNIT, 0), 0),
+    "other bias": (Bias(-2.0, UNIT, 3), 3),
+    "drift": (Drift(2.0, UNIT, 1, steps=100), 1),
+    "exchanged": (Swapped(0, 2), None),
+}
+"""With the sensor that is to be set aside. Levels are in global deviations, 0.128 in Cp."""
 
 
-@pytest.mark.slow  # a recording of some thousand periods
-@pytest.mark.parametrize("number", range(7))
-def test_both_checks_say_the_same_of_recorded_pressures_with_planted_faults(parts, number):
+@pytest.mark.slow  # some seconds of recorded pressures a fault
+@pytest.mark.parametrize("name", FAULTS)
+def test_both_checks_say_the_same_of_recorded_pressures_with_planted_faults(parts, name):
     release = load(BUNDLE)
     estimator = OnnxEstimator.of(release)
     assert estimator is not None
     recording = dataset.read(RECORDING)
-    columns = recording.layout.indices(release.manifest.sensors)
     episode = next(item for item in recording.episodes if item.role == "test")
-    recorded, actions = episode.series["Cp"][:600, columns], episode.previous_action[:600]
-    fault, liar = liars(recorded)[number]
+    recorded = episode.series["Cp"][:360, recording.layout.indices(release.manifest.sensors)]
+    fault, liar = FAULTS[name]
     if fault is not None:
-        recorded = np.concatenate([recorded[:200], fault(recorded[200:])])
-    twins, shut = Twins(parts), False
-    for cp, action in zip(recorded, actions, strict=True):
+        recorded = np.concatenate([recorded[:160], fault(recorded[160:])])
+    twins, said = Twins(parts), set()
+    for cp, action in zip(recorded, episode.previous_action, strict=False):
         seen = np.concatenate([twins.window[1:], np.append(cp, action)[None]])
-        fault_said = twins.step(cp, estimator.estimates(seen))
+        said.add(twins.step(cp, estimator.estimates(seen)))
         twins.window[-1, 4] = action
-        shut = shut or fault_said is Reason.IMPLAUSIBLE
-    assert twins.state.set_aside == liar
-    assert shut == (isinstance(fault, Swapped))
+    if name == "exchanged":
+        assert Reason.IMPLAUSIBLE in said
+    else:
+        assert (twins.state.set_aside, said) == (liar, {None})
+
+
+def test_the_comparison_notices_a_planted_difference(parts):
+    """A running mean, from its twelfth digit on."""
+    twins = Twins(parts)
+    for now in range(40):
+        twins.step(flow(now), np.tile(flow(now) + 0.01, (len(views(4)), 1)))
+    twins.c.score[7][2] *= 1.0 + 1e-12
+    with pytest.raises(AssertionError, match="score"):
+        twins.step(flow(40), np.tile(flow(40), (len(views(4)), 1)))
