@@ -1,4 +1,4 @@
-"""The parts of the ECU in C that decide, and vehicles to compile them for: the usual one, and settings at their ends."""
+"""The parts of the ECU in C that decide, and vehicles to compile them for: the usual one, and two with other limits."""
 
 from dataclasses import replace
 from typing import Final

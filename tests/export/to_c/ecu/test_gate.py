@@ -65,7 +65,7 @@ def calls(draw, limits: GateLimits):
     }
 
 
-@examples(5000)
+@examples(600)
 @given(data=st.data())
 def test_every_command_is_treated_to_the_bit_as_in_python(core, data):
     limits = GateLimits.from_config(core.config)
@@ -82,7 +82,7 @@ def test_every_command_is_treated_to_the_bit_as_in_python(core, data):
     assert bits(passed(core, **call)) == bits(expected)
 
 
-@examples(2000)
+@examples(150)
 @given(data=st.data())
 def test_no_jet_runs_without_leave_or_beyond_its_range(core, data):
     limits = GateLimits.from_config(core.config)

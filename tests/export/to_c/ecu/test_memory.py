@@ -103,7 +103,7 @@ CALLS = ["observed", "bridged", "emptied", "commanded", "without_plan", "with_co
 USUAL = ["observed", "commanded", "planned"] * 5
 
 
-@examples(400)
+@examples(40)
 @given(calls=st.lists(st.tuples(st.sampled_from([*USUAL, *CALLS]), ROWS), max_size=60))
 def test_any_run_of_calls_leaves_the_same_memory(core, calls):
     twins = Twins(core)

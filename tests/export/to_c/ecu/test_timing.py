@@ -35,7 +35,7 @@ def clocks(draw, period_ns: int) -> list[int]:
     return [time for time in times if -(2**63) <= time < 2**63]
 
 
-@examples(1500)
+@examples(100)
 @given(data=st.data())
 def test_every_run_of_a_clock_is_judged_as_in_python(core, data):
     timing, expected = core.ffi.new("sw_timing *"), Timing()
