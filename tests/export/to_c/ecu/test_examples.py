@@ -26,14 +26,16 @@ from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
+from contract.controller.c_folder import write_folder
 from contract.controller.compiler import host_compiler, zig_compiler
 from contract.release.bundle import load
 from export.program.random_program import random_program, random_windows
 from export.release.lowering import int8_library
-from export.to_c.library import example_sources
+from export.to_c.folder_files import documents
+from export.to_c.library import ecu_sources, example_sources
 from firmware_sim.ecu.c_examples import ASKED_FROM, PLAYED, played_pressures
 from firmware_sim.ecu.c_settings import HEADER, ecu_settings
-from tests.export.to_c.ecu.wire_parts import FRAMES, INTERFACE, SOURCES, vehicle
+from tests.export.to_c.ecu.wire_parts import FRAMES, vehicle
 
 QEMU = shutil.which("qemu-system-arm") or ""
 CORTEX_M7 = (
@@ -50,23 +52,26 @@ def built_for(request) -> tuple[Config, MessageSet]:
     return config, message_set(config.bus)
 
 
+def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
+    return {name: text for name, text in folder.items() if name not in names}
+
+
 @pytest.fixture(scope="session")
-def folder(built_for, random_release) -> dict[str, bytes]:
-    """What `export --c` writes, flat: the tests' compiler takes no folders in folders."""
+def exported(built_for, random_release) -> dict[str, bytes]:
+    """The files that `export --c` writes, but for recorded rows."""
     config, _ = built_for
     program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8))
     windows = random_windows(program, 20)
-    assert (SOURCES / INTERFACE).is_file()
-    ecu = {item.name: item.read_bytes() for item in SOURCES.iterdir() if item.suffix in (".c", ".h")}
-    rows = np.concatenate(windows)
-    examples = example_sources() | {PLAYED: played_pressures(rows, config)}
-    others = {name: text for name, text in int8_library(program, windows).items() if name != "replay.c"}
-    settings = {HEADER: ecu_settings(load(random_release), config)}
-    return others | ecu | settings | {Path(name).name: text for name, text in examples.items()}
+    library = int8_library(program, windows) | ecu_sources() | {HEADER: ecu_settings(load(random_release), config)}
+    played = {PLAYED: played_pressures(np.concatenate(windows), config)}
+    return library | example_sources() | played | documents(library)
 
 
-def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
-    return {name: text for name, text in folder.items() if name not in names}
+@pytest.fixture(scope="session")
+def folder(exported) -> dict[str, bytes]:
+    """The same flat and without documents: the tests' compiler takes no folders in folders."""
+    taken = {name: text for name, text in exported.items() if name.endswith((".c", ".h", ".ld"))}
+    return without({Path(name).name: text for name, text in taken.items()}, "replay.c")
 
 
 @pytest.fixture(scope="session")
@@ -295,3 +300,22 @@ def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program
     last = lived.commands[-3:]
     assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
     assert all(command.next_period == config.ecu.plan_ahead for command in lived.commands)
+
+
+@pytest.mark.compiler
+@pytest.mark.slow  # builds the folder as a stranger would
+def test_the_lines_in_their_heads_and_cmake_build_them(exported, built_for, tmp_path):
+    config, _ = built_for
+    if config.bus.frames != "fd":
+        pytest.skip("one of the sets shows it")
+    write_folder(tmp_path / "c", exported)
+    heads = [exported[f"examples/{name}.c"].decode().split("*/")[0] for name in ("main_socketcan", "systick")]
+    lines = [re.sub(r"\\\n \*", "", head) for head in heads]
+    builds = [re.findall(r"^ \*     (.*-o \S+)$", text, flags=re.MULTILINE) for text in lines]
+    assert [len(found) for found in builds] == [1, 1]
+    commands = [builds[0][0], *(["cmake -B build && cmake --build build"] if shutil.which("cmake") else [])]
+    if zig_compiler() is not None:
+        commands.append(builds[1][0].replace("python", sys.executable, 1))
+    for command in commands:
+        done = subprocess.run(command, shell=True, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
+        assert (done.returncode, "warning" in done.stderr) == (0, False), done.stderr
