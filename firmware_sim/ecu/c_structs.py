@@ -70,7 +70,7 @@ class Structs:
 
     def size(self, name: str) -> int:
         """Bytes of a type; of `sw_ecu` without its workspace."""
-        ecu = "sw_ecu" == name
+        ecu = name == "sw_ecu"
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:
