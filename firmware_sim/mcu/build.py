@@ -19,7 +19,7 @@ MISSING: Final = "the compiler is missing: pip install 'stillwake[mcu]', or in a
 COMMON: Final = ("-O3", "-ffp-contract=on", "-g0")
 CORTEX_M7: Final = (
     "-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp",
-    "-ffreestanding", "-nostdlib", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
+    "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
     "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-Wl,-e,mcu_reset", "-T", LINKER_SCRIPT,
 )  # fmt: skip
 
