@@ -52,7 +52,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     precision = precision_of(program)
     return static_sources(precision) | {
         SETTINGS: settings_header(settings(effective(program), precision)),
-        WEIGHTS: _weights(arrays).encode(),
+        WEIGHTS: numbers_source(arrays, "the numbers of one trained program", "sw_weights.h"),
     }
 
 
@@ -100,8 +100,9 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
     }
 
 
-def _weights(arrays: Mapping[str, Values]) -> str:
-    text = ["/* Generated: the numbers of one trained program. */", '#include "sw_weights.h"']
+def numbers_source(arrays: Mapping[str, Values], what: str, header: str) -> bytes:
+    """A source file that defines the arrays by name, as the header declares them."""
+    text = [f"/* Generated: {what}. */", f'#include "{header}"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
         if values.dtype in (np.int8, np.uint32):
@@ -110,7 +111,7 @@ def _weights(arrays: Mapping[str, Values]) -> str:
             text.append(
                 f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), float_literal)};"
             )
-    return "\n\n".join(text) + "\n"
+    return ("\n\n".join(text) + "\n").encode()
 
 
 def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
