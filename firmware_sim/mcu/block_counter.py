@@ -1,5 +1,6 @@
-"""How often each basic block of a firmware ran, counted by a hook in machine code: one in Python takes a hundred times as
-long as the emulation itself.
+"""How often each basic block of a firmware ran, counted by a hook in machine code.
+
+One in Python takes a hundred times as long as the emulation itself.
 """
 
 import ctypes
