@@ -7,6 +7,7 @@ cffi in its ABI mode: the functions and structs are read from the library's head
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +30,8 @@ EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 """Flags with which the ECU decides to the bit as the one in Python: GCC reads no pragma against contraction."""
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
 _ALIGNMENT: Final = 64
+ESTIMATOR: Final = "sw_estimator_settings.h"
+"""Generated for a release with a sensor estimator."""
 
 
 class CEcuState:
@@ -181,4 +184,10 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:
         raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it anew")
+    check = config.ecu.sensor_check
+    if bundle.manifest.sensor_estimator is None and check.enabled:
+        # As the ECU in Python.
+        config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
+    elif check.enabled and ESTIMATOR not in sources:
+        raise LibraryError(f"library {folder}: it has no sensor estimator; export it anew, or switch off sensor_check")
     return sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)}
