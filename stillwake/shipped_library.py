@@ -4,10 +4,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import date
+from functools import partial
 from pathlib import Path
 
 from contract.config.loading import from_tree
 from contract.model_folder import read_description
+from stillwake.c_release import ecu_files
 from stillwake.releases import open_release
 from wake.shipped import model, recording
 
@@ -22,13 +24,15 @@ def write_shipped_library(folder: Path) -> None:
     from export.release.pipeline import export_all
 
     manifest, source = open_release(None, None).manifest, model()
+    config = from_tree(read_description(source)["config"])
     export_all(
         source,
         None,
         precision=manifest.precision,
         name=manifest.name,
         recording=recording(),
-        config=from_tree(read_description(source)["config"]),
+        config=config,
+        ecu=partial(ecu_files, config=config, notice=lambda line: None),
         c_folder=folder,
         created=date.fromisoformat(manifest.created),
         named=False,

@@ -4,7 +4,7 @@ Every lowering has passed its gates before the first file is written.
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -111,10 +111,11 @@ def export_all(
     named: bool = True,
     program_sha256: str | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    ecu: Callable[[Path | None], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
+    """Write the bundle, and then the C library if a folder is given for it; neither unless both pass their gates.
 
     Args:
         model: directory written by `train`.
@@ -127,6 +128,8 @@ def export_all(
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         program_sha256: of the release whose library is wanted; another program is refused then.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
+        ecu: from the bundle just written, if one was, to the files of the ECU for the C library's folder; without,
+            it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -164,8 +167,6 @@ def export_all(
     gated = gate(lowered, windows)
 
     phase("write")
-    if c_folder is not None:
-        write_c_release(c_folder, gated, windows)
     if output is not None:
         write_release(
             output,
@@ -178,6 +179,8 @@ def export_all(
             key=key,
             estimator=estimator,
         )
+    if c_folder is not None:
+        write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output))
     return gated
 
 

@@ -1,4 +1,4 @@
-"""The C99 library of one control step: hand-written sources from `sources/`, generated settings and weights.
+"""The C99 library of one control step, and the ECU around it: hand-written sources, generated settings and weights.
 
 The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
 """
@@ -57,11 +57,23 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
-    """The sources that are the same for every program."""
+    """The control step's sources that are the same for every program."""
+    return _sources_in("common", precision)
+
+
+def ecu_sources() -> dict[str, bytes]:
+    """The sources of the ECU around a control step, the same for every program and vehicle.
+
+    What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.ecu.c_settings`).
+    """
+    return _sources_in("ecu")
+
+
+def _sources_in(*folders: str) -> dict[str, bytes]:
     root = files("export.to_c").joinpath("sources")
     return {
         item.name: item.read_bytes()
-        for folder in ("common", precision)
+        for folder in folders
         for item in root.joinpath(folder).iterdir()
         if item.name.endswith((".c", ".h"))
     }
