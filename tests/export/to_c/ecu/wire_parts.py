@@ -71,8 +71,10 @@ def vehicle(frames: Literal["fd", "classic"]) -> Config:
     return replace(config, bus=replace(config.bus, frames=frames), ecu=ecu)
 
 
-def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., None]) -> Parts:
-    """The parts for one vehicle with a release."""
+def built(
+    release: Path, folder: Path, config: Config, compile_c: Callable[..., None], sources: Sequence[str] = PARTS
+) -> Parts:
+    """The parts of these sources for one vehicle with a release."""
     bundle = load(release)
     root = files("export.to_c").joinpath("sources/ecu")
     library = c_library(random_program(0, model=MODEL, mpc=MPC))
@@ -85,7 +87,7 @@ def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., 
         flags += ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
     path = folder / "parts.so"
     compile_c(
-        contents | {name: root.joinpath(name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags
+        contents | {name: root.joinpath(name).read_bytes() for name in sources}, path, compiler=compiler, flags=flags
     )
     ffi = cffi.FFI()
     ffi.cdef(declarations(contents, folder, compiler))
