@@ -104,7 +104,7 @@ def _weights(arrays: Mapping[str, Values]) -> str:
     text = ["/* Generated: the numbers of one trained program. */", '#include "sw_weights.h"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype in (np.int8, np.uint32):
+        if values.dtype in (np.int8, np.int32, np.uint32):
             text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
             text.append(
