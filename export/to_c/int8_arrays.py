@@ -84,12 +84,12 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     """Constants of a layer with norm and ELU, `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
 
     Integers of a sum times its scale are of a unit as fine as these allow: a factor of C's sw_scaled is below 1/2, and
-    neither the sum of the squares of all outputs nor their difference from their mean may overflow.
+    the sum of all outputs may not overflow.
     """
     _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
     scales = matrix.scales.astype(np.float64) / inverse_scale
     reach = np.abs(matrix.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * scales + np.abs(bias)
-    unit = 1.001 * max(2.0 * scales.max(), reach.max() * np.sqrt(max(len(bias), 4)) / 2**31)
+    unit = 1.001 * max(2.0 * scales.max(), reach.sum() / 2**31)
     gain = ELU_ARGUMENT_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_QMAX * 2**16
     offset = ELU_ARGUMENT_ONE * (norm.bias + ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0

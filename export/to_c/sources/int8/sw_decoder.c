@@ -59,8 +59,8 @@ static void decode_steps(sw_workspace *work, int first, int count)
         multiply(s, sw_block_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) {
             const int k = first + t;
-            tape->r[b][k] = sw_norm_elu(s->sums[t], tape->xhat[b][k], s->hidden, tape->slope[b][k],
-                                        sw_block_channel[b], sw_block_layer[b], SW_DECODER);
+            tape->r[b][k] = sw_norm_elu(s->sums[t], tape->block[b][k], s->hidden, sw_block_channel[b],
+                                        sw_block_layer[b], SW_DECODER);
             add_residuals(s->x[t], s->hidden, s->vector[t], sw_residual_factor[b + 1]);
         }
     }
@@ -74,13 +74,16 @@ static void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* x + sums in a unit four times as coarse as the coarser one, so that it cannot overflow; returns that unit. */
-static float add_adjoints(int32_t *restrict x, float unit, const int32_t *restrict sums, float unit_of_sums)
+/* x + sums, in both, in a unit four times as coarse as the coarser one, so that it cannot overflow; returns it. */
+static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
     const int32_t factor = coarser > 0.0f ? sw_factor(unit / coarser) : 0;
     const int32_t factor_of_sums = coarser > 0.0f ? sw_factor(unit_of_sums / coarser) : 0;
-    for (int o = 0; o < SW_DECODER_P; o++) x[o] = sw_scaled(x[o], factor) + sw_scaled(sums[o], factor_of_sums);
+    for (int o = 0; o < SW_DECODER_P; o++) {
+        x[o] = sw_scaled(x[o], factor) + sw_scaled(sums[o], factor_of_sums);
+        sums[o] = x[o];
+    }
     return coarser;
 }
 
@@ -116,9 +119,8 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
     for (int b = SW_BLOCKS - 1; b >= 0; b--) {
         for (int t = 0; t < count; t++) {
             const int k = first + t;
-            unit_of_sums[t] = sw_norm_adjoint(s->x[t], s->sums[t], unit[t], s->vector[t], tape->xhat[b][k],
-                                              tape->slope[b][k], sw_block_adjoint[b], sw_block_layer[b],
-                                              tape->r[b][k], SW_DECODER);
+            unit_of_sums[t] = sw_norm_adjoint(s->sums[t], unit[t], s->vector[t], tape->block[b][k],
+                                              sw_block_adjoint[b], sw_block_layer[b], tape->r[b][k], SW_DECODER);
         }
         multiply(s, sw_block_adjoint_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) unit[t] = add_adjoints(s->x[t], unit[t], s->sums[t], unit_of_sums[t]);

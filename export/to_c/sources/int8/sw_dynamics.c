@@ -14,11 +14,9 @@ void sw_roll_out(sw_workspace *work)
         for (int l = 0; l < SW_LATENT; l++) s->vector[l] = sw_saturated(state[l] * sw_state_inverse_scale, qmax);
         s->vector[SW_LATENT] = sw_saturated(work->plan[k] * sw_action_factor * sw_state_inverse_scale, qmax);
         sw_dots(s->sums, sw_dyn1_rows, s->vector, SW_DYN1_P, SW_STATE_P);
-        tape->r1[k] =
-            sw_norm_elu(s->sums, tape->xhat1[k], s->hidden, tape->slope1[k], sw_dyn1_channel, sw_dyn1_layer, SW_DYN1);
+        tape->r1[k] = sw_norm_elu(s->sums, tape->layer1[k], s->hidden, sw_dyn1_channel, sw_dyn1_layer, SW_DYN1);
         sw_dots(s->sums, sw_dyn2_rows, s->hidden, SW_DYN2_P, SW_DYN1_P);
-        tape->r2[k] =
-            sw_norm_elu(s->sums, tape->xhat2[k], s->hidden, tape->slope2[k], sw_dyn2_channel, sw_dyn2_layer, SW_DYN2);
+        tape->r2[k] = sw_norm_elu(s->sums, tape->layer2[k], s->hidden, sw_dyn2_channel, sw_dyn2_layer, SW_DYN2);
         sw_dots(s->sums, sw_dyn3_rows, s->hidden, SW_ROWS(SW_LATENT), SW_DYN2_P);
         for (int l = 0; l < SW_LATENT; l++) {
             state[l] += (float)s->sums[l] * sw_dyn3_channel[l / 8][SW_SCALE][l % 8] +
@@ -37,11 +35,11 @@ void sw_roll_out_adjoint(sw_workspace *work)
         for (int l = 0; l < SW_LATENT; l++) adjoint[l] += work->d_latents[k][l];
         float unit = sw_rounded_finely(s->vector, adjoint, sw_dyn3_scale, SW_LATENT);
         sw_dots(s->sums, sw_dyn3_adjoint_rows, s->vector, SW_DYN2_P, SW_LATENT_P);
-        unit = sw_norm_adjoint(s->sums, s->sums, unit, s->vector, tape->xhat2[k], tape->slope2[k], sw_dyn2_adjoint,
-                               sw_dyn2_layer, tape->r2[k], SW_DYN2);
+        unit = sw_norm_adjoint(s->sums, unit, s->vector, tape->layer2[k], sw_dyn2_adjoint, sw_dyn2_layer,
+                               tape->r2[k], SW_DYN2);
         sw_dots(s->sums, sw_dyn2_adjoint_rows, s->vector, SW_DYN1_P, SW_DYN2_P);
-        unit = sw_norm_adjoint(s->sums, s->sums, unit, s->vector, tape->xhat1[k], tape->slope1[k], sw_dyn1_adjoint,
-                               sw_dyn1_layer, tape->r1[k], SW_DYN1);
+        unit = sw_norm_adjoint(s->sums, unit, s->vector, tape->layer1[k], sw_dyn1_adjoint, sw_dyn1_layer,
+                               tape->r1[k], SW_DYN1);
         sw_dots(s->sums, sw_dyn1_adjoint_rows, s->vector, SW_ROWS(SW_LATENT + 1), SW_DYN1_P);
         for (int l = 0; l < SW_LATENT; l++) adjoint[l] += (float)s->sums[l] * unit;
         work->gradient[k] += (float)s->sums[SW_LATENT] * (unit * sw_action_factor);

@@ -15,38 +15,23 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
-/* ELU' of h in integers of 1 / 256, less one so that it is a byte; rounded upwards. */
-static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE - 1) >> SW_SLOPE_SHIFT, 0, 255); }
+#if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
+#include "sw_norm_dsp.h"
+#else
+#include "sw_norm_plain.h"
+#endif
 
 /* From the sums of a product to xhat, h and ELU'; returns r. Sums are scratch afterwards. */
-static inline float sw_norm_elu(int32_t *restrict sums, int16_t *restrict xhat, int16_t *restrict hidden,
-                                uint8_t *restrict slope, const int32_t channel[][4][8], const float layer[2],
-                                int width)
+static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict tape, int16_t *restrict hidden,
+                                const int32_t channel[][4][8], const float layer[2], int width)
 {
-    int64_t sum = 0, squares = 0;
-    for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const int32_t (*of)[8] = channel[c / 8];
-        for (int j = 0; j < 8; j++) {
-            const int32_t u = sw_scaled(sums[c + j], of[SW_SCALE][j]) + of[SW_BIAS][j];
-            sums[c + j] = u;
-            sum += u;
-            squares += (int64_t)u * u;
-        }
-    }
-    const float mean = sw_float_of(sum) / (float)width;
+    int64_t squares = 0;
+    const int32_t sum = sw_norm_sums(sums, channel, &squares, width);
+    const float mean = (float)sum / (float)width;
     const float variance = sw_float_of(squares) / (float)width - mean * mean;
     const float r = sw_inverse_sqrt(sw_fmax(variance, 0.0f) + layer[SW_LAYER_EPSILON]);
-    const int32_t factor = sw_factor(r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width))), centre = (int32_t)mean;
-    for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const int32_t (*of)[8] = channel[c / 8];
-        for (int j = 0; j < 8; j++) {
-            const int16_t normed = (int16_t)sw_scaled(sums[c + j] - centre, factor);
-            const int16_t h = sw_elu(sw_scaled_on(of[SW_OFFSET][j], of[SW_GAIN][j], normed));
-            xhat[c + j] = normed;
-            hidden[c + j] = h;
-            slope[c + j] = sw_slope_of(h);
-        }
-    }
+    const float per_unit = r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width));
+    sw_norm_outputs(sums, tape, hidden, channel, sw_factor(per_unit), (int32_t)(-mean * per_unit), width);
     return r;
 }
 
@@ -71,12 +56,12 @@ static inline sw_fine sw_fine_of(float bound, float top)
 /* The bits of a number's magnitude, or all those below its highest. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* From d, dJ/dh in `unit`, to dJ/du times the scales of the rows in front, as int16 for the transposed product. Returns
- * what that product's sums have to be multiplied by. t is scratch and may be d.
+/* From dJ/dh in `unit`, in sums, to dJ/du times the scales of the rows in front, as int16 for the transposed product.
+ * Returns what that product's sums have to be multiplied by. Sums are scratch afterwards.
  */
-static inline float sw_norm_adjoint(const int32_t *d, int32_t *t, float unit, int16_t *restrict vector,
-                                    const int16_t *restrict xhat, const uint8_t *restrict slope,
-                                    const int32_t channel[][2][8], const float layer[2], float r, int width)
+static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
+                                    const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
+                                    const float layer[2], float r, int width)
 {
     const float one = 512.0f; /* of what is scaled last: 2^23 is a scale's one, 2^32 that of sw_scaled */
     const float top = (float)SW_QMAX(SW_PADDED(width)) * one;
@@ -85,10 +70,10 @@ static inline float sw_norm_adjoint(const int32_t *d, int32_t *t, float unit, in
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         const int32_t *gain = channel[c / 8][SW_ADJOINT_GAIN];
         for (int j = 0; j < 8; j++) {
-            const int32_t value = sw_scaled(d[c + j], gain[j] * slope[c + j] + gain[j]);
-            t[c + j] = value;
+            const int32_t value = sw_scaled(sums[c + j], gain[j] * tape[c / 8].slope[j] + gain[j]);
+            sums[c + j] = value;
             sum += value;
-            along += (int64_t)value * xhat[c + j];
+            along += (int64_t)value * tape[c / 8].xhat[j];
             bits |= sw_bits_of(value);
         }
     }
@@ -101,8 +86,8 @@ static inline float sw_norm_adjoint(const int32_t *d, int32_t *t, float unit, in
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         const int32_t *scale = channel[c / 8][SW_ADJOINT_SCALE];
         for (int j = 0; j < 8; j++) {
-            const int32_t near = centre + sw_scaled((int32_t)((uint32_t)t[c + j] << fine.shift), fine.scaled);
-            vector[c + j] = (int16_t)sw_scaled(sw_scaled_on(near, slant, xhat[c + j]), scale[j]);
+            const int32_t near = centre + sw_scaled((int32_t)((uint32_t)sums[c + j] << fine.shift), fine.scaled);
+            vector[c + j] = (int16_t)sw_scaled(sw_scaled_on(near, slant, tape[c / 8].xhat[j]), scale[j]);
         }
     }
     return fine.factor > 0.0f ? unit * r * layer[SW_LAYER_ADJOINT] * one / fine.factor : 0.0f;

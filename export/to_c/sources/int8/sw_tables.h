@@ -24,6 +24,9 @@ static inline int16_t sw_elu(int32_t y)
     return sw_between(sw_elu_points, sw_held(y, 0, 2 * SW_ELU_START - 1), SW_ELU_STEP);
 }
 
+/* ELU' of h in integers of 1 / 256, less one so that it is a byte. */
+static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE) >> SW_SLOPE_SHIFT, 0, 255); }
+
 /* 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_QMAX, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START: a
  * straight line between points 1 / 32 apart, off by 5e-5 at most. Beyond -16 and 16 it stays.
  */
