@@ -24,7 +24,7 @@ from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
 from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
 from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
-from contract.release.bundle import MadeEstimator
+from contract.release.bundle import Bundle, MadeEstimator
 from contract.release.manifest import PRECISIONS, Manifest
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -35,7 +35,7 @@ from export.program.recorded_windows import recorded_windows
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate
-from export.release.lowering import lower
+from export.release.lowering import Lowered, lower
 
 PHASES: Final = ("read", "round weights", "make and check", "write")
 """Of an export, in order."""
@@ -99,7 +99,7 @@ def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout
 
 def export_all(
     model: Path,
-    output: Path | None,
+    output: Path,
     *,
     precision: str,
     name: str,
@@ -109,9 +109,8 @@ def export_all(
     created: date,
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
-    program_sha256: str | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
-    ecu: Callable[[Path | None], Mapping[str, bytes]] | None = None,
+    ecu: Callable[[Path], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
@@ -119,17 +118,14 @@ def export_all(
 
     Args:
         model: directory written by `train`.
-        output: of the bundle; None writes the library alone.
         precision: "int8" or "float32", of both.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         config: its `mpc` is the controller's; its control period and action limit must be the model's.
         created: today.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
-        program_sha256: of the release whose library is wanted; another program is refused then.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
-        ecu: from the bundle just written, if one was, to the files of the ECU for the C library's folder; without,
-            it has none.
+        ecu: from the bundle just written to the files of the ECU for the C library's folder; without, it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -137,59 +133,103 @@ def export_all(
         ModelError: the model directory is not sound.
         DatasetError: the recording is not sound.
         ExportError: the recording is not the model's, or of other sensors; the settings are of another control period
-            or action limit; the model's weights do not fit, a lowering does not pass its gates, or the program is not
-            the one that was asked for.
+            or action limit; the model's weights do not fit, or a lowering does not pass its gates.
         LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
     # Before the work: neither place is written if the other one cannot be.
-    if output is not None:
-        bundle.check_replaceable(output)
+    bundle.check_replaceable(output)
     if c_folder is not None:
         c_folder_format.check_replaceable(c_folder)
     phase("read")
     trained = model_folder.read(model)
     _check_settings(trained.description, config)
-    program = program_of(trained, config.mpc)
     episodes = _recording_of(trained.description, recording, named, notice)
-    windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
-    calibration: list[Array] = []
-    if precision == "int8":
-        calibration = calibration_windows(program, episodes.with_role("train"), episodes.layout)
-
-    phase("round weights")
-    rounded = rounded_on(program, calibration) if precision == "int8" else program
-    phase("make and check")
-    lowered = lower(rounded, calibration=calibration, with_library=c_folder is not None)
-    _check_program(lowered.program_sha256, program_sha256)
+    program = program_of(trained, config.mpc)
+    lowered, windows = _lowered(program, episodes, precision, with_library=c_folder is not None, phase=phase)
     gated = gate(lowered, windows)
 
     phase("write")
-    if output is not None:
-        write_release(
-            output,
-            gated,
-            name=name,
-            created=created,
-            vehicle=Vehicle.of(config),
-            provenance=trained.provenance,
-            positions=_positions(trained.description),
-            key=key,
-            estimator=estimator,
-        )
+    write_release(
+        output,
+        gated,
+        name=name,
+        created=created,
+        vehicle=Vehicle.of(config),
+        provenance=trained.provenance,
+        positions=_positions(trained.description),
+        key=key,
+        estimator=estimator,
+    )
     if c_folder is not None:
         write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output))
     return gated
 
 
-def _check_program(found: str, wanted: str | None) -> None:
-    if wanted is not None and found != wanted:
+def export_library(
+    model: Path,
+    release: Bundle,
+    c_folder: Path,
+    *,
+    recording: Path,
+    ecu: Callable[[], Mapping[str, bytes]] | None = None,
+    phase: Callable[[str], None] = lambda name: None,
+) -> Gated:
+    """Write the C library of a release that there is, from the model that it was exported from.
+
+    Args:
+        model: directory written by `train`.
+        release: with the settings of its controller.
+        recording: data set that the model was fitted to.
+        ecu: the files of the ECU for the library's folder; without, it has none.
+        phase: called with each of `PHASES` when it begins.
+
+    Raises:
+        ExportError: the release is of another model, or this program does not round it as it was rounded.
+        StillwakeError: as `export_all`.
+    """
+    c_folder_format.check_replaceable(c_folder)
+    manifest = release.manifest
+    phase("read")
+    trained = model_folder.read(model)
+    if trained.weights_sha256 != manifest.weights_sha256:
         raise ExportError(
-            f"program {found[:12]}: the release's is {wanted[:12]}, so this library would not be the release's; "
-            f"model, recording and settings must be those that it was exported from"
+            f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, {model} is "
+            f"{trained.weights_sha256[:12]}: a library is made from the model of its release"
         )
+    episodes = _recording_of(trained.description, recording, False, lambda line: None)
+    program = program_of(trained, manifest.mpc)
+    lowered, windows = _lowered(program, episodes, manifest.precision, with_library=True, phase=phase)
+    if lowered.program_sha256 != manifest.program_sha256:
+        raise ExportError(
+            f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
+            f"{lowered.program_sha256[:12]} here: export it anew, with a bundle"
+        )
+    gated = gate(lowered, windows)
+    phase("write")
+    write_c_release(c_folder, gated, windows, None if ecu is None else ecu())
+    return gated
+
+
+def _lowered(
+    program: ControllerProgram,
+    episodes: Dataset,
+    precision: str,
+    *,
+    with_library: bool,
+    phase: Callable[[str], None],
+) -> tuple[Lowered, list[Array]]:
+    """The program rounded and lowered, and the windows for its gates."""
+    windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
+    calibration: list[Array] = []
+    if precision == "int8":
+        calibration = calibration_windows(program, episodes.with_role("train"), episodes.layout)
+    phase("round weights")
+    rounded = rounded_on(program, calibration) if precision == "int8" else program
+    phase("make and check")
+    return lower(rounded, calibration=calibration, with_library=with_library), windows
 
 
 def _positions(model: Description) -> tuple[tuple[float, float], ...]:

@@ -1,11 +1,11 @@
 """The commands that lower a trained model: to a release bundle and a C library, and onto an emulated Cortex-M7."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -22,9 +22,7 @@ from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.releases import open_release
 from stillwake.settings import settings
-from stillwake.shipped_library import library_folder
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from wake.shipped import model as shipped_model
 from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -35,10 +33,11 @@ USES_IN_C: Final = ("bus", "ecu")
 
 def export(
     model: Annotated[
-        Path | None, typer.Argument(help="Model directory written by `train`. Default: that of the shipped bundle.")
+        Path | None, typer.Argument(help="Model directory written by `train`. Default: the shipped one.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is written alone.")
+        Path | None,
+        typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is of the shipped bundle."),
     ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
@@ -67,17 +66,17 @@ def export(
     the graph agrees with the reference computation in NumPy, and so does the
     C library where one is asked for. The folder of --c has the whole ECU in C
     as well, with the settings of the sections bus and ecu compiled in.
-    `export --c FOLDER` alone writes the library of the shipped bundle.
+    `export --c FOLDER` alone writes that folder for the shipped bundle.
     """
+    if model is None or output is None:
+        if model is not None or c_folder is None or sensors or key is not None or dataset is not None:
+            raise OutputError("no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone for the shipped bundle's")
+        check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
+        _export_shipped(c_folder, config_file, overrides)
+        return
     signing_key = None if key is None else read_private_key(key)
-    if output is None and (c_folder is None or sensors or key is not None):
-        raise OutputError("no BUNDLE to write: name MODEL and BUNDLE; --c FOLDER alone writes a C library")
-    source = shipped_model() if model is None else model
-    config = _settings(source, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
-    # As it was shipped, or the user wants something else of its model.
-    is_shipped = model is None and config_file is None and not overrides and precision == "int8" and dataset is None
-    if output is not None:
-        check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
+    config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
+    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
     if c_folder is not None:
         check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
 
@@ -89,7 +88,7 @@ def export(
     with progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
         done = export_all(
-            source,
+            model,
             output,
             precision=precision,
             name=name,
@@ -99,22 +98,16 @@ def export(
             created=date.today(),
             key=signing_key,
             named=dataset is not None,
-            program_sha256=open_release(None, None).manifest.program_sha256 if is_shipped else None,
             estimator=partial(fitted_estimator, used, bar) if sensors else None,
-            # The ECU is of a release: of the one just written, or of the shipped one.
-            ecu=partial(ecu_files, config=config, notice=say) if output is not None or is_shipped else None,
+            ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
-    table = Table("check", "measured")
-    for title, value in gate_figures(done):
-        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
-    console.print(table)
-    if output is not None:
-        signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
-        size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-        console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
+    _show_gates(gate_figures(done))
+    signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
+    size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
+    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
@@ -125,6 +118,35 @@ def export(
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
         console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
+
+
+def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:
+    """The shipped bundle's library, with the vehicle's settings compiled in."""
+    config = settings("export --c", file, overrides, uses=USES_IN_C).config
+
+    from export.release.pipeline import PHASES, gate_figures
+    from stillwake.c_release import write_shipped_library
+
+    release = open_release(None, None)
+    with progress_bar("phases") as bar:
+        task = bar.add_task("export", total=len(PHASES), note="")
+        done = write_shipped_library(
+            folder,
+            release,
+            config,
+            notice=partial(console.print, soft_wrap=True, markup=False),
+            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+        )
+        bar.update(task, completed=len(PHASES), note="")
+    _show_gates(gate_figures(done))
+    console.print(f"wrote {folder}: C99, {release.manifest.name}", soft_wrap=True, markup=False)
+
+
+def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
+    table = Table("check", "measured")
+    for title, value in figures:
+        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
+    console.print(table)
 
 
 def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
@@ -170,6 +192,7 @@ def mcu(
 
     from firmware_sim.mcu.measure import PHASES, measure_folder
     from firmware_sim.mcu.verdict import period_ms, verdicts
+    from stillwake.c_release import library_folder
 
     with progress_bar("phases") as bar:
         task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
