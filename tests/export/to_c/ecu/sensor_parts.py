@@ -1,4 +1,4 @@
-"""The sensor check of the ECU in C, compiled for this host and called: with an estimator, or with answers given to it."""
+"""The sensor check of the ECU in C, compiled for this host and called: its estimator, or answers in place of one."""
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
