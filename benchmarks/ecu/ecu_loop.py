@@ -35,7 +35,7 @@ from firmware_sim.mcu.build import COMMON
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
 from stillwake.releases import open_release
-from stillwake.shipped_library import library_folder
+from stillwake.c_release import library_folder
 from stillwake.terminal import progress_bar
 from wake.plants import open_plant
 

@@ -217,7 +217,7 @@ def _ecu_in_c(
     """
     from firmware_sim.bench.ecus import loop_ecu
     from firmware_sim.ecu.c_ecu import ecu_sources
-    from stillwake.shipped_library import library_folder
+    from stillwake.c_release import library_folder
 
     if config.bus.key:
         raise ConfigError(f"bus.key: --ecu {kind} has no authentication; leave it empty, or take --ecu {PYTHON}")
