@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle, load
 from stillwake.releases import open_release
@@ -28,12 +29,15 @@ def ecu_files(bundle: Path, *, config: Config, notice: Callable[[str], None]) ->
         config: of the vehicle.
         notice: called with a line for what the ECU does without, or for why there is none.
     """
+    from export.to_c.estimator import estimator_files
     from export.to_c.library import ecu_sources
     from firmware_sim.ecu.c_settings import ecu_settings
 
     try:
         release = load(bundle)
-        return ecu_sources() | {ECU_SETTINGS: ecu_settings(release, _without_check(release, config, notice))}
+        used = _without_check(release, config, notice)
+        found = ecu_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
+        return found | (estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {})
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")
         return {}
