@@ -23,11 +23,6 @@ class RoundedEstimator:
 def rounded_estimator(network: EstimatorNetwork) -> RoundedEstimator:
     """A network's; of one that is rounded already the integers stay."""
     matrices = [quantise_matrix(weight) for weight, _ in network.layers]
-    return of_matrices(network, matrices)
-
-
-def of_matrices(network: EstimatorNetwork, matrices: Sequence[Int8Matrix]) -> RoundedEstimator:
-    """A network with these integers in place of its weights."""
     layers = [
         (matrix.dequantised().astype(float), bias) for matrix, (_, bias) in zip(matrices, network.layers, strict=True)
     ]

@@ -1,9 +1,8 @@
 """The estimates of pressures from each other as ONNX nodes, all views of the window in one batch, and back again."""
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import onnx
 from onnx import numpy_helper
 
@@ -18,7 +17,7 @@ from contract.controller.estimator import (
 )
 from contract.errors import ExportError
 from export.int8.nearest import Int8Matrix
-from export.int8.rounded_estimator import RoundedEstimator, of_matrices
+from export.int8.rounded_estimator import RoundedEstimator
 from export.to_onnx.graph_builder import Graph
 
 DOC: Final = "Pressures estimated from each other: see contract.controller.estimator"
@@ -54,27 +53,35 @@ def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
 
 
 def read_estimator(content: bytes) -> RoundedEstimator:
-    """The network of a graph that `build_estimator` wrote, in a verified bundle, by the names of its constants.
+    """The network of a graph that `build_estimator` wrote, in a verified bundle.
 
     Raises:
-        ExportError: it has other constants; weights in float32, as bundles before version 0.6 have them, are some.
+        ExportError: the graph is of another make, as those with float32 weights are that came before version 0.6.
     """
     graph = onnx.load_from_string(content).graph
-    constants = {item.name.rsplit("_", 1)[0]: numpy_helper.to_array(item) for item in graph.initializer}
-    try:
-        layers = max(1, sum(name.endswith(".weight.int8") for name in constants))
-        matrices = [_matrix(constants, f"layer_{number}.weight") for number in range(layers)]
-        biases = [constants[f"layer_{number}.bias"].astype(np.float64) for number in range(layers)]
-        std = 1.0 / constants["kept / std"].astype(np.float64).max(axis=(0, 1))
-        network = EstimatorNetwork(
-            window=graph.input[0].type.tensor_type.shape.dim[0].dim_value,
-            mean=constants["mean"].astype(np.float64),
-            std=std,
-            layers=[(matrix.values.astype(np.float64), bias) for matrix, bias in zip(matrices, biases, strict=True)],
-        )
-    except KeyError as error:
-        raise ExportError(f"{ESTIMATOR}: {error} is missing: fit it anew (stillwake bundle renew --sensors)") from error
-    return of_matrices(network, matrices)
+    constants = {item.name: numpy_helper.to_array(item) for item in graph.initializer}
+    made_by = {name: node for node in graph.node for name in node.output}
+    layers = [node for node in graph.node if node.op_type == "Gemm"]
+    weights = [made_by.get(node.input[1]) for node in layers]
+    if not layers or any(node is None or node.op_type != "DequantizeLinear" for node in weights):
+        raise ExportError(f"{ESTIMATOR}: has no int8 weights: fit it anew (stillwake bundle renew --sensors DATASET)")
+    matrices = [
+        Int8Matrix(values=constants[node.input[0]], scales=constants[node.input[1]])
+        for node in weights
+        if node is not None
+    ]
+    # The first of their kind are those that standardise the window.
+    mean, kept = (next(node for node in graph.node if node.op_type == kind).input[1] for kind in ("Sub", "Mul"))
+    network = EstimatorNetwork(
+        window=graph.input[0].type.tensor_type.shape.dim[0].dim_value,
+        mean=constants[mean].astype(np.float64),
+        std=1.0 / constants[kept].astype(np.float64).max(axis=(0, 1)),
+        layers=[
+            (matrix.dequantised().astype(np.float64), constants[node.input[2]].astype(np.float64))
+            for matrix, node in zip(matrices, layers, strict=True)
+        ],
+    )
+    return RoundedEstimator(network=network, matrices=matrices)
 
 
 def _stored(graph: Graph, matrix: Int8Matrix, name: str) -> str:
@@ -82,7 +89,3 @@ def _stored(graph: Graph, matrix: Int8Matrix, name: str) -> str:
     scales = graph.stored(matrix.scales, f"{name}.scale")
     zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
     return graph.op("DequantizeLinear", values, scales, zero_points, axis=0)
-
-
-def _matrix(constants: dict[str, npt.NDArray[Any]], name: str) -> Int8Matrix:
-    return Int8Matrix(values=constants[f"{name}.int8"], scales=constants[f"{name}.scale"])

@@ -1,11 +1,11 @@
 """The commands that lower a trained model: to a release bundle and a C library, and onto an emulated Cortex-M7."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -13,13 +13,14 @@ from rich.table import Table
 from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model_folder import DESCRIPTION, read_description
 from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
 from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.releases import open_release
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 from wake.shipped import recording
@@ -31,8 +32,13 @@ USES_IN_C: Final = ("bus", "ecu")
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model directory written by `train`.")],
-    output: Annotated[Path, typer.Argument(help="Bundle directory, or .zip, to write.")],
+    model: Annotated[
+        Path | None, typer.Argument(help="Model directory written by `train`. Default: the shipped one.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is of the shipped bundle."),
+    ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
@@ -59,9 +65,15 @@ def export(
     on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
     the graph agrees with the reference computation in NumPy, and so does the
     C library where one is asked for. The folder of --c has the whole ECU in C
-    as well, with the settings of the sections bus and ecu compiled in. The
-    shipped bundle has no model next to it, so --c needs a model of your own.
+    as well, with the settings of the sections bus and ecu compiled in.
+    `export --c FOLDER` alone writes that folder for the shipped bundle.
     """
+    if model is None or output is None:
+        if model is not None or c_folder is None or sensors or key is not None or dataset is not None:
+            raise OutputError("no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone for the shipped bundle's")
+        check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
+        _export_shipped(c_folder, config_file, overrides)
+        return
     signing_key = None if key is None else read_private_key(key)
     config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
@@ -92,10 +104,7 @@ def export(
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
-    table = Table("check", "measured")
-    for title, value in gate_figures(done):
-        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
-    console.print(table)
+    _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
@@ -109,6 +118,35 @@ def export(
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
         console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
+
+
+def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:
+    """The shipped bundle's library, with the vehicle's settings compiled in."""
+    config = settings("export --c", file, overrides, uses=USES_IN_C).config
+
+    from export.release.pipeline import PHASES, gate_figures
+    from stillwake.c_release import write_shipped_library
+
+    release = open_release(None, None)
+    with progress_bar("phases") as bar:
+        task = bar.add_task("export", total=len(PHASES), note="")
+        done = write_shipped_library(
+            folder,
+            release,
+            config,
+            notice=partial(console.print, soft_wrap=True, markup=False),
+            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+        )
+        bar.update(task, completed=len(PHASES), note="")
+    _show_gates(gate_figures(done))
+    console.print(f"wrote {folder}: C99, {release.manifest.name}", soft_wrap=True, markup=False)
+
+
+def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
+    table = Table("check", "measured")
+    for title, value in figures:
+        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
+    console.print(table)
 
 
 def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
@@ -138,7 +176,9 @@ def _description(bundle: Path) -> str:
 
 
 def mcu(
-    library: Annotated[Path, typer.Argument(help="Folder written by `export --c`; the shipped bundle has none.")],
+    library: Annotated[
+        Path | None, typer.Argument(help="Folder written by `export --c`. Default: the shipped bundle's library.")
+    ] = None,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
@@ -152,10 +192,14 @@ def mcu(
 
     from firmware_sim.mcu.measure import PHASES, measure_folder
     from firmware_sim.mcu.verdict import period_ms, verdicts
+    from stillwake.c_release import library_folder
 
     with progress_bar("phases") as bar:
         task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
-        found = measure_folder(library, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun))
+        with library_folder(library) as folder:
+            found = measure_folder(
+                folder, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun)
+            )
         bar.update(task, completed=len(PHASES), note="")
     table = Table("one control step on a Cortex-M7", "")
     for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
@@ -165,6 +209,6 @@ def mcu(
         write_result(
             json_file,
             figures=asdict(found),
-            facts={"library": str(library), "period_ms": period_ms(config)},
+            facts={"library": "shipped" if library is None else str(library), "period_ms": period_ms(config)},
             on=date.today(),
         )
