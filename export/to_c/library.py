@@ -117,7 +117,7 @@ def numbers_source(arrays: Mapping[str, Values], what: str, header: str) -> byte
     text = [f"/* Generated: {what}. */", f'#include "{header}"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype in (np.int8, np.uint32):
+        if values.dtype in (np.int8, np.int32, np.uint32):
             text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
             text.append(
