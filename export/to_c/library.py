@@ -117,7 +117,7 @@ def numbers_source(arrays: Mapping[str, Values], what: str, header: str) -> byte
     text = [f"/* Generated: {what}. */", f'#include "{header}"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype in (np.int8, np.uint32):
+        if values.dtype in (np.int8, np.int32, np.uint32):
             text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
             text.append(
@@ -133,3 +133,12 @@ def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
         return "{\n" + ",\n".join(_initialiser(part, number) for part in values) + "}"
     lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
     return "{" + ",\n ".join(", ".join(map(number, line)) for line in lines) + "}"
+
+
+def example_sources() -> dict[str, bytes]:
+    """Programs with a `main` of their own around the ECU, by their names in a folder.
+
+    What one of them plays is generated: `examples/pressures.h` (`firmware_sim.ecu.c_examples`).
+    """
+    root = files("export.to_c").joinpath("sources/examples")
+    return {f"examples/{item.name}": item.read_bytes() for item in root.iterdir() if item.name.endswith((".c", ".ld"))}

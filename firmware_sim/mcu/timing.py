@@ -58,7 +58,7 @@ def _cycles(listing: list[Any]) -> int:
     for instruction in listing:
         kind, latency, slots = _kind(instruction.mnemonic)
         reads, writes = instruction.regs_access()
-        early = multiplied & {_accumulator(instruction)} if kind == "multiply" else set()
+        early = multiplied & _accumulators(instruction) if kind == "multiply" else set()
         earliest = max((ready.get(reg, 0) - (reg in early) for reg in reads), default=0)
         if kind == "divide":
             earliest = max(earliest, divider)
@@ -112,7 +112,9 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
     return "integer", 1, 1
 
 
-def _accumulator(instruction: Any) -> int | None:
-    """The register that a multiply-accumulate adds to, which it needs one cycle later than its factors."""
-    operands = instruction.operands
-    return int(operands[3].reg) if len(operands) == 4 else None
+def _accumulators(instruction: Any) -> set[int]:
+    """The registers that a multiply-accumulate adds to, which it needs one cycle later than its factors."""
+    operands = [int(operand.reg) for operand in instruction.operands]
+    if instruction.mnemonic.startswith(("smlal", "umlal")):
+        return set(operands[:2])
+    return set(operands[3:])
