@@ -102,8 +102,16 @@ class Machine:
 
     def stack_used(self, function: str) -> int:
         """Bytes of stack that a call of the function touches."""
-        self._core.mem_write(_STACK, bytes([_UNTOUCHED]) * STACK_BYTES)
+        self.paint_stack()
         self.call(function)
+        return self.stack_depth()
+
+    def paint_stack(self) -> None:
+        """Mark all of the stack as untouched."""
+        self._core.mem_write(_STACK, bytes([_UNTOUCHED]) * STACK_BYTES)
+
+    def stack_depth(self) -> int:
+        """Bytes of stack touched since `paint_stack`."""
         stack = bytes(self._core.mem_read(_STACK, STACK_BYTES))
         return STACK_BYTES - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), STACK_BYTES)
 

@@ -104,8 +104,8 @@ def measure(
     return Measurement(
         precision=settings.text("SW_PRECISION"),
         program_sha256=settings.text("SW_PROGRAM_SHA256"),
-        flash_bytes=sum(firmware.sections.get(name, 0) for name in (".text", ".hot", ".rodata", ".data")),
-        ram_bytes=_ram(firmware) + stack,
+        flash_bytes=flash_bytes(firmware),
+        ram_bytes=linked_ram(firmware) + stack,
         stack_bytes=stack,
         multiply_accumulates=settings.multiply_accumulates(),
         instructions=instructions,
@@ -119,7 +119,13 @@ def measure(
     )
 
 
-def _ram(firmware: Firmware) -> int:
+def flash_bytes(firmware: Firmware) -> int:
+    """Code and everything that is read from flash or copied out of it."""
+    return sum(firmware.sections.get(name, 0) for name in (".text", ".hot", ".rodata", ".data"))
+
+
+def linked_ram(firmware: Firmware) -> int:
+    """RAM without the stack."""
     return sum(firmware.sections.get(name, 0) for name in (".hot", ".data", ".bss"))
 
 
