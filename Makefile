@@ -66,7 +66,7 @@ release: $(VENV)/dev.stamp
 	@test -f "$(KEY)" -a -n "$(NAME)" || { echo "make release KEY=FILE NAME=NAME: the private key, the name" >&2; exit 2; }
 	test -f runs/release/model.json || $(BIN)/$(TRAIN)
 	$(BIN)/stillwake export runs/release runs/release_bundle --sensors --name $(NAME) --key $(KEY) --overwrite
-	$(BIN)/python data/ship.py runs/release runs/release_bundle --command "$(TRAIN)"
+	$(BIN)/python -m benchmarks.release.ship runs/release runs/release_bundle --command "$(TRAIN)"
 	$(BIN)/stillwake bundle verify
 	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
 

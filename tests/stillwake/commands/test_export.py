@@ -10,6 +10,7 @@ from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
 from stillwake import c_release
 from stillwake.releases import open_release
+from stillwake.shipped import BUNDLE
 from wake import shipped
 
 pytestmark = pytest.mark.compiler
@@ -49,7 +50,7 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
     release = open_release(None, None)
 
     def library_of(**changes: str) -> None:
-        other = bundles.load(shutil.copytree(c_release.BUNDLE, tmp_path / "other", dirs_exist_ok=True))
+        other = bundles.load(shutil.copytree(BUNDLE, tmp_path / "other", dirs_exist_ok=True))
         object.__setattr__(other.manifest, *next(iter(changes.items())))
         c_release.write_shipped_library(tmp_path / "c", other, load_config())
 
