@@ -49,12 +49,13 @@ class Structs:
     Args:
         sources: the library's files by name.
         compiler: command that preprocesses C.
+        header: that is read; one that includes the ECU's, if there is more to be known than that.
 
     Raises:
         LibraryError: there is no ECU among the sources, or the compiler does not take its header.
     """
 
-    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str]) -> None:
+    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = HEADER) -> None:
         if HEADER not in sources:
             raise LibraryError(f"{HEADER} is missing: this library has the control step alone, and no ECU around it")
         self.ffi: Any = cffi.FFI()
@@ -62,7 +63,7 @@ class Structs:
         with tempfile.TemporaryDirectory() as folder:
             for name, content in (headers | _STANDING_IN).items():
                 Path(folder, name).write_bytes(content)
-            text = preprocessed(Path(folder, HEADER), compiler=compiler, flags=("-nostdinc", "-I", folder))
+            text = preprocessed(Path(folder, header), compiler=compiler, flags=("-nostdinc", "-I", folder))
         try:
             self.ffi.cdef(text)
         except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
