@@ -4,11 +4,13 @@ They become `sw_ecu_settings.h` in a library's folder, so that no number of the 
 floating point is written with all of its digits, a double's by default.
 """
 
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
 from can_bridge.command_gate import GateLimits
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import AGE_RESOLUTION_NS, CLASSIC_AGE_RESOLUTION_NS, FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode, Reason
@@ -21,8 +23,18 @@ from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.sensor_check import MOVING, NOISE_ALLOWED, SCORE_PERIODS
 
 HEADER: Final = "sw_ecu_settings.h"
-_BITS: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255}
-"""Most periods that the C ECU's state has room for."""
+_MOST: Final = {
+    "ecu.loss_window": 64,
+    "ecu.deadline_window": 32,
+    "bus.e2e.window": 255,
+    "ecu.deadline_misses": 2**30,
+    "ecu.hold_periods": 2**30,
+    "ecu.decay_periods": 2**30,
+    "ecu.rearm_frames": 2**30,
+}
+"""Most periods that the C ECU's state has room for, and that two of can be added."""
+_LONGEST_PERIOD_NS: Final = 2**53
+"""Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -46,14 +58,12 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
 def _check(config: Config) -> None:
     if config.bus.key:
         raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
-    asked = {
-        "ecu.loss_window": config.ecu.loss_window,
-        "ecu.deadline_window": config.ecu.deadline_window,
-        "bus.e2e.window": config.bus.e2e.window,
-    }
-    for name, value in asked.items():
-        if value > _BITS[name]:
-            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {_BITS[name]}")
+    for name, most in _MOST.items():
+        value = attrgetter(name)(config)
+        if value > most:
+            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {most}")
+    if config.period_ns > _LONGEST_PERIOD_NS:
+        raise ConfigError(f"a control period of {config.period_ns} ns: the ECU in C takes at most {_LONGEST_PERIOD_NS}")
     if not config.ecu.frozen_actions < 16:
         raise ConfigError(f"ecu.delay_steps = {config.ecu.delay_steps}: the ECU in C takes at most 14")
 
@@ -76,6 +86,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     return found | {
         "SW_FRAMES_FD": int(spec.is_fd),
         "SW_E2E_PROFILE": spec.profile,
+        "SW_E2E_COUNTERS": profile_of(spec).counter_period,
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
         "SW_AGE_RESOLUTION_NS": AGE_RESOLUTION_NS if spec.is_fd else CLASSIC_AGE_RESOLUTION_NS,
         "SW_FLOW_RESOLUTION": FLOW_RESOLUTION_M2_PER_S,
