@@ -11,9 +11,15 @@ import numpy as np
 
 from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire.classic_codec import CLASSIC_BUS_OFF_LIMIT, CLASSIC_COUNT_LIMIT, STALE_NS
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.message_specs import AGE_RESOLUTION_NS, CLASSIC_AGE_RESOLUTION_NS, FLOW_RESOLUTION_M2_PER_S
-from can_bridge.wire.messages import Mode, Reason
+from can_bridge.wire.message_specs import (
+    AGE_RESOLUTION_NS,
+    CLASSIC_AGE_RESOLUTION_NS,
+    FLOW_RESOLUTION_M2_PER_S,
+    INT12_MAX,
+)
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError, LibraryError
@@ -90,6 +96,13 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
         "SW_AGE_RESOLUTION_NS": AGE_RESOLUTION_NS if spec.is_fd else CLASSIC_AGE_RESOLUTION_NS,
         "SW_FLOW_RESOLUTION": FLOW_RESOLUTION_M2_PER_S,
+        "SW_COUNT_LIMIT": COUNT_LIMIT if spec.is_fd else CLASSIC_COUNT_LIMIT,
+        "SW_BUS_OFF_LIMIT": BUS_OFF_LIMIT if spec.is_fd else CLASSIC_BUS_OFF_LIMIT,
+        **(
+            {"SW_ERROR_LIMIT": ERROR_LIMIT}
+            if spec.is_fd
+            else {"SW_PRESSURE_INVALID": f"({-INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
+        ),
         **{f"SW_MODE_{item.name}": item.value for item in Mode},
         **{f"SW_REASON_{item.name}": item.value for item in Reason},
         "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",

@@ -135,7 +135,7 @@ class PythonTwin:
         if answers.estimates is not None:
             copy(ffi, told.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
         if period.loads is not None:
-            structs.set_state(place.before, period.loads)
+            structs.set_state(ffi.addressof(place, "before"), period.loads)
 
     def _expect(self, sent: list[Frame], place: Any) -> None:
         ffi, trace, networks = self.layout.ffi, self.ecu.trace, self.networks
@@ -144,7 +144,7 @@ class PythonTwin:
             fill_frame(item, frame)
         place.trace.action, place.trace.planned = trace.action, trace.forces is not None
         place.trace.interventions = trace.interventions.value
-        self.layout.structs.set_state(place.state, self.ecu.state)
+        self.layout.structs.set_state(ffi.addressof(place, "state"), self.ecu.state)
         place.plans_asked, place.estimates_asked = len(networks.planned_on), len(networks.estimated_on)
         for window, plan, free, weights in networks.planned_on:
             asked = place.planned_on

@@ -207,8 +207,8 @@ class Traffic:
         if kind == "ecu":
             spec = rng.choice(self._messages.specs[1:])
             frame_id, is_fd = spec.frame_id, spec.is_fd
-            data = self._profile.protect(rng.randbytes(spec.length), data_id=spec.data_id, counter=rng.randrange(16))
-            data = self._misshapen(data)
+            content = rng.randbytes(spec.length if rng.random() < 0.8 else rng.randrange(3, 9))
+            data = self._misshapen(self._profile.protect(content, data_id=spec.data_id, counter=rng.randrange(16)))
         is_extended = kind == "extended"
         if is_extended and rng.random() < 0.5:
             frame_id = rng.randrange(MAX_EXTENDED_ID + 1)
@@ -223,6 +223,8 @@ class Traffic:
             return data[:place] + bytes([data[place] ^ 1 << rng.randrange(8)]) + data[place + 1 :]
         if deed < 0.4:
             return data[: rng.choice((0, 1, 2, 3, 4, 7))]
+        if deed < 0.5 and self._spec.is_fd:
+            return data + bytes(64 - len(data))
         return data
 
     def _age_health(self, off: bool, odd: float, *, unseen: bool) -> None:  # noqa: FBT001

@@ -31,7 +31,7 @@ int sw_e2e_check(const uint8_t *data, int length, uint16_t data_id);
 /* The counter of a protected message. */
 uint8_t sw_e2e_counter(const uint8_t *data);
 
-/* --- sw_codec.c: the set of messages in use --- */
+/* --- sw_codec_fd.c, sw_codec_classic.c: the set of messages in use --- */
 
 typedef struct {
     double pressure_pa[SW_SENSORS];
