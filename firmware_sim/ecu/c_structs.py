@@ -201,7 +201,8 @@ class Structs:
 
     def _set_memory(self, memory: Any, value: ControllerMemory) -> None:
         memory.rows, memory.gap = value.rows, _count(value.gap)
-        memory.window, memory.plan = value.window.tolist(), value.plan.tolist()
+        self._copy(memory.window, value.window)
+        self._copy(memory.plan, value.plan.astype(np.float32))
         memory.under_way = list(value.under_way.values)
 
     def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
@@ -210,10 +211,18 @@ class Structs:
         sensors.judged = not np.isnan(value.residual).any()
         sensors.has_read = not np.isnan(value.readings).any()
         sensors.flat = [_count(int(item)) for item in value.flat]
-        for name in ("residual", "readings"):
-            setattr(sensors, name, np.nan_to_num(getattr(value, name)).tolist())
+        if sensors.judged:
+            self._copy(sensors.residual, value.residual)
+        if sensors.has_read:
+            self._copy(sensors.readings, value.readings)
         for name in ("fast", "slow", "noise", "score", "estimates"):
-            setattr(sensors, name, getattr(value, name).tolist())
+            self._copy(getattr(sensors, name), getattr(value, name))
+
+    def _copy(self, member: Any, values: Array) -> None:
+        """An array's bytes into a member of the same shape and type; before it, all of them are zero."""
+        content = np.ascontiguousarray(values)
+        assert content.nbytes == self.ffi.sizeof(member)
+        self.ffi.memmove(member, content, content.nbytes)
 
     @staticmethod
     def _set_health(health: Any, value: BusHealth) -> None:

@@ -70,7 +70,7 @@ class Traffic:
         events = self._events.next(self._now_ns)
         odd = self._events.hostility
         now_ns = self._time(events.elapsed_ns, odd)
-        if events.reset_ecu or (self._updating > 20):
+        if events.reset_ecu or self._updating > 20 or rng.random() < 1 / 400:
             self._restarts, self._updating = True, 0
             self._health = BusHealth()
         cp = self._pressures(odd)
@@ -103,7 +103,7 @@ class Traffic:
             # Back from where no time is.
             now_ns, self._stands = (self._stands, 0) if rng.random() < 0.4 else (rng.choice(EDGES), self._stands)
             return now_ns
-        if rng.random() < odd / 100:
+        if rng.random() < odd / 150:
             self._stands = abs(self._now_ns) % 2**60
             return rng.choice(EDGES)
         return max(-LATEST, min(LATEST, self._now_ns + elapsed_ns))
@@ -156,7 +156,7 @@ class Traffic:
             pressure_pa=tuple(map(float, pascal)),
             valid=valid,
             enable_request=wish,
-            age_ns=rng.choice((0, 1_000_000, 10_000_000)) if rng.random() >= odd / 10 else rng.randrange(10**9),
+            age_ns=rng.choice((0, 1_000_000, 10_000_000)) if rng.random() >= odd / 10 else rng.randrange(655_000_000),
         )
         data = self._messages.pressure.emit(pressure)
         if rng.random() < odd / 20:
