@@ -90,8 +90,7 @@ static decision planned(sw_ecu *ecu)
     decision due = {0.0, SW_REASON_INTERNAL};
     sw_memory_input(&ecu->state.memory, ecu->weights, &ecu->input);
     const sw_status status = sw_control_step(&ecu->work, &ecu->input, &ecu->output);
-    const int finite =
-        are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
+    const int finite = are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
     if (status == SW_OK && finite) {
         for (int k = 0; k < SW_HORIZON; k++) ecu->state.memory.plan[k] = ecu->output.plan[k];
         due.action = (double)ecu->output.plan[SW_FROZEN_ACTIONS];
@@ -106,10 +105,18 @@ static decision decide(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_NONE};
     switch (ecu->state.fail_safe.mode) {
-    case SW_ACTIVE: due = planned(ecu); break;
-    case SW_HOLD: due.action = newest(&ecu->state.memory); break;
-    case SW_DECAY: due.action = 0.5 * newest(&ecu->state.memory); break;
-    default: sw_memory_without_plan(&ecu->state.memory); break;
+    case SW_ACTIVE:
+        due = planned(ecu);
+        break;
+    case SW_HOLD:
+        due.action = newest(&ecu->state.memory);
+        break;
+    case SW_DECAY:
+        due.action = 0.5 * newest(&ecu->state.memory);
+        break;
+    default:
+        sw_memory_without_plan(&ecu->state.memory);
+        break;
     }
     return due;
 }

@@ -9,9 +9,9 @@
 
 typedef enum {
     ALWAYS,
-    UPDATING,       /* a release is to be written */
-    OWN_FAULT,      /* clock, deadline, bus-off, sensors, another ECU, controller */
-    REARMED,        /* the wish rises with usable pressures, SW_REARM_FRAMES or more in a row */
+    UPDATING,  /* a release is to be written */
+    OWN_FAULT, /* clock, deadline, bus-off, sensors, another ECU, controller */
+    REARMED,   /* the wish rises with usable pressures, SW_REARM_FRAMES or more in a row */
     REARMED_FILLING,
     LOW,            /* the wish */
     NEVER_YET,      /* no usable pressures, and the wish does not rise */
@@ -105,31 +105,57 @@ static uint8_t unless_refused(const period *now, uint8_t reason)
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
 }
 
-static int rearmed(const period *now)
-{
-    return now->inputs->usable && now->rises && now->good >= SW_REARM_FRAMES;
-}
+static int rearmed(const period *now) { return now->inputs->usable && now->rises && now->good >= SW_REARM_FRAMES; }
 
 static int holds(uint8_t when, const period *now)
 {
     const int usable = now->inputs->usable;
     int result = 1;
     switch (when) {
-    case UPDATING: result = now->inputs->updating; break;
-    case OWN_FAULT: result = now->inputs->fault != SW_REASON_NONE; break;
-    case REARMED: result = rearmed(now); break;
-    case REARMED_FILLING: result = rearmed(now) && !now->inputs->window_full; break;
-    case LOW: result = !now->wish; break;
-    case NEVER_YET: result = !usable && !now->rises; break;
-    case LOW_AND_USABLE: result = usable && !now->wish; break;
-    case STANDING: result = usable && !now->rises; break;
-    case INVALID: result = missing(now) == SW_REASON_STREAM_INVALID; break;
-    case TOO_LONG: result = now->misses > SW_HOLD_PERIODS + SW_DECAY_PERIODS; break;
-    case TOO_MANY: result = !usable && now->lost >= SW_LOSS_LIMIT; break;
-    case FILLING: result = !now->inputs->window_full; break;
-    case USABLE: result = usable; break;
-    case SHORT: result = now->misses <= SW_HOLD_PERIODS; break;
-    default: break; /* ALWAYS */
+    case UPDATING:
+        result = now->inputs->updating;
+        break;
+    case OWN_FAULT:
+        result = now->inputs->fault != SW_REASON_NONE;
+        break;
+    case REARMED:
+        result = rearmed(now);
+        break;
+    case REARMED_FILLING:
+        result = rearmed(now) && !now->inputs->window_full;
+        break;
+    case LOW:
+        result = !now->wish;
+        break;
+    case NEVER_YET:
+        result = !usable && !now->rises;
+        break;
+    case LOW_AND_USABLE:
+        result = usable && !now->wish;
+        break;
+    case STANDING:
+        result = usable && !now->rises;
+        break;
+    case INVALID:
+        result = missing(now) == SW_REASON_STREAM_INVALID;
+        break;
+    case TOO_LONG:
+        result = now->misses > SW_HOLD_PERIODS + SW_DECAY_PERIODS;
+        break;
+    case TOO_MANY:
+        result = !usable && now->lost >= SW_LOSS_LIMIT;
+        break;
+    case FILLING:
+        result = !now->inputs->window_full;
+        break;
+    case USABLE:
+        result = usable;
+        break;
+    case SHORT:
+        result = now->misses <= SW_HOLD_PERIODS;
+        break;
+    default:
+        break; /* ALWAYS */
     }
     return result;
 }
@@ -138,12 +164,23 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
 {
     uint8_t reason = SW_REASON_NONE;
     switch (because_of) {
-    case QUIET: reason = unless_refused(now, SW_REASON_NONE); break;
-    case STANDS: reason = unless_refused(now, SW_REASON_NOT_ARMED); break;
-    case MISSING: reason = missing(now); break;
-    case OWN: reason = now->inputs->fault; break;
-    case FIRST: reason = now->kept; break;
-    default: break; /* NO_REASON */
+    case QUIET:
+        reason = unless_refused(now, SW_REASON_NONE);
+        break;
+    case STANDS:
+        reason = unless_refused(now, SW_REASON_NOT_ARMED);
+        break;
+    case MISSING:
+        reason = missing(now);
+        break;
+    case OWN:
+        reason = now->inputs->fault;
+        break;
+    case FIRST:
+        reason = now->kept;
+        break;
+    default:
+        break; /* NO_REASON */
     }
     return reason;
 }
@@ -164,7 +201,8 @@ static uint64_t lost_with(const sw_fail_safe *before, const period *now)
     const unsigned unwanted = INIT | STANDBY | ARMED;
     const uint64_t judged = UINT64_MAX >> (64 - SW_LOSS_WINDOW);
     const uint64_t newest = now->inputs->usable ? 0u : 1u;
-    const int counted = now->wish && now->inputs->fault == SW_REASON_NONE && (IN(before->mode) & counts_no_loss) == 0u &&
+    const int counted = now->wish && now->inputs->fault == SW_REASON_NONE &&
+                        (IN(before->mode) & counts_no_loss) == 0u &&
                         (now->rises || (IN(before->mode) & unwanted) == 0u);
     return counted ? ((before->lost << 1) | newest) & judged : 0u;
 }
@@ -221,9 +259,9 @@ int sw_drives_jets(uint8_t mode) { return mode == SW_ACTIVE || mode == SW_HOLD |
 uint8_t sw_mode_on_wire(uint8_t mode)
 {
     static const uint8_t on_wire[] = {
-        [SW_INIT] = SW_MODE_OFF,        [SW_STANDBY] = SW_MODE_OFF, [SW_ARMED] = SW_MODE_OFF,
-        [SW_WARMUP] = SW_MODE_WARMUP,   [SW_ACTIVE] = SW_MODE_CONTROL, [SW_HOLD] = SW_MODE_HOLD,
-        [SW_DECAY] = SW_MODE_DECAY,     [SW_FAULT] = SW_MODE_FAULT, [SW_UPDATE] = SW_MODE_OFF,
+        [SW_INIT] = SW_MODE_OFF,      [SW_STANDBY] = SW_MODE_OFF,    [SW_ARMED] = SW_MODE_OFF,
+        [SW_WARMUP] = SW_MODE_WARMUP, [SW_ACTIVE] = SW_MODE_CONTROL, [SW_HOLD] = SW_MODE_HOLD,
+        [SW_DECAY] = SW_MODE_DECAY,   [SW_FAULT] = SW_MODE_FAULT,    [SW_UPDATE] = SW_MODE_OFF,
     };
     return on_wire[mode];
 }

@@ -39,8 +39,8 @@ static double largest_change(int has_previous, int64_t previous_ns, int64_t now_
 /* Pressures that are too old for a new command may still bear one that leads from the one before it towards zero. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
-    const int towards_zero =
-        smaller(0.0, previous_m2_per_s) <= flow_m2_per_s && flow_m2_per_s <= larger(0.0, previous_m2_per_s);
+    const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&
+                             flow_m2_per_s <= larger(0.0, previous_m2_per_s);
     const int64_t oldest_ns = towards_zero ? SW_HELD_AGE_NS : SW_FRESH_AGE_NS;
     /* One from the future counts as stale: one of the two clocks is wrong. */
     return pressure_ns <= now_ns && elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns;
