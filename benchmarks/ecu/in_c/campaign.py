@@ -2,16 +2,21 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from random import Random
 from typing import Any, Final
 
+from benchmarks.ecu.in_c.edges import Edges
 from benchmarks.ecu.in_c.library import Layout, Library, sources
 from benchmarks.ecu.in_c.python_twin import Period, PythonTwin
 from benchmarks.ecu.in_c.traffic import Traffic
 from benchmarks.ecu.in_c.variants import VARIANTS
 
+MOVED: Final = 0.3
+"""Periods that start from a state near an edge, in stretches with an odd seed."""
+MOVED_SEEDS: Final = tuple("13579")
 CHUNK: Final = 1_000
 """Periods that are recorded before C lives through them."""
 
@@ -63,11 +68,23 @@ def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
         yield source.next()
 
 
-def recorded(twin: PythonTwin, periods: Iterator[Period], count: int, modes: Counter[str] | None = None) -> Any:
-    """So many periods lived through by the Python ECU, as an array of `twin_period`."""
+def recorded(
+    twin: PythonTwin,
+    periods: Iterator[Period],
+    count: int,
+    *,
+    modes: Counter[str] | None = None,
+    edges: Edges | None = None,
+    rng: Random | None = None,
+) -> Any:
+    """So many periods lived through by the Python ECU, as an array of `twin_period`; `edges` moves it now and then."""
     room = twin.layout.periods(count)
     for place, period in zip(room, islice(periods, count), strict=True):
-        twin.live_through(period, place)
+        if edges is not None and rng is not None and rng.random() < MOVED:
+            state = twin.power_on if period.restarts else twin.ecu.state
+            twin.live_through(replace(period, loads=edges.near(state, period.now_ns)), place)
+        else:
+            twin.live_through(period, place)
         if modes is not None:
             modes[twin.ecu.state.fail_safe.mode.name] += 1
     return room
@@ -78,9 +95,11 @@ def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = 
     layout = library.layout
     twin = PythonTwin(VARIANTS[name], layout)
     periods, modes, done = traffic(name, seed, twin.horizon), Counter[str](), 0
+    rng = Random(f"edges {seed}")
+    edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
     while done < steps:
         count = min(chunk, steps - done)
-        room = recorded(twin, periods, count, modes)
+        room = recorded(twin, periods, count, modes=modes, edges=edges, rng=rng)
         same = library.run(room, count)
         if same < count:
             fields = tuple(layout.differences(room[same].response, library.found[0]))
@@ -92,5 +111,7 @@ def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = 
 
 def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
     """A stretch as bytes, for another process."""
-    twin = PythonTwin(VARIANTS[name], layout)
-    return bytes(layout.ffi.buffer(recorded(twin, traffic(name, seed, twin.horizon), steps)))
+    twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
+    edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
+    room = recorded(twin, traffic(name, seed, twin.horizon), steps, edges=edges, rng=rng)
+    return bytes(layout.ffi.buffer(room))

@@ -105,14 +105,14 @@ class PythonTwin:
         if config.ecu.sensor_check.enabled and figures is not None:
             # The bundle has figures and no graph: what answers in its place is here.
             self.ecu._sensor_check = SensorCheck.of(figures, self.networks, config.ecu.sensor_check)
-        self._power_on = self.ecu.state
-        self.ecu.restore(self._power_on)
+        self.power_on = self.ecu.state
+        self.ecu.restore(self.power_on)
 
     def live_through(self, period: Period, place: Any) -> None:
         """One period: the stimulus as it comes to C, and the response that is expected of it, into a `twin_period`."""
         self._tell(period, place.stimulus)
         if period.restarts:
-            self.ecu.restore(self._power_on)
+            self.ecu.restore(self.power_on)
         if period.loads is not None:
             self.ecu.restore(period.loads)
         self.networks.prepare(period.answers)
