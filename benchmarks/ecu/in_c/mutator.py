@@ -207,7 +207,7 @@ class _Generator(c_generator.CGenerator):
 
     def visit_NamedInitializer(self, n: Any) -> str:
         names = "".join(
-            f".{name.name}" if isinstance(name, c_ast.ID) else f"[{self._plain.visit(name)}]" for name in n.name
+            f".{name.name}" if isinstance(name, c_ast.ID) else str(self._plain.visit(name)) for name in n.name
         )
         return f"{names} = {self._visit_expr(n.expr)}"
 
@@ -243,10 +243,10 @@ class _Generator(c_generator.CGenerator):
     def visit_InitList(self, n: Any) -> str:
         return ", ".join(self._visit_expr(item) for item in n.exprs)
 
-    def _visit_expr(self, n: Any) -> str:
+    def _visit_expr(self, n: Any, *arguments: Any, **options: Any) -> str:
         if isinstance(n, c_ast.InitList):
             return f"{{{self.visit_InitList(n)}}}"
-        return str(super()._visit_expr(n))
+        return str(super()._visit_expr(n, *arguments, **options))
 
     def _table(self, n: Any) -> None:
         """Mutants of a constant table of the file: its entries, changed before anything runs."""
