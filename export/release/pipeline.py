@@ -4,7 +4,7 @@ Every lowering has passed its gates before the first file is written.
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -110,10 +110,11 @@ def export_all(
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    ecu: Callable[[Path], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
+    """Write the bundle, and then the C library if a folder is given for it; neither unless both pass their gates.
 
     Args:
         model: directory written by `train`.
@@ -124,6 +125,7 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
+        ecu: from the bundle just written to the files of the ECU for the C library's folder; without, it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -157,8 +159,6 @@ def export_all(
     gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
 
     phase("write")
-    if c_folder is not None:
-        write_c_release(c_folder, gated, windows)
     write_release(
         output,
         gated,
@@ -170,6 +170,8 @@ def export_all(
         key=key,
         estimator=estimator,
     )
+    if c_folder is not None:
+        write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output))
     return gated
 
 

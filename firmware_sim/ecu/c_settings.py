@@ -22,13 +22,14 @@ from can_bridge.wire.message_specs import (
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller.c_folder import ECU_SETTINGS
 from contract.errors import ConfigError, LibraryError
 from contract.release.bundle import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.sensor_check import MOVING, NOISE_ALLOWED, SCORE_PERIODS
 
-HEADER: Final = "sw_ecu_settings.h"
+HEADER: Final = ECU_SETTINGS
 _MOST: Final = {
     "ecu.loss_window": 64,
     "ecu.deadline_window": 32,
@@ -112,6 +113,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_E2E_MIN_OK": e2e.min_ok,
         "SW_E2E_MAX_ERRORS": e2e.max_errors,
         "SW_PERIOD_NS": f"INT64_C({config.period_ns})",
+        "SW_STEP_OFFSET_NS": f"INT64_C({round(ecu.step_offset_ms * 1e6)})",
         "SW_HOLD_PERIODS": ecu.hold_periods,
         "SW_DECAY_PERIODS": ecu.decay_periods,
         "SW_REARM_FRAMES": ecu.rearm_frames,

@@ -1,5 +1,6 @@
 """The commands that lower a trained model: to a release bundle and a C library, and onto an emulated Cortex-M7."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
 from functools import partial
@@ -25,6 +26,8 @@ from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings of a release that its model does not fix."""
+USES_IN_C: Final = ("bus", "ecu")
+"""More of them, which the ECU of a C library is compiled with."""
 
 
 def export(
@@ -55,17 +58,20 @@ def export(
     Settings are those that the model was trained with; --config and --set go
     on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
     the graph agrees with the reference computation in NumPy, and so does the
-    C library where one is asked for. The shipped bundle has no model next to it, so --c needs a
-    model of your own.
+    C library where one is asked for. The folder of --c has the whole ECU in C
+    as well, with the settings of the sections bus and ecu compiled in. The
+    shipped bundle has no model next to it, so --c needs a model of your own.
     """
     signing_key = None if key is None else read_private_key(key)
-    config = _settings(model, config_file, overrides)
+    config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
     if c_folder is not None:
         check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
 
     from export.release.pipeline import PHASES, export_all, gate_figures
+    from stillwake.c_release import ecu_files
 
+    say = partial(console.print, soft_wrap=True, markup=False)
     used = recording() if dataset is None else dataset
     with progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
@@ -81,6 +87,7 @@ def export(
             key=signing_key,
             named=dataset is not None,
             estimator=partial(fitted_estimator, used, bar) if sensors else None,
+            ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
@@ -96,7 +103,7 @@ def export(
     if count != SENSORS:
         console.print(
             f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
-            f"the C library and the ONNX graph work with any number",
+            f"the control step in C and the ONNX graph work with any number",
             soft_wrap=True,
         )
     if done.library is not None:
@@ -104,7 +111,7 @@ def export(
         console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
 
 
-def _settings(model: Path, file: Path | None, overrides: list[str]) -> Config:
+def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
     """The model's own, with what the user gives on top."""
     try:
         own = read_description(model)["config"]
@@ -116,7 +123,7 @@ def _settings(model: Path, file: Path | None, overrides: list[str]) -> Config:
         base = from_tree(own)
     except ConfigError as error:
         raise ModelError(f"model {model}: {DESCRIPTION}: {error}") from error
-    return settings("export", file, overrides, uses=USES, base=base).config
+    return settings("export", file, overrides, uses=uses, base=base).config
 
 
 def _description(bundle: Path) -> str:

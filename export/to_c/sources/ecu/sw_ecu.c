@@ -50,7 +50,8 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp)
     uint8_t fault = SW_REASON_NONE;
 #if SW_SENSOR_CHECK
     const sw_sensors *sensors = &ecu->state.sensors;
-    fault = sw_sensors_next(&ecu->state.sensors, &ecu->work, &ecu->state.memory, cp, ecu->state.timing.skipped);
+    fault = sw_sensors_next(&ecu->state.sensors, &ecu->work.estimator, &ecu->state.memory, cp,
+                            ecu->state.timing.skipped);
     if (sensors->set_aside >= 0) {
         sw_memory_with_column(&ecu->state.memory, sensors->set_aside, sensors->estimates);
     }
@@ -89,7 +90,7 @@ static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
     sw_memory_input(&ecu->state.memory, ecu->weights, &ecu->input);
-    const sw_status status = sw_control_step(&ecu->work, &ecu->input, &ecu->output);
+    const sw_status status = sw_control_step(&ecu->work.control, &ecu->input, &ecu->output);
     const int finite = are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
     if (status == SW_OK && finite) {
         for (int k = 0; k < SW_HORIZON; k++) ecu->state.memory.plan[k] = ecu->output.plan[k];

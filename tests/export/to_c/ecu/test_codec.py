@@ -145,7 +145,9 @@ def test_a_status_is_the_python_codecs(parts, counts):
     assume(parts.bundle.short_hash)
     names = ("overruns", "missed", "crc_errors", "refused", "bus_off", "tx_errors", "rx_errors")
     values = dict(zip(names, counts, strict=True))
-    message = EcuStatus(state=Mode.HOLD, reason=Reason.STALE, bundle_hash=parts.bundle.short_hash, set_aside=5, **values)
+    message = EcuStatus(
+        state=Mode.HOLD, reason=Reason.STALE, bundle_hash=parts.bundle.short_hash, set_aside=5, **values
+    )
     status = parts.ffi.new("sw_ecu_status *", {"state": 3, "reason": 7, "set_aside": 5, **values})
     spec = parts.messages.status.spec
     assert emitted(parts, "sw_emit_status", spec.length, status) == parts.messages.status.emit(message)

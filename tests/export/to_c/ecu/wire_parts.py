@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
-import cffi
+import cffi  # type: ignore[import-untyped]
 
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet, message_set
@@ -27,6 +27,7 @@ from firmware_sim.ecu.c_settings import HEADER, ecu_settings
 PARTS: Final = ("sw_e2e.c", "sw_codec_fd.c", "sw_codec_classic.c", "sw_receiver.c", "sw_reception.c")
 INTERFACE: Final = "sw_ecu_parts.h"
 FRAMES: Final = ("fd", "classic")
+"""Values of `bus.frames`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +64,7 @@ class Parts:
         }
 
 
-def vehicle(frames: str) -> Config:
+def vehicle(frames: Literal["fd", "classic"]) -> Config:
     """The default vehicle with one of the sets of messages."""
     config = Config()
     ecu = replace(config.ecu, sensor_check=replace(config.ecu.sensor_check, enabled=False))
@@ -83,7 +84,9 @@ def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., 
     if compiler == ["gcc"]:
         flags += ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
     path = folder / "parts.so"
-    compile_c(contents | {name: root.joinpath(name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags)
+    compile_c(
+        contents | {name: root.joinpath(name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags
+    )
     ffi = cffi.FFI()
     ffi.cdef(declarations(contents, folder, compiler))
     return Parts(lib=ffi.dlopen(str(path)), ffi=ffi, config=config, messages=message_set(config.bus), bundle=bundle)
