@@ -34,7 +34,7 @@ def estimator_files(content: bytes) -> dict[str, bytes]:
     _check(rounded)
     return {
         SIZES: _sizes(rounded),
-        NUMBERS: numbers_source(_arrays(rounded), "the numbers of a release's sensor estimator", "sw_estimator.h"),
+        NUMBERS: numbers_source(_arrays(rounded), "the numbers of a release's sensor estimator", "sw_ecu.h"),
     }
 
 
@@ -59,6 +59,7 @@ def _sizes(rounded: RoundedEstimator) -> bytes:
     definitions = {
         "SW_ESTIMATOR_ROWS": network.window,
         "SW_ESTIMATOR_WIDTH": len(network.layers[0][1]),
+        "SW_ESTIMATOR_LONGEST": max(network.window, len(network.layers[0][1])),
         "SW_ESTIMATOR_ONE": ONE,
         "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
     }

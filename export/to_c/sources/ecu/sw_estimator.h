@@ -9,13 +9,11 @@
 #include <stdint.h>
 
 #include "sw_estimator_settings.h"
-#include "sw_workspace.h"
+#include "sw_settings.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#define SW_ESTIMATOR_LONGEST (SW_ESTIMATOR_WIDTH > SW_ESTIMATOR_ROWS ? SW_ESTIMATOR_WIDTH : SW_ESTIMATOR_ROWS)
 
 /* Sums are of the first layer, in integers: one unit of a standardised reading or of a flag is SW_ESTIMATOR_ONE. */
 typedef struct {
