@@ -133,3 +133,12 @@ def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
         return "{\n" + ",\n".join(_initialiser(part, number) for part in values) + "}"
     lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
     return "{" + ",\n ".join(", ".join(map(number, line)) for line in lines) + "}"
+
+
+def example_sources() -> dict[str, bytes]:
+    """Programs with a `main` of their own around the ECU, by their names in a folder.
+
+    What one of them plays is generated: `examples/pressures.h` (`firmware_sim.ecu.c_examples`).
+    """
+    root = files("export.to_c").joinpath("sources/examples")
+    return {f"examples/{item.name}": item.read_bytes() for item in root.iterdir() if item.name.endswith((".c", ".ld"))}

@@ -1,7 +1,7 @@
 /* The ECU on a bare Cortex-M7: an interrupt of SysTick every control period, and a main loop that steps.
  *
- *     clang --target=thumbv7em-none-eabihf -mcpu=cortex-m7 -std=c99 -O2 -ffp-contract=off -ffreestanding -nostdlib \
- *         -I. sw_*.c examples/systick.c -T examples/mps2_an500.ld -o ecu.elf
+ *     python -m ziglang cc -target thumb-freestanding-eabihf -mcpu=cortex_m7+fp_armv8d16sp -std=c99 -O2 -ffreestanding \
+ *         -ffp-contract=on -I. sw_*.c examples/systick.c -T examples/mps2_an500.ld -Wl,-e,reset -o ecu.elf
  *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
  *
  * The program brings its own vehicle: pressures.h, generated, has the pressure frames of its control periods, in which

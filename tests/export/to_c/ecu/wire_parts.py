@@ -26,6 +26,7 @@ from firmware_sim.ecu.c_settings import HEADER, ecu_settings
 
 PARTS: Final = ("sw_e2e.c", "sw_codec_fd.c", "sw_codec_classic.c", "sw_receiver.c", "sw_reception.c")
 INTERFACE: Final = "sw_ecu_parts.h"
+SOURCES: Final = Path(str(files("export.to_c"))) / "sources" / "ecu"
 FRAMES: Final = ("fd", "classic")
 """Values of `bus.frames`."""
 
@@ -74,19 +75,16 @@ def vehicle(frames: Literal["fd", "classic"]) -> Config:
 def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., None]) -> Parts:
     """The parts for one vehicle with a release."""
     bundle = load(release)
-    root = files("export.to_c").joinpath("sources/ecu")
     library = c_library(random_program(0, model=MODEL, mpc=MPC))
     contents = {name: text for name, text in library.items() if name.endswith(".h")}
-    contents |= {item.name: item.read_bytes() for item in root.iterdir() if item.name.endswith(".h")}
+    contents |= {item.name: item.read_bytes() for item in SOURCES.iterdir() if item.name.endswith(".h")}
     contents |= {HEADER: ecu_settings(bundle, config)}
     flags = ["-shared", "-fPIC", "-O1", "-g1"]
     compiler = ["gcc"] if shutil.which("gcc") else host_compiler()
     if compiler == ["gcc"]:
         flags += ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
     path = folder / "parts.so"
-    compile_c(
-        contents | {name: root.joinpath(name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags
-    )
+    compile_c(contents | {name: (SOURCES / name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags)
     ffi = cffi.FFI()
     ffi.cdef(declarations(contents, folder, compiler))
     return Parts(lib=ffi.dlopen(str(path)), ffi=ffi, config=config, messages=message_set(config.bus), bundle=bundle)
