@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs pictures clean
+.PHONY: demo check test lint coverage pristine c retrain release full openfoam tables docs pictures clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
@@ -57,6 +57,18 @@ retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake train runs/model --overwrite
 	$(BIN)/stillwake export runs/model runs/bundle --sensors --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
+
+# The shipped release anew: make release KEY=release.key NAME=truck-wake-5. A model in runs/release is taken as it is.
+# The sensors are those that the vehicle has; without them, training chooses (tens of minutes).
+SENSORS := lower_36,base_7,upper_39,base_0
+TRAIN := stillwake train runs/release --sensors $(SENSORS)
+release: $(VENV)/dev.stamp
+	@test -f "$(KEY)" -a -n "$(NAME)" || { echo "make release KEY=FILE NAME=NAME: the private key, the name" >&2; exit 2; }
+	test -f runs/release/model.json || $(BIN)/$(TRAIN)
+	$(BIN)/stillwake export runs/release runs/release_bundle --sensors --name $(NAME) --key $(KEY) --overwrite
+	$(BIN)/python data/ship.py runs/release runs/release_bundle --command "$(TRAIN)"
+	$(BIN)/stillwake bundle verify
+	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
 
 # Everything slow: all figures in results/, and the tables made of them.
 full: test

@@ -61,6 +61,7 @@ MEASUREMENTS: Final = {
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"
     ),
+    "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }
 PAGES: Final = {

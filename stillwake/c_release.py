@@ -8,13 +8,14 @@ from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle, load
+from stillwake.shipped import BUNDLE
 
 
-def ecu_files(bundle: Path, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
+def ecu_files(bundle: Path | None, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
     """The ECU for a release, or nothing where C cannot have it.
 
     Args:
-        bundle: just written.
+        bundle: just written; the shipped one if None.
         config: of the vehicle.
         notice: called with a line for what the ECU does without, or for why there is none.
     """
@@ -22,7 +23,7 @@ def ecu_files(bundle: Path, *, config: Config, notice: Callable[[str], None]) ->
     from firmware_sim.ecu.c_settings import ecu_settings
 
     try:
-        release = load(bundle)
+        release = load(BUNDLE if bundle is None else bundle)
         return ecu_sources() | {ECU_SETTINGS: ecu_settings(release, _without_check(release, config, notice))}
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")

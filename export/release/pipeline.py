@@ -99,7 +99,7 @@ def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout
 
 def export_all(
     model: Path,
-    output: Path,
+    output: Path | None,
     *,
     precision: str,
     name: str,
@@ -109,8 +109,9 @@ def export_all(
     created: date,
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
+    program_sha256: str | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
-    ecu: Callable[[Path], Mapping[str, bytes]] | None = None,
+    ecu: Callable[[Path | None], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
@@ -118,14 +119,17 @@ def export_all(
 
     Args:
         model: directory written by `train`.
+        output: of the bundle; None writes the library alone.
         precision: "int8" or "float32", of both.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         config: its `mpc` is the controller's; its control period and action limit must be the model's.
         created: today.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
+        program_sha256: of the release whose library is wanted; another program is refused then.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
-        ecu: from the bundle just written to the files of the ECU for the C library's folder; without, it has none.
+        ecu: from the bundle just written, if one was, to the files of the ECU for the C library's folder; without,
+            it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -133,14 +137,16 @@ def export_all(
         ModelError: the model directory is not sound.
         DatasetError: the recording is not sound.
         ExportError: the recording is not the model's, or of other sensors; the settings are of another control period
-            or action limit; the model's weights do not fit, or a lowering does not pass its gates.
+            or action limit; the model's weights do not fit, a lowering does not pass its gates, or the program is not
+            the one that was asked for.
         LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
     # Before the work: neither place is written if the other one cannot be.
-    bundle.check_replaceable(output)
+    if output is not None:
+        bundle.check_replaceable(output)
     if c_folder is not None:
         c_folder_format.check_replaceable(c_folder)
     phase("read")
@@ -156,23 +162,34 @@ def export_all(
     phase("round weights")
     rounded = rounded_on(program, calibration) if precision == "int8" else program
     phase("make and check")
-    gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
+    lowered = lower(rounded, calibration=calibration, with_library=c_folder is not None)
+    _check_program(lowered.program_sha256, program_sha256)
+    gated = gate(lowered, windows)
 
     phase("write")
-    write_release(
-        output,
-        gated,
-        name=name,
-        created=created,
-        vehicle=Vehicle.of(config),
-        provenance=trained.provenance,
-        positions=_positions(trained.description),
-        key=key,
-        estimator=estimator,
-    )
+    if output is not None:
+        write_release(
+            output,
+            gated,
+            name=name,
+            created=created,
+            vehicle=Vehicle.of(config),
+            provenance=trained.provenance,
+            positions=_positions(trained.description),
+            key=key,
+            estimator=estimator,
+        )
     if c_folder is not None:
         write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output))
     return gated
+
+
+def _check_program(found: str, wanted: str | None) -> None:
+    if wanted is not None and found != wanted:
+        raise ExportError(
+            f"program {found[:12]}: the release's is {wanted[:12]}, so this library would not be the release's; "
+            f"model, recording and settings must be those that it was exported from"
+        )
 
 
 def _positions(model: Description) -> tuple[tuple[float, float], ...]:

@@ -33,9 +33,10 @@ from firmware_sim.ecu.timing import Timing
 
 HEADER: Final = "sw_ecu.h"
 LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
-# The workspace is the ECU's last member: whatever it is, the members before it stand where they stand.
+# Scratch memory is the ECU's last member: whatever it is, the members before it stand where they stand.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
+    "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",
     "stdint.h": b"\n",
     "stddef.h": b"\n",
 }
@@ -71,7 +72,7 @@ class Structs:
 
     def size(self, name: str) -> int:
         """Bytes of a type; of `sw_ecu` without its workspace."""
-        ecu = "sw_ecu" == name
+        ecu = name == "sw_ecu"
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:

@@ -8,13 +8,18 @@ import unicorn
 from unicorn import arm_const, unicorn_const
 
 from contract.errors import McuError
+from firmware_sim.mcu.block_counter import BlockCounter
 from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.timing import Pipeline
 
 FLASH: Final = 0x0800_0000
 FLASH_BYTES: Final = 1 << 20
 RAM: Final = 0x2000_0000
 RAM_BYTES: Final = 1 << 19
 STACK_BYTES: Final = 8192
+MESSAGES: Final = 0x4000_A000
+"""Where the CAN controller keeps received frames."""
+MESSAGES_BYTES: Final = 1 << 16
 _STACK: Final = 0x3000_0000
 _UNTOUCHED: Final = 0xA5
 _RETURN: Final = FLASH + FLASH_BYTES - 0x100
@@ -34,7 +39,13 @@ class Machine:
         self._failure: Any = binding.UcError
         self._core: Any = binding.Uc(unicorn_const.UC_ARCH_ARM, mode)
         self._core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
-        for start, size in ((FLASH, FLASH_BYTES), (RAM, RAM_BYTES), (_STACK, STACK_BYTES), (_SYSTEM, 0x1000)):
+        for start, size in (
+            (FLASH, FLASH_BYTES),
+            (RAM, RAM_BYTES),
+            (_STACK, STACK_BYTES),
+            (_SYSTEM, 0x1000),
+            (MESSAGES, MESSAGES_BYTES),
+        ):
             self._core.mem_map(start, size)
         for segment in firmware.segments:
             self._core.mem_write(segment.address, segment.content)
@@ -44,6 +55,14 @@ class Machine:
     def write(self, symbol: str, content: bytes) -> None:
         """Put bytes where a symbol is."""
         self._core.mem_write(self._address(symbol), content)
+
+    def write_at(self, address: int, content: bytes) -> None:
+        """Put bytes at an address."""
+        self._core.mem_write(address, content)
+
+    def block_counter(self) -> BlockCounter:
+        """A counter of the basic blocks that run from now on; made before the first call."""
+        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(self.code(), FLASH))
 
     def read(self, symbol: str, size: int) -> bytes:
         """Bytes from where a symbol is."""

@@ -13,15 +13,18 @@ from rich.table import Table
 from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model_folder import DESCRIPTION, read_description
 from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
 from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.releases import open_release
 from stillwake.settings import settings
+from stillwake.shipped_library import library_folder
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from wake.shipped import model as shipped_model
 from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -31,8 +34,12 @@ USES_IN_C: Final = ("bus", "ecu")
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model directory written by `train`.")],
-    output: Annotated[Path, typer.Argument(help="Bundle directory, or .zip, to write.")],
+    model: Annotated[
+        Path | None, typer.Argument(help="Model directory written by `train`. Default: that of the shipped bundle.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is written alone.")
+    ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
@@ -59,12 +66,18 @@ def export(
     on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
     the graph agrees with the reference computation in NumPy, and so does the
     C library where one is asked for. The folder of --c has the whole ECU in C
-    as well, with the settings of the sections bus and ecu compiled in. The
-    shipped bundle has no model next to it, so --c needs a model of your own.
+    as well, with the settings of the sections bus and ecu compiled in.
+    `export --c FOLDER` alone writes the library of the shipped bundle.
     """
     signing_key = None if key is None else read_private_key(key)
-    config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
-    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
+    if output is None and (c_folder is None or sensors or key is not None):
+        raise OutputError("no BUNDLE to write: name MODEL and BUNDLE; --c FOLDER alone writes a C library")
+    source = shipped_model() if model is None else model
+    config = _settings(source, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
+    # As it was shipped, or the user wants something else of its model.
+    is_shipped = model is None and config_file is None and not overrides and precision == "int8" and dataset is None
+    if output is not None:
+        check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
     if c_folder is not None:
         check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
 
@@ -76,7 +89,7 @@ def export(
     with progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
         done = export_all(
-            model,
+            source,
             output,
             precision=precision,
             name=name,
@@ -86,8 +99,10 @@ def export(
             created=date.today(),
             key=signing_key,
             named=dataset is not None,
+            program_sha256=open_release(None, None).manifest.program_sha256 if is_shipped else None,
             estimator=partial(fitted_estimator, used, bar) if sensors else None,
-            ecu=partial(ecu_files, config=config, notice=say),
+            # The ECU is of a release: of the one just written, or of the shipped one.
+            ecu=partial(ecu_files, config=config, notice=say) if output is not None or is_shipped else None,
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
@@ -96,9 +111,10 @@ def export(
     for title, value in gate_figures(done):
         table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)
-    signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
-    size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
+    if output is not None:
+        signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
+        size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
+        console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
@@ -138,7 +154,9 @@ def _description(bundle: Path) -> str:
 
 
 def mcu(
-    library: Annotated[Path, typer.Argument(help="Folder written by `export --c`; the shipped bundle has none.")],
+    library: Annotated[
+        Path | None, typer.Argument(help="Folder written by `export --c`. Default: the shipped bundle's library.")
+    ] = None,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
@@ -155,7 +173,10 @@ def mcu(
 
     with progress_bar("phases") as bar:
         task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
-        found = measure_folder(library, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun))
+        with library_folder(library) as folder:
+            found = measure_folder(
+                folder, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun)
+            )
         bar.update(task, completed=len(PHASES), note="")
     table = Table("one control step on a Cortex-M7", "")
     for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
@@ -165,6 +186,6 @@ def mcu(
         write_result(
             json_file,
             figures=asdict(found),
-            facts={"library": str(library), "period_ms": period_ms(config)},
+            facts={"library": "shipped" if library is None else str(library), "period_ms": period_ms(config)},
             on=date.today(),
         )
