@@ -16,7 +16,7 @@ from firmware_sim.ecu.c_structs import Structs
 EXACT: Final = ("-O1", "-ffp-contract=off")
 """No multiplication is fused with an addition: decisions are compared to the bit."""
 SHARED: Final = (*EXACT, "-shared", "-fPIC")
-NETWORKS: Final = ("sw_estimator.c",)
+NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h")
 """Sources of the ECU that are not compared here: their answers are given."""
 TWIN: Final = "twin.h"
 FRAMES: Final = 10
@@ -38,7 +38,7 @@ def sources(config: Config) -> dict[str, bytes]:
     sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
     own = files("benchmarks.ecu.in_c").joinpath("c")
     return ecu_files() | {
-        **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, "sw_workspace.h")},
+        **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, "sw_workspace.h", "sw_estimator.h")},
         "sw_settings.h": settings_header({**sizes, "SW_TERMS": len(TERMS)}),
         HEADER: ecu_settings(bundle, config),
     }
@@ -121,7 +121,8 @@ class Library:
         self.layout = Layout(contents)
         ffi = self.layout.ffi
         self.c = ffi.dlopen(str(output))
-        self._ecu, self.found = ffi.new("sw_ecu *"), ffi.new("twin_response *")
+        self._room, self.found = ffi.new("int64_t[]", self.c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
+        self._ecu = ffi.cast("sw_ecu *", self._room)
         self.c.sw_ecu_init(self._ecu)
 
     def run(self, periods: Any, count: int) -> int:

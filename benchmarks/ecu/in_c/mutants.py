@@ -113,7 +113,8 @@ def _survives(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number:
 
 def _goes_unnoticed(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
     ffi = layout.ffi
-    ecu, found = ffi.new("sw_ecu *"), ffi.new("twin_response *")
+    room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
+    ecu = ffi.cast("sw_ecu *", room)
     c.sw_mutant = number
     c.sw_mutate()
     for array, count in arrays:

@@ -29,13 +29,13 @@ class Answers:
     Attributes:
         plan: (H,) float32.
         forces: (H, 2) float32.
-        estimates: (V, S); None if there are none.
+        estimates: (V, S), finite.
         is_planned: False if the control step says that it has no answer.
     """
 
     plan: Array
     forces: Array
-    estimates: Array | None
+    estimates: Array
     is_planned: bool = True
 
 
@@ -49,7 +49,7 @@ class Period:
         health, fault, updating: as in `Ecu.step`.
         answers: of the networks.
         restarts: power-on before it.
-        loads: a state to start from.
+        loads: a state to start from instead.
     """
 
     now_ns: int
@@ -87,8 +87,6 @@ class Networks:
     def estimates(self, window: Array) -> Array:
         """See `Estimator`."""
         self.estimated_on.append(window.copy())
-        if self.answers.estimates is None:
-            raise ControllerError("no estimate")
         return self.answers.estimates
 
 
@@ -123,18 +121,20 @@ class PythonTwin:
 
     def _tell(self, period: Period, place: Any) -> None:
         structs, ffi, answers = self.layout.structs, self.layout.ffi, period.answers
-        place.now_ns, place.restarts, place.loads = c_time(period.now_ns), period.restarts, period.loads is not None
+        place.now_ns, place.loads = c_time(period.now_ns), period.loads is not None
+        place.restarts = period.restarts and period.loads is None
         structs.surround(place.surroundings, period.health, period.fault, updating=period.updating)
         place.count = len(period.frames)
         for item, frame in zip(place.frames, period.frames, strict=False):
             fill_frame(item, frame)
         told = place.answers
-        told.is_planned, told.is_estimated = answers.is_planned, answers.estimates is not None
+        told.is_planned = answers.is_planned
         copy(ffi, told.plan, answers.plan.astype(np.float32))
         copy(ffi, told.forces, answers.forces.astype(np.float32))
-        if answers.estimates is not None:
-            copy(ffi, told.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
-        if period.loads is not None:
+        copy(ffi, told.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
+        if period.restarts and period.loads is None:
+            structs.set_state(ffi.addressof(place, "before"), self.power_on)
+        elif period.loads is not None:
             structs.set_state(ffi.addressof(place, "before"), period.loads)
 
     def _expect(self, sent: list[Frame], place: Any) -> None:

@@ -137,10 +137,8 @@ class Traffic:
             seen = self._stuck
         return seen
 
-    def _estimates(self, cp: Array, odd: float) -> Array | None:
+    def _estimates(self, cp: Array, odd: float) -> Array:
         rng = self._rng
-        if rng.random() < odd / 60:
-            return None
         found: Array = cp + self._numbers.normal(0.0, DEVIATION, (VIEWS, 4))
         if rng.random() < odd / 60:
             found[rng.randrange(VIEWS)] = rng.choice((3e38, -3e38, 0.0, 1e-40))
@@ -234,7 +232,7 @@ class Traffic:
         count = rng.choice(_LARGE) if rng.random() < odd / 200 else min(health.bus_off + off, _LARGE[-1])
         self._health = BusHealth(state=state, bus_off=count, tx_errors=errors[0], rx_errors=errors[1])
 
-    def _answers(self, deed: str, value: float, estimates: Array | None, odd: float) -> Answers:
+    def _answers(self, deed: str, value: float, estimates: Array, odd: float) -> Answers:
         rng, horizon = self._rng, self._horizon
         plan = self._numbers.normal(0.0, 0.02, horizon) + (value if deed == "swing" else 0.2 * value)
         forces = self._numbers.normal(1.0, 0.2, (horizon, 2))

@@ -17,15 +17,17 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
     return answers->is_planned ? SW_OK : SW_NOT_FINITE;
 }
 
-int sw_estimate(sw_workspace *work, const double window[SW_WINDOW][SW_COLUMNS],
-                double estimates[SW_HYPOTHESES][SW_SENSORS])
+#if SW_SENSOR_CHECK
+void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
-    (void)work;
     asked->estimates_asked++;
-    memcpy(asked->estimated_on, window, sizeof asked->estimated_on);
-    memcpy(estimates, answers->estimates, sizeof answers->estimates);
-    return answers->is_estimated;
+    /* Before the first row the window is taken to have been like it. */
+    for (int k = 0; k < SW_WINDOW; k++) {
+        memcpy(asked->estimated_on[k], window[k > first ? k : first], sizeof asked->estimated_on[k]);
+    }
+    memcpy(work->estimates, answers->estimates, sizeof work->estimates);
 }
+#endif
 
 size_t sw_workspace_bytes(void)
 {
@@ -42,6 +44,7 @@ void twin_step(sw_ecu *ecu, const twin_stimulus *stimulus, twin_response *respon
     if (stimulus->restarts) {
         memset(ecu, 0xA5, sizeof *ecu); /* memory at power-on holds anything */
         sw_ecu_init(ecu);
+        response->starts_otherwise = memcmp(&ecu->state, &stimulus->before, sizeof ecu->state) != 0;
     }
     if (stimulus->loads) ecu->state = stimulus->before;
     ecu->surroundings = stimulus->surroundings;

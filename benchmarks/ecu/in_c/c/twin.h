@@ -8,8 +8,7 @@
 
 /* What the networks answer in a period, whatever they are asked. */
 typedef struct {
-    uint8_t is_planned;   /* the control step is SW_OK */
-    uint8_t is_estimated; /* every estimate is a finite number */
+    uint8_t is_planned; /* the control step is SW_OK */
     float plan[SW_HORIZON];
     float forces[SW_HORIZON][2];
     double estimates[SW_HYPOTHESES][SW_SENSORS];
@@ -17,8 +16,8 @@ typedef struct {
 
 typedef struct {
     int64_t now_ns;
-    uint8_t restarts; /* power-on before it */
-    uint8_t loads;    /* it starts from `before` */
+    uint8_t restarts; /* power-on before it; the state is then `before` */
+    uint8_t loads;    /* it starts from `before`, whatever was */
     sw_surroundings surroundings;
     int32_t count;
     sw_frame frames[TWIN_FRAMES];
@@ -28,6 +27,7 @@ typedef struct {
 
 /* All bytes that no field names are zero; so is the input of a network that was not asked. */
 typedef struct {
+    uint8_t starts_otherwise; /* than `before`, at power-on */
     int32_t sent;
     sw_frame frames[SW_FRAMES_OUT];
     sw_trace trace;
