@@ -52,11 +52,13 @@ MEASUREMENTS: Final = {
     "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
+    "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
+    "ecu-c": Measurement("ecu.in_c.main", "the ECU in C beside the Python ECU, to the bit; mutants, branches, MISRA", "an hour"),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"

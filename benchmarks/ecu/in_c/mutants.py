@@ -6,15 +6,19 @@ traps it), or runs out of fuel.
 """
 
 import os
+import re
 import resource
 import signal
 import subprocess
 import tempfile
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+from benchmarks.common.command_line import track
 from benchmarks.ecu.in_c.library import Layout, sources
 from benchmarks.ecu.in_c.mutator import Mutant, all_mutated
 from benchmarks.ecu.in_c.variants import VARIANTS
@@ -59,11 +63,57 @@ class Mutation:
     mutants: Sequence[Mutant]
 
 
-def build(name: str, folder: Path, files: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None) -> Mutation:
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What all mutants came to.
+
+    Attributes:
+        mutants: so many, each counted once however many variants have it.
+        survivors: that no recording notices in any variant, in words.
+        unexplained: of these, the ones without an explanation, and explanations without a survivor.
+    """
+
+    mutants: int
+    survivors: list[str]
+    unexplained: list[str]
+
+
+def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
+    """All mutants in all variants, against the recordings of each."""
+    alive: dict[tuple[str, int, int], str] = {}
+    found: set[tuple[str, int, int]] = set()
+    for name in track(recordings, "mutants", "variants"):
+        mutation = build(name, folder)
+        wanted = {mutant.number: mutant for mutant in mutation.mutants if mutant.place not in found}
+        left = set(survivors(mutation, recordings[name], wanted))
+        for number, mutant in wanted.items():
+            if number in left:
+                alive[mutant.place] = str(mutant)
+            else:
+                found.add(mutant.place)
+    lasting = {place: text for place, text in alive.items() if place not in found}
+    return Tried(
+        mutants=len(found | lasting.keys()),
+        survivors=sorted(lasting.values()),
+        unexplained=unexplained(sorted(lasting.values())),
+    )
+
+
+def unexplained(texts: Iterable[str]) -> list[str]:
+    """Survivors that no explanation fits, and explanations that fit none."""
+    listed = tomllib.loads(files("benchmarks.ecu.in_c").joinpath("survivors.toml").read_text(encoding="utf-8"))
+    patterns = [(item["file"], re.compile(item["mutant"])) for item in listed["survivor"]]
+    fits = {text: [place for place, (file, fit) in enumerate(patterns) if text.startswith(f"{file}:") and fit.search(text)] for text in texts}
+    used = {place for places in fits.values() for place in places}
+    idle = [f"no survivor fits: {file}: {fit.pattern}" for place, (file, fit) in enumerate(patterns) if place not in used]
+    return [text for text, places in fits.items() if not places] + idle
+
+
+def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None) -> Mutation:
     """Compile a variant with all mutants of some files in it."""
     contents = sources(VARIANTS[name]) if contents is None else contents
-    changed, mutants = all_mutated({file: plain(contents, file) for file in files})
-    library = folder / "mutants.so"
+    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen})
+    library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
     compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
     layout = Layout(contents)
     layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")

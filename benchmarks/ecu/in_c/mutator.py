@@ -27,6 +27,7 @@ int sw_fuel(void);
 int sw_fuel(void) { return sw_fuel_left-- > 0; }
 """
 _EXTERNAL: Final = "extern int sw_mutant;\nextern int sw_fuel(void);\n"
+MODES: Final = ("INIT", "STANDBY", "ARMED", "WARMUP", "ACTIVE", "HOLD", "DECAY", "FAULT", "UPDATE")
 _LEFT_OUT: Final = (c_ast.Assignment, c_ast.FuncCall, c_ast.Break, c_ast.Continue, c_ast.UnaryOp)
 
 
@@ -255,7 +256,7 @@ class _Generator(c_generator.CGenerator):
         fields = self._structs.get(kind, [])
         for index, row in enumerate(n.init.exprs):
             for path, entry in _entries(f"{n.name}[{index}]", row, fields):
-                for other in _others_of(entry, self._plain.visit(entry), is_mask=path.endswith(".start")):
+                for other in _others_of(self._plain.visit(entry), is_mask=path.endswith(".start")):
                     number = self._mutant(entry, f"{path} = {self._plain.visit(entry)}", other)
                     self.changes.append((number, f"{path} = {other}"))
 
@@ -267,10 +268,10 @@ def _entries(path: str, row: Any, fields: list[str]) -> Iterator[tuple[str, Any]
         yield path, row
 
 
-def _others_of(entry: Any, text: str, *, is_mask: bool) -> list[str]:
-    del entry
+def _others_of(text: str, *, is_mask: bool) -> list[str]:
     if is_mask:
-        return [f"(({text}) ^ {1 << bit}u)" for bit in range(9)]
+        # A mode left out, of those that are in: the others are in the rows before or after.
+        return [f"({text}) & ~(1u << (unsigned)SW_{mode})" for mode in MODES if f"SW_{mode})" in text]
     return [f"({text}) + 1", f"({text}) - 1"]
 
 

@@ -110,18 +110,17 @@ static void average(sw_sensors *sensors, int h, const double readings[SW_SENSORS
 }
 
 /* All hypotheses: each sensor may lie; each pair may be exchanged, and its readings are compared crosswise. */
-static void average_all(sw_sensors *sensors, const double cp[SW_SENSORS],
-                        const double estimates[SW_HYPOTHESES][SW_SENSORS])
+static void average_all(sw_sensors *sensors, const double cp[SW_SENSORS], const sw_estimator_work *work)
 {
     int pair = SW_SENSORS;
     for (int i = 0; i < SW_SENSORS; i++) {
-        average(sensors, i, cp, estimates[i]);
+        average(sensors, i, cp, work->estimates[i]);
         for (int j = i + 1; j < SW_SENSORS; j++) {
             double crossed[SW_SENSORS];
             for (int s = 0; s < SW_SENSORS; s++) crossed[s] = cp[s];
             crossed[i] = cp[j];
             crossed[j] = cp[i];
-            average(sensors, pair, crossed, estimates[pair]);
+            average(sensors, pair, crossed, work->estimates[pair]);
             pair++;
         }
     }
@@ -260,7 +259,7 @@ uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_m
         sw_estimate(work, memory->window, first);
         for (int s = 0; s < SW_SENSORS; s++) sensors->estimates[SW_WINDOW - 1][s] = work->estimates[s][s];
         count_flat(sensors, cp);
-        if (first == 0) average_all(sensors, cp, work->estimates);
+        if (first == 0) average_all(sensors, cp, work);
         judge(sensors, memory->window, first);
     }
     return (uint8_t)(sensors->implausible ? SW_REASON_IMPLAUSIBLE : SW_REASON_NONE);
