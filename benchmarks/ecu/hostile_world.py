@@ -256,6 +256,11 @@ class RandomEvents:
         self._odd = hostility or 0.0
         self._burst: list[str] = []
 
+    @property
+    def hostility(self) -> float:
+        """Of the present stretch."""
+        return self._odd
+
     def next(self, now_ns: int) -> Events:
         """The next period's; `now_ns` of the ECU's clock."""
         rng = self._rng

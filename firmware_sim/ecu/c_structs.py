@@ -50,12 +50,13 @@ class Structs:
     Args:
         sources: the library's files by name.
         compiler: command that preprocesses C.
+        header: that is read; one that includes the ECU's, if there is more to be known than that.
 
     Raises:
         LibraryError: there is no ECU among the sources, or the compiler does not take its header.
     """
 
-    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str]) -> None:
+    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = HEADER) -> None:
         if HEADER not in sources:
             raise LibraryError(f"{HEADER} is missing: this library has the control step alone, and no ECU around it")
         self.ffi: Any = cffi.FFI()
@@ -63,7 +64,7 @@ class Structs:
         with tempfile.TemporaryDirectory() as folder:
             for name, content in (headers | _STANDING_IN).items():
                 Path(folder, name).write_bytes(content)
-            text = preprocessed(Path(folder, HEADER), compiler=compiler, flags=("-nostdinc", "-I", folder))
+            text = preprocessed(Path(folder, header), compiler=compiler, flags=("-nostdinc", "-I", folder))
         try:
             self.ffi.cdef(text)
         except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
@@ -201,7 +202,8 @@ class Structs:
 
     def _set_memory(self, memory: Any, value: ControllerMemory) -> None:
         memory.rows, memory.gap = value.rows, _count(value.gap)
-        memory.window, memory.plan = value.window.tolist(), value.plan.tolist()
+        self._copy(memory.window, value.window)
+        self._copy(memory.plan, value.plan.astype(np.float32))
         memory.under_way = list(value.under_way.values)
 
     def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
@@ -210,10 +212,18 @@ class Structs:
         sensors.judged = not np.isnan(value.residual).any()
         sensors.has_read = not np.isnan(value.readings).any()
         sensors.flat = [_count(int(item)) for item in value.flat]
-        for name in ("residual", "readings"):
-            setattr(sensors, name, np.nan_to_num(getattr(value, name)).tolist())
+        if sensors.judged:
+            self._copy(sensors.residual, value.residual)
+        if sensors.has_read:
+            self._copy(sensors.readings, value.readings)
         for name in ("fast", "slow", "noise", "score", "estimates"):
-            setattr(sensors, name, getattr(value, name).tolist())
+            self._copy(getattr(sensors, name), getattr(value, name))
+
+    def _copy(self, member: Any, values: Array) -> None:
+        """An array's bytes into a member of the same shape and type; before it, all of them are zero."""
+        content = np.ascontiguousarray(values)
+        assert content.nbytes == self.ffi.sizeof(member)
+        self.ffi.memmove(member, content, content.nbytes)
 
     @staticmethod
     def _set_health(health: Any, value: BusHealth) -> None:

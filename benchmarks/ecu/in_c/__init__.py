@@ -1,0 +1,1 @@
+"""The ECU in C held against the Python ECU: the same periods through both, to the bit."""

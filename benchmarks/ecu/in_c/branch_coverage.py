@@ -1,0 +1,97 @@
+"""Branches of the ECU's C that recorded periods take, by gcc and gcovr; the networks' arithmetic is not among them."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from benchmarks.ecu.in_c.library import EXACT, Layout, ecu_files, sources
+from benchmarks.ecu.in_c.variants import VARIANTS
+from contract.errors import LibraryError
+
+REPLAY: Final = "twin_replay.c"
+_OWN: Final = ("twin.c", REPLAY)
+
+
+class Coverage(NamedTuple):
+    """What was found.
+
+    Attributes:
+        covered, branches: taken, and all of them.
+        missed: places with a branch that is never taken, `file:line`.
+    """
+
+    covered: int
+    branches: int
+    missed: list[str]
+
+    @property
+    def percent(self) -> float:
+        return 100.0 * self.covered / self.branches
+
+
+def is_possible() -> bool:
+    """Whether gcc and gcovr are here."""
+    try:
+        subprocess.run(["gcc", "--version"], capture_output=True, check=True)
+    except OSError:
+        return False
+    return find_spec("gcovr") is not None
+
+
+def replay_program(
+    name: str, folder: Path, flags: Sequence[str], contents: Mapping[str, bytes] | None = None
+) -> tuple[Path, Path]:
+    """A program that lives through recorded periods of a variant, and its file of what is compared.
+
+    The ECU's sources stand in `folder`/src for all variants, so that what is found of them can be added up; the headers
+    of each variant stand in a folder of its own.
+
+    Raises:
+        LibraryError: the compiler does not take them.
+    """
+    contents = sources(VARIANTS[name]) if contents is None else contents
+    common, own = folder / "src", folder / name.replace(" ", "_").replace(",", "")
+    common.mkdir(exist_ok=True)
+    own.mkdir(exist_ok=True)
+    shared = ecu_files().keys() | {"twin.c", "twin.h"}
+    for file, content in contents.items():
+        (common if file in shared else own).joinpath(file).write_bytes(content)
+    (common / REPLAY).write_bytes(files("benchmarks.ecu.in_c").joinpath("c", REPLAY).read_bytes())
+    found = sorted(str(path) for path in common.glob("*.c"))
+    command = ["gcc", "-std=c99", f"-I{common}", f"-I{own}", *EXACT, *flags, *found, "-o", str(own / "replay")]
+    done = subprocess.run(command, cwd=own, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise LibraryError(f"gcc: {done.stderr.splitlines()[0]}")
+    compared = own / "compared"
+    compared.write_bytes(Layout(contents).compared)
+    return own / "replay", compared
+
+
+def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverage:
+    """Branches taken by recordings, by variant."""
+    for name, items in recordings.items():
+        program, compared = replay_program(name, folder, ("-O0", "--coverage"))
+        for item in items:
+            periods = program.with_name("periods")
+            periods.write_bytes(item)
+            subprocess.run([program, compared, periods], capture_output=True, check=True)
+    excluded = [option for name in _OWN for option in ("--exclude", f".*{name}")]
+    report = folder / "coverage.json"
+    command = [
+        sys.executable, "-m", "gcovr", "--root", str(folder / "src"), *excluded, "--json", str(report),
+        "--merge-mode-functions", "separate", str(folder),
+    ]  # fmt: skip
+    subprocess.run(command, cwd=folder, capture_output=True, check=True)
+    lines = [
+        (f"{file['file']}:{line['line_number']}", branch["count"] > 0)
+        for file in json.loads(report.read_text())["files"]
+        for line in file["lines"]
+        for branch in line["branches"]
+    ]
+    missed = sorted({place for place, taken in lines if not taken})
+    return Coverage(sum(taken for _, taken in lines), len(lines), missed)

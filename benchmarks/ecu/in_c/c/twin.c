@@ -1,0 +1,81 @@
+#include "twin.h"
+
+#include <string.h>
+
+/* What the networks answer in this period, and what they were asked. */
+static const twin_answers *answers;
+static twin_response *asked;
+
+sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+{
+    (void)work;
+    asked->plans_asked++;
+    asked->planned_on = *input;
+    memset(output, 0, sizeof *output);
+    memcpy(output->plan, answers->plan, sizeof output->plan);
+    memcpy(output->forces, answers->forces, sizeof output->forces);
+    return answers->is_planned ? SW_OK : SW_NOT_FINITE;
+}
+
+#if SW_SENSOR_CHECK
+void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+{
+    asked->estimates_asked++;
+    /* Before the first row the window is taken to have been like it. */
+    for (int k = 0; k < SW_WINDOW; k++) {
+        memcpy(asked->estimated_on[k], window[k > first ? k : first], sizeof asked->estimated_on[k]);
+    }
+    memcpy(work->estimates, answers->estimates, sizeof work->estimates);
+}
+#endif
+
+size_t sw_workspace_bytes(void)
+{
+    return sizeof(sw_workspace);
+}
+
+void twin_step(sw_ecu *ecu, const twin_stimulus *stimulus, twin_response *response)
+{
+    sw_frame sent[SW_FRAMES_OUT];
+    memset(sent, 0, sizeof sent);
+    memset(response, 0, sizeof *response);
+    answers = &stimulus->answers;
+    asked = response;
+    if (stimulus->restarts) {
+        memset(ecu, 0xA5, sizeof *ecu); /* memory at power-on holds anything */
+        sw_ecu_init(ecu);
+        response->starts_otherwise = memcmp(&ecu->state, &stimulus->before, sizeof ecu->state) != 0;
+    }
+    if (stimulus->loads) ecu->state = stimulus->before;
+    ecu->surroundings = stimulus->surroundings;
+    response->sent = sw_ecu_step(ecu, stimulus->now_ns, stimulus->frames, (int)stimulus->count, sent);
+    for (int i = 0; i < response->sent && i < SW_FRAMES_OUT; i++) {
+        sw_frame *frame = &response->frames[i];
+        frame->timestamp_ns = sent[i].timestamp_ns;
+        frame->id = sent[i].id;
+        frame->is_extended = sent[i].is_extended;
+        frame->is_fd = sent[i].is_fd;
+        frame->length = sent[i].length;
+        if (sent[i].length <= SW_FRAME_BYTES) memcpy(frame->data, sent[i].data, sent[i].length);
+    }
+    response->trace = ecu->trace;
+    response->state = ecu->state;
+}
+
+static int is_equal(const uint8_t *one, const uint8_t *other, const uint8_t *compared)
+{
+    if (memcmp(one, other, sizeof(twin_response)) == 0) return 1;
+    for (size_t i = 0; i < sizeof(twin_response); i++) {
+        if (compared[i] && one[i] != other[i]) return 0;
+    }
+    return 1;
+}
+
+int twin_run(sw_ecu *ecu, const twin_period *periods, int count, const uint8_t *compared, twin_response *found)
+{
+    for (int i = 0; i < count; i++) {
+        twin_step(ecu, &periods[i].stimulus, found);
+        if (!is_equal((const uint8_t *)found, (const uint8_t *)&periods[i].response, compared)) return i;
+    }
+    return count;
+}

@@ -1,0 +1,117 @@
+"""Stretches of traffic through both ECUs; the same seed, variant and length give the same periods everywhere."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from random import Random
+from typing import Any, Final
+
+from benchmarks.ecu.in_c.edges import Edges
+from benchmarks.ecu.in_c.library import Layout, Library, sources
+from benchmarks.ecu.in_c.python_twin import Period, PythonTwin
+from benchmarks.ecu.in_c.traffic import Traffic
+from benchmarks.ecu.in_c.variants import VARIANTS
+
+MOVED: Final = 0.3
+"""Periods that start from a state near an edge, in stretches with an odd seed."""
+MOVED_SEEDS: Final = tuple("13579")
+CHUNK: Final = 1_000
+"""Periods that are recorded before C lives through them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mismatch:
+    """The first period in which the two ECUs differ, and how to see it again.
+
+    Attributes:
+        variant, seed: of the stretch.
+        period: its number in there, from 0.
+        fields: in which they differ, with both values.
+    """
+
+    variant: str
+    seed: str
+    period: int
+    fields: tuple[str, ...]
+
+    def __str__(self) -> str:
+        shown = "; ".join(self.fields[:3])
+        return f"{self.variant!r}, seed {self.seed!r}, period {self.period}: {shown}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """What one stretch came to.
+
+    Attributes:
+        steps: lived through by both.
+        mismatch: the first, at which it ended; None without.
+        modes: periods in each operating mode, by its name.
+    """
+
+    steps: int
+    mismatch: Mismatch | None
+    modes: Counter[str]
+
+
+def build(name: str, folder: Path) -> Library:
+    """The library of a variant, compiled."""
+    return Library(sources(VARIANTS[name]), folder / f"{name.replace(' ', '_').replace(',', '')}.so")
+
+
+def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
+    """The periods of a stretch, without end."""
+    source = Traffic(VARIANTS[name], horizon, f"{name} {seed}")
+    while True:
+        yield source.next()
+
+
+def recorded(
+    twin: PythonTwin,
+    periods: Iterator[Period],
+    count: int,
+    *,
+    modes: Counter[str] | None = None,
+    edges: Edges | None = None,
+    rng: Random | None = None,
+) -> Any:
+    """So many periods lived through by the Python ECU, as an array of `twin_period`; `edges` moves it now and then."""
+    room = twin.layout.periods(count)
+    for place, period in zip(room, islice(periods, count), strict=True):
+        if edges is not None and rng is not None and rng.random() < MOVED:
+            state = twin.power_on if period.restarts else twin.ecu.state
+            twin.live_through(replace(period, loads=edges.near(state, period.now_ns)), place)
+        else:
+            twin.live_through(period, place)
+        if modes is not None:
+            modes[twin.ecu.state.fail_safe.mode.name] += 1
+    return room
+
+
+def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = CHUNK) -> Stretch:
+    """Live through one on both sides, until they differ."""
+    layout = library.layout
+    twin = PythonTwin(VARIANTS[name], layout)
+    periods, modes, done = traffic(name, seed, twin.horizon), Counter[str](), 0
+    rng = Random(f"edges {seed}")
+    edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
+    while done < steps:
+        count = min(chunk, steps - done)
+        room = recorded(twin, periods, count, modes=modes, edges=edges, rng=rng)
+        same = library.run(room, count)
+        if same < count:
+            fields = tuple(layout.differences(room[same].response, library.found[0]))
+            mismatch = Mismatch(variant=name, seed=seed, period=done + same, fields=fields)
+            return Stretch(steps=done + same, mismatch=mismatch, modes=modes)
+        done += count
+    return Stretch(steps=done, mismatch=None, modes=modes)
+
+
+def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
+    """A stretch as bytes, for another process."""
+    twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
+    edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
+    room = recorded(twin, traffic(name, seed, twin.horizon), steps, edges=edges, rng=rng)
+    return bytes(layout.ffi.buffer(room))

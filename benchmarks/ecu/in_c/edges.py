@@ -1,0 +1,137 @@
+"""States an ECU can be in shortly before something changes: counts at their ends, times at their limits.
+
+Traffic reaches few of them by itself. What a limit is, is worked out from the settings.
+"""
+
+from dataclasses import replace
+from random import Random
+from typing import Any, Final
+
+from can_bridge.command_gate import GateLimits
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.receiver import Check, ReceiverState, StreamState
+from can_bridge.e2e.sender import SenderState
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Reason
+from contract.config.tree import Config
+from firmware_sim.ecu.delay_line import DelayLine
+from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.state_machine import OperatingMode
+from firmware_sim.ecu.timing import LATEST_NS
+
+LARGEST: Final = 2**32 - 1
+"""A count in C."""
+
+
+class Edges:
+    """Moves states to where something changes.
+
+    Args:
+        config: of the vehicle.
+        rng: chance.
+    """
+
+    def __init__(self, config: Config, rng: Random) -> None:
+        self._config, self._rng = config, rng
+        self._limits = GateLimits.from_config(config)
+        self._flow_scale = config.operating_point.flow_rate_scale
+        self._counters = profile_of(message_set(config.bus).pressure.spec).counter_period
+
+    def near(self, state: EcuState, now_ns: int) -> EcuState:
+        """A state like this one before a step at `now_ns`, some of its parts moved."""
+        moves = (self._fail_safe, self._receiver, self._timing, self._memory, self._pressures, self._counts)
+        for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
+            state = move(state, now_ns)
+        return state
+
+    def _around(self, value: int, least: int = 0) -> int:
+        return max(least, value + self._rng.randrange(-2, 3))
+
+    def _bits(self, length: int, count: int) -> int:
+        """So many bits set, or one more or less, of the latest."""
+        count = max(0, min(length, self._around(count)))
+        return sum(1 << place for place in self._rng.sample(range(length), count))
+
+    def _fail_safe(self, state: EcuState, now_ns: int) -> EcuState:
+        del now_ns
+        rng, ecu = self._rng, self._config.ecu
+        changed = replace(
+            state.fail_safe,
+            mode=rng.choice(list(OperatingMode)),
+            misses=rng.choice((0, self._around(ecu.hold_periods), self._around(ecu.hold_periods + ecu.decay_periods))),
+            good=rng.choice((0, self._around(ecu.rearm_frames), LARGEST)),
+            lost=self._bits(ecu.loss_window, ecu.loss_limit),
+            reason=rng.choice(list(Reason)),
+            enable_request=rng.random() < 0.6,
+        )
+        return replace(state, fail_safe=changed)
+
+    def _receiver(self, state: EcuState, now_ns: int) -> EcuState:
+        del now_ns
+        rng, e2e = self._rng, self._config.bus.e2e
+        stream = rng.choice(list(StreamState))
+        length = 0 if stream is StreamState.NODATA else rng.choice((e2e.window, rng.randrange(1, e2e.window + 1)))
+        last = state.pressures.last_counter
+        if last is None and stream is not StreamState.NODATA:
+            last = rng.randrange(self._counters)
+        changed = ReceiverState(
+            stream=stream,
+            last_counter=None if last is None else (last - rng.randrange(-1, e2e.max_delta + 2)) % self._counters,
+            window=tuple(rng.choices(list(Check), weights=(3, 1, 1, 1, 2, 1), k=length)),
+            counts=tuple(rng.choice((count, LARGEST, LARGEST - 1)) for count in state.pressures.counts),
+        )
+        return replace(state, pressures=changed)
+
+    def _timing(self, state: EcuState, now_ns: int) -> EcuState:
+        rng, ecu, period = self._rng, self._config.ecu, self._config.period_ns
+        elapsed = rng.choice((period, period // 2, 3 * period // 2, 0, 1, (ecu.hold_periods + ecu.decay_periods) * period))
+        step_ns = max(-1, min(LATEST_NS, now_ns - elapsed - rng.randrange(-2, 3)))
+        changed = replace(
+            state.timing,
+            step_ns=None if rng.random() < 0.05 else step_ns,
+            lag_ns=rng.choice((0, period // 2, -(period // 2), rng.randrange(-period, period), self._around(0, -9))),
+            off_time=self._bits(ecu.deadline_window, min(ecu.deadline_window, ecu.deadline_misses)),
+        )
+        return replace(state, timing=changed)
+
+    def _memory(self, state: EcuState, now_ns: int) -> EcuState:
+        del now_ns
+        rng, ecu, limit = self._rng, self._config.ecu, self._limits.flow_m2_per_s
+        step = self._limits.step_m2_per_s
+        flows = (0.0, limit, -limit, step, -step, limit - step, rng.uniform(-limit, limit))
+        values = [self._on_wire(rng.choice(flows)) for _ in state.memory.under_way.values]
+        longest = ecu.hold_periods + ecu.decay_periods
+        gap = rng.choice((0, min(longest + 1, self._around(longest))))
+        return replace(state, memory=replace(state.memory, under_way=DelayLine(tuple(values)), gap=gap))
+
+    def _on_wire(self, flow_m2_per_s: float) -> float:
+        """An action as it could have been sent, or one or two steps of the wire beside it, in U_inf W."""
+        steps = round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) + self._rng.randrange(-2, 3)
+        return steps * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
+
+    def _pressures(self, state: EcuState, now_ns: int) -> EcuState:
+        rng, limits = self._rng, self._limits
+        age = rng.choice((0, limits.fresh_age_ns, limits.held_age_ns)) + rng.randrange(-2, 3)
+        known = rng.random() > 0.05
+        # No frame is of a time before 0, and none is older than a message can say.
+        sampled_ns = max(-(10**9), min(2**63 - 1, now_ns - age))
+        return replace(
+            state,
+            pressure_ns=sampled_ns if known else None,
+            pressure_counter=rng.randrange(self._counters) if known else None,
+        )
+
+    def _counts(self, state: EcuState, now_ns: int) -> EcuState:
+        del now_ns
+        rng = self._rng
+        ends: tuple[Any, ...] = (0, 62, 63, 64, 0xFFFE, 0xFFFF, LARGEST - 1, LARGEST)
+        return replace(
+            state,
+            overruns=rng.choice(ends),
+            missed=rng.choice(ends),
+            commands=SenderState(counter=rng.choice((0, self._counters - 2, self._counters - 1))),
+            statuses=SenderState(counter=rng.choice((0, self._counters - 2, self._counters - 1))),
+            pressures=replace(state.pressures, counts=tuple(rng.choice(ends) for _ in state.pressures.counts)),
+            health=replace(state.health, bus_off=rng.choice((0, 14, 15, 16, 255, 256, LARGEST))),
+        )

@@ -1,0 +1,130 @@
+"""The ECU in C as a shared library, its networks replaced by answers that are given, bound through cffi."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from benchmarks.ecu.in_c.variants import bundle_of
+from contract.config.tree import Config
+from contract.controller.c_folder import settings_header
+from contract.controller.compiler import compile_c, host_compiler
+from contract.controller.interface import TERMS
+from firmware_sim.ecu.c_settings import HEADER, ecu_settings
+from firmware_sim.ecu.c_structs import Structs
+
+EXACT: Final = ("-O1", "-ffp-contract=off")
+"""No multiplication is fused with an addition: decisions are compared to the bit."""
+SHARED: Final = (*EXACT, "-shared", "-fPIC")
+NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h")
+"""Sources of the ECU that are not compared here: their answers are given."""
+TWIN: Final = "twin.h"
+FRAMES: Final = 10
+"""Most frames in a period, `TWIN_FRAMES`."""
+
+
+def ecu_files() -> dict[str, bytes]:
+    """Sources and headers of the ECU, without its networks."""
+    root = files("export.to_c").joinpath("sources")
+    found = {item.name: item.read_bytes() for item in root.joinpath("ecu").iterdir() if item.name[-2:] in (".c", ".h")}
+    found["stillwake.h"] = root.joinpath("common", "stillwake.h").read_bytes()
+    return {name: content for name, content in found.items() if name not in NETWORKS}
+
+
+def sources(config: Config) -> dict[str, bytes]:
+    """All files of the library for one vehicle."""
+    bundle = bundle_of(config)
+    manifest = bundle.manifest
+    sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
+    own = files("benchmarks.ecu.in_c").joinpath("c")
+    return ecu_files() | {
+        **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, "sw_workspace.h", "sw_estimator.h")},
+        "sw_settings.h": settings_header({**sizes, "SW_TERMS": len(TERMS)}),
+        HEADER: ecu_settings(bundle, config),
+    }
+
+
+class Leaf(NamedTuple):
+    """A number or an array of numbers somewhere in a structure."""
+
+    name: str
+    offset: int
+    size: int
+    kind: Any
+
+
+class Layout:
+    """How periods lie in memory in one library.
+
+    Attributes:
+        structs: of the ECU.
+        leaves: of a response.
+        compared: a byte for each of a response, 1 where a leaf lies and 0 in between.
+    """
+
+    def __init__(self, contents: Mapping[str, bytes]) -> None:
+        self.structs = Structs(contents, host_compiler(), header=TWIN)
+        self.ffi = self.structs.ffi
+        self.leaves = list(self._leaves(self.ffi.typeof("twin_response"), "", 0))
+        compared = bytearray(self.ffi.sizeof("twin_response"))
+        for leaf in self.leaves:
+            compared[leaf.offset : leaf.offset + leaf.size] = b"\1" * leaf.size
+        self.compared = bytes(compared)
+
+    def periods(self, count: int) -> Any:
+        """Room for so many, all zeros."""
+        return self.ffi.new("twin_period[]", count)
+
+    def differences(self, expected: Any, found: Any) -> list[str]:
+        """The leaves in which two responses differ, each with both values."""
+        one, other = (bytes(self.ffi.buffer(self.ffi.addressof(item))) for item in (expected, found))
+        where = [(leaf, slice(leaf.offset, leaf.offset + leaf.size)) for leaf in self.leaves]
+        return [
+            f"{leaf.name}: {self._text(leaf, one[place])} in Python, {self._text(leaf, other[place])} in C"
+            for leaf, place in where
+            if one[place] != other[place]
+        ]
+
+    def _leaves(self, kind: Any, name: str, offset: int) -> Iterator[Leaf]:
+        if kind.kind == "array" and kind.item.kind == "struct":
+            size = self.ffi.sizeof(kind.item)
+            for index in range(kind.length):
+                yield from self._leaves(kind.item, f"{name}[{index}]", offset + index * size)
+        elif kind.kind == "struct":
+            for part, item in kind.fields:
+                yield from self._leaves(item.type, f"{name}.{part}" if name else part, offset + item.offset)
+        else:
+            yield Leaf(name, offset, self.ffi.sizeof(kind), kind)
+
+    def _text(self, leaf: Leaf, content: bytes) -> str:
+        return repr(_listed(self.ffi.from_buffer(self.ffi.getctype(leaf.kind, "*"), content)[0]))
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, int | float) else [_listed(item) for item in value]
+
+
+class Library:
+    """One library of the ECU in C, compiled and loaded, and one ECU in it.
+
+    Args:
+        contents: its files.
+        output: the shared library.
+        flags: for the compiler.
+
+    Raises:
+        LibraryError: the compiler does not take the files.
+    """
+
+    def __init__(self, contents: Mapping[str, bytes], output: Path, *, flags: Sequence[str] = SHARED) -> None:
+        compile_c(contents, output, compiler=host_compiler(), flags=flags)
+        self.layout = Layout(contents)
+        ffi = self.layout.ffi
+        self.c = ffi.dlopen(str(output))
+        self._room, self.found = ffi.new("int64_t[]", self.c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
+        self._ecu = ffi.cast("sw_ecu *", self._room)
+        self.c.sw_ecu_init(self._ecu)
+
+    def run(self, periods: Any, count: int) -> int:
+        """Live through them: the number of the first that went otherwise than it stands there, or `count`."""
+        return int(self.c.twin_run(self._ecu, periods, count, self.layout.compared, self.found))

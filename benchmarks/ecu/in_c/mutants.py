@@ -1,0 +1,176 @@
+"""All mutants of the ECU's sources in one library: which of them do the recorded periods notice?
+
+A mutant runs in a process of its own, forked from this one, so that it may crash, and starts from the same memory. It
+is found if a period comes out otherwise than it was recorded, if it crashes, does what C does not define (the library
+traps it), or runs out of fuel.
+"""
+
+import os
+import re
+import resource
+import signal
+import subprocess
+import tempfile
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from benchmarks.common.command_line import track
+from benchmarks.ecu.in_c.library import Layout, sources
+from benchmarks.ecu.in_c.mutator import Mutant, all_mutated
+from benchmarks.ecu.in_c.variants import VARIANTS
+from contract.controller.compiler import compile_c, host_compiler
+
+MUTATED: Final = ("sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c")
+TRAPPED: Final = (
+    "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w",
+    "-fsanitize=undefined,bounds-strict", "-fsanitize-undefined-trap-on-error",
+)  # fmt: skip
+"""Without a sanitiser's run-time library: what C does not define ends the process."""
+FUEL: Final = 100_000
+"""Turns of loops in a period; sound code takes some thousands."""
+SECONDS: Final = 60
+"""Of computing, after which a mutant counts as one that does not end."""
+_TYPES: Final = {
+    "stdint.h": "typedef signed char int8_t; typedef unsigned char uint8_t;\n"
+    "typedef short int16_t; typedef unsigned short uint16_t;\ntypedef int int32_t; typedef unsigned int uint32_t;\n"
+    "typedef long int64_t; typedef unsigned long uint64_t;\n"
+    "#define INT64_C(x) x##L\n#define UINT64_C(x) x##UL\n#define UINT32_C(x) x##U\n#define INT32_C(x) x\n"
+    "#define UINT32_MAX 4294967295U\n#define UINT64_MAX 18446744073709551615UL\n#define INT64_MAX 9223372036854775807L\n"
+    "#define INT32_MAX 2147483647\n#define UINT16_MAX 65535\n#define UINT8_MAX 255\n"
+    "#define INT64_MIN (-INT64_MAX - 1L)\n",
+    "stddef.h": "typedef unsigned long size_t;\n#define NULL ((void *)0)\n",
+    "float.h": "#define FLT_MAX 3.40282346638528859812e+38F\n#define DBL_MAX ((double)1.79769313486231570815e+308L)\n",
+}
+"""Headers in plain C, for a parser that knows no extensions; as on any machine with 64 bits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mutation:
+    """The mutants of one variant's library.
+
+    Attributes:
+        library: all of them, compiled.
+        layout: of its periods.
+        mutants: by number.
+    """
+
+    library: Path
+    layout: Layout
+    mutants: Sequence[Mutant]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What all mutants came to.
+
+    Attributes:
+        mutants: so many, each counted once however many variants have it.
+        survivors: that no recording notices in any variant, in words.
+        unexplained: of these, the ones without an explanation, and explanations without a survivor.
+    """
+
+    mutants: int
+    survivors: list[str]
+    unexplained: list[str]
+
+
+def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
+    """All mutants in all variants, against the recordings of each."""
+    alive: dict[tuple[str, int, int], str] = {}
+    found: set[tuple[str, int, int]] = set()
+    for name in track(recordings, "mutants", "variants"):
+        mutation = build(name, folder)
+        wanted = {mutant.number: mutant for mutant in mutation.mutants if mutant.place not in found}
+        left = set(survivors(mutation, recordings[name], wanted))
+        for number, mutant in wanted.items():
+            if number in left:
+                alive[mutant.place] = str(mutant)
+            else:
+                found.add(mutant.place)
+    lasting = {place: text for place, text in alive.items() if place not in found}
+    return Tried(
+        mutants=len(found | lasting.keys()),
+        survivors=sorted(lasting.values()),
+        unexplained=unexplained(sorted(lasting.values())),
+    )
+
+
+def unexplained(texts: Iterable[str]) -> list[str]:
+    """Survivors that no explanation fits, and explanations that fit none."""
+    listed = tomllib.loads(files("benchmarks.ecu.in_c").joinpath("survivors.toml").read_text(encoding="utf-8"))
+    patterns = [(item["file"], re.compile(item["mutant"])) for item in listed["survivor"]]
+    fits = {text: [place for place, (file, fit) in enumerate(patterns) if text.startswith(f"{file}:") and fit.search(text)] for text in texts}
+    used = {place for places in fits.values() for place in places}
+    idle = [f"no survivor fits: {file}: {fit.pattern}" for place, (file, fit) in enumerate(patterns) if place not in used]
+    return [text for text, places in fits.items() if not places] + idle
+
+
+def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None) -> Mutation:
+    """Compile a variant with all mutants of some files in it."""
+    contents = sources(VARIANTS[name]) if contents is None else contents
+    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen})
+    library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
+    compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
+    layout = Layout(contents)
+    layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
+    return Mutation(library=library, layout=layout, mutants=mutants)
+
+
+def plain(contents: Mapping[str, bytes], file: str) -> str:
+    """A source with all that it includes, and with line markers, for a parser of plain C."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in contents.items():
+            Path(folder, name).write_bytes(content)
+        for name, text in _TYPES.items():
+            Path(folder, name).write_text(text)
+        command = [*host_compiler(), "-std=c99", "-E", "-nostdinc", "-I.", file]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int], *, slice_of: int = 100) -> list[int]:
+    """The numbers that no recording notices; 0, no mutant, must be among them if it was asked for.
+
+    Args:
+        recordings: arrays of `twin_period` as bytes.
+        numbers: of the mutants to be tried.
+        slice_of: periods between two looks at the fuel.
+    """
+    ffi = mutation.layout.ffi
+    size = ffi.sizeof("twin_period")
+    c = ffi.dlopen(str(mutation.library))
+    arrays = [(ffi.from_buffer("twin_period[]", item), len(item) // size) for item in recordings]
+    return [number for number in numbers if _survives(c, mutation.layout, arrays, number, slice_of)]
+
+
+def _survives(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+    child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1] == 0
+    # Here is the mutant. It must not write, nor leave by an exception.
+    try:
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        for name in (signal.SIGILL, signal.SIGSEGV, signal.SIGFPE, signal.SIGBUS, signal.SIGABRT, signal.SIGXCPU):
+            signal.signal(name, signal.SIG_DFL)
+        os._exit(0 if _goes_unnoticed(c, layout, arrays, number, slice_of) else 1)
+    finally:
+        os._exit(2)
+
+
+def _goes_unnoticed(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+    ffi = layout.ffi
+    room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
+    ecu = ffi.cast("sw_ecu *", room)
+    c.sw_mutant = number
+    c.sw_mutate()
+    for array, count in arrays:
+        for start in range(0, count, slice_of):
+            part = min(slice_of, count - start)
+            c.sw_fuel_left = FUEL * part
+            if c.twin_run(ecu, array + start, part, layout.compared, found) != part or c.sw_fuel_left < 0:
+                return False
+    return True

@@ -1,0 +1,72 @@
+"""Faults that are planted in the C sources, one at a time: the comparison has to notice every one."""
+
+from typing import Final, NamedTuple
+
+
+class Planted(NamedTuple):
+    """A fault.
+
+    Attributes:
+        what: is wrong.
+        variant: of the vehicle in which it can be seen.
+        file: of the source.
+        old, new: text in it; the old one stands there once.
+    """
+
+    what: str
+    variant: str
+    file: str
+    old: str
+    new: str
+
+    def into(self, sources: dict[str, bytes]) -> dict[str, bytes]:
+        """The sources with it; raises ValueError if they no longer have the place."""
+        before = sources[self.file].decode()
+        if before.count(self.old) != 1:
+            raise ValueError(f"{self.file}: {self.old!r} stands there {before.count(self.old)} times: must be once")
+        return sources | {self.file: before.replace(self.old, self.new).encode()}
+
+
+PLANTED: Final = (
+    Planted(
+        "pressures of the oldest age are refused", "as shipped", "sw_gate.c",
+        "elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns", "elapsed_ns(pressure_ns, now_ns) < (uint64_t)oldest_ns",
+    ),
+    Planted(
+        "a counter begins again one too early", "as shipped", "sw_ecu.c",
+        "(state->command_counter + 1u) % SW_E2E_COUNTERS", "(state->command_counter + 1u) % (SW_E2E_COUNTERS - 1u)",
+    ),
+    Planted(
+        "the loss window forgets its oldest period", "late actuator, long windows", "sw_fail_safe.c",
+        "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "UINT64_MAX >> (65 - SW_LOSS_WINDOW)",
+    ),
+    Planted(
+        "a quotient is rounded towards zero", "as shipped", "sw_timing.c",
+        "return value % by < 0 ? towards_zero - 1 : towards_zero;", "return towards_zero;",
+    ),
+    Planted(
+        "an action is kept as a float", "not planning ahead", "sw_ecu.c",
+        "sw_memory_commanded(&state->memory, action);", "sw_memory_commanded(&state->memory, (double)(float)action);",
+    ),
+    Planted(
+        "a plan that is not finite is taken", "as shipped", "sw_ecu.c",
+        "if (status == SW_OK && finite)", "if (status == SW_OK || finite)",
+    ),
+    Planted(
+        "a 29-bit identifier is taken for the pressures'", "classic", "sw_receiver.c",
+        "frame->id == SW_PRESSURE_ID && !frame->is_extended", "frame->id == SW_PRESSURE_ID",
+    ),
+    Planted(
+        "a check of the receiver's window is counted as an error", "late actuator, long windows", "sw_receiver.c",
+        "if (count_of(receiver, SW_CHECK_ERROR) > SW_E2E_MAX_ERRORS)",
+        "if (count_of(receiver, SW_CHECK_ERROR) >= SW_E2E_MAX_ERRORS)",
+    ),
+    Planted(
+        "the others' mean has the sensor itself in it", "quick to doubt", "sw_sensors.c",
+        "(sum - values[own]) / (double)(SW_SENSORS - 1)", "sum / (double)SW_SENSORS",
+    ),
+    Planted(
+        "a fault does not ask for a wish that falls", "as shipped", "sw_fail_safe.c",
+        "now.wish = !inputs->has_request || inputs->enable_request;", "",
+    ),
+)  # fmt: skip

@@ -1,0 +1,175 @@
+"""The Python ECU, with networks that answer what they are told, and its periods as C is to live through them."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from benchmarks.ecu.in_c.library import Layout
+from benchmarks.ecu.in_c.variants import bundle_of
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Reason
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.controller.estimator import Hypotheses
+from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep
+from firmware_sim.ecu.c_structs import c_time
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.sensor_check import SensorCheck
+
+HYPOTHESES = Hypotheses.of(4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answers:
+    """What the networks answer in one period, if they are asked. Any number may be NaN or infinite.
+
+    Attributes:
+        plan: (H,) float32.
+        forces: (H, 2) float32.
+        estimates: (V, S), finite.
+        is_planned: False if the control step says that it has no answer.
+    """
+
+    plan: Array
+    forces: Array
+    estimates: Array
+    is_planned: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Period:
+    """What comes to an ECU in one control period, from outside and from its networks.
+
+    Attributes:
+        now_ns: time of the step.
+        frames: received, oldest first.
+        health, fault, updating: as in `Ecu.step`.
+        answers: of the networks.
+        restarts: power-on before it.
+        loads: a state to start from instead.
+    """
+
+    now_ns: int
+    frames: list[Frame]
+    answers: Answers
+    health: BusHealth = HEALTHY
+    fault: Reason | None = None
+    updating: bool = False
+    restarts: bool = False
+    loads: EcuState | None = None
+
+
+@dataclass
+class Networks:
+    """Controller and estimator: they answer what was prepared, and keep what they were asked."""
+
+    answers: Answers
+    planned_on: list[tuple[Array, ...]] = field(default_factory=list)
+    estimated_on: list[Array] = field(default_factory=list)
+
+    def prepare(self, answers: Answers) -> None:
+        """For the next period."""
+        self.answers = answers
+        self.planned_on.clear()
+        self.estimated_on.clear()
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+        """See `Controller`."""
+        assert weights is not None
+        self.planned_on.append((window, plan, free, weights))
+        if not self.answers.is_planned:
+            raise ControllerError("no answer")
+        return ControlStep(plan=self.answers.plan, forces=self.answers.forces, terms=np.zeros(len(TERMS)), cost=0.0)
+
+    def estimates(self, window: Array) -> Array:
+        """See `Estimator`."""
+        self.estimated_on.append(window.copy())
+        return self.answers.estimates
+
+
+class PythonTwin:
+    """The Python ECU of one vehicle."""
+
+    def __init__(self, config: Config, layout: Layout) -> None:
+        bundle = bundle_of(config)
+        self.horizon, self.window = bundle.manifest.mpc.horizon, bundle.manifest.window
+        self.config, self.layout = config, layout
+        self.networks = Networks(silent(self.horizon))
+        self.ecu = Ecu(bundle, self.networks, config)
+        figures = bundle.manifest.sensor_estimator
+        if config.ecu.sensor_check.enabled and figures is not None:
+            # The bundle has figures and no graph: what answers in its place is here.
+            self.ecu._sensor_check = SensorCheck.of(figures, self.networks, config.ecu.sensor_check)
+        self.power_on = self.ecu.state
+        self.ecu.restore(self.power_on)
+
+    def live_through(self, period: Period, place: Any) -> None:
+        """One period: the stimulus as it comes to C, and the response that is expected of it, into a `twin_period`."""
+        self._tell(period, place.stimulus)
+        if period.restarts:
+            self.ecu.restore(self.power_on)
+        if period.loads is not None:
+            self.ecu.restore(period.loads)
+        self.networks.prepare(period.answers)
+        sent = self.ecu.step(
+            period.now_ns, period.frames, period.health, fault=period.fault, updating=period.updating
+        )
+        self._expect(sent, place.response)
+
+    def _tell(self, period: Period, place: Any) -> None:
+        structs, ffi, answers = self.layout.structs, self.layout.ffi, period.answers
+        place.now_ns, place.loads = c_time(period.now_ns), period.loads is not None
+        place.restarts = period.restarts and period.loads is None
+        structs.surround(place.surroundings, period.health, period.fault, updating=period.updating)
+        place.count = len(period.frames)
+        for item, frame in zip(place.frames, period.frames, strict=False):
+            fill_frame(item, frame)
+        told = place.answers
+        told.is_planned = answers.is_planned
+        copy(ffi, told.plan, answers.plan.astype(np.float32))
+        copy(ffi, told.forces, answers.forces.astype(np.float32))
+        copy(ffi, told.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
+        if period.restarts and period.loads is None:
+            structs.set_state(ffi.addressof(place, "before"), self.power_on)
+        elif period.loads is not None:
+            structs.set_state(ffi.addressof(place, "before"), period.loads)
+
+    def _expect(self, sent: list[Frame], place: Any) -> None:
+        ffi, trace, networks = self.layout.ffi, self.ecu.trace, self.networks
+        place.sent = len(sent)
+        for item, frame in zip(place.frames, sent, strict=False):
+            fill_frame(item, frame)
+        place.trace.action, place.trace.planned = trace.action, trace.forces is not None
+        place.trace.interventions = trace.interventions.value
+        self.layout.structs.set_state(ffi.addressof(place, "state"), self.ecu.state)
+        place.plans_asked, place.estimates_asked = len(networks.planned_on), len(networks.estimated_on)
+        for window, plan, free, weights in networks.planned_on:
+            asked = place.planned_on
+            for member, values in ((asked.window, window), (asked.plan, plan), (asked.free, free)):
+                copy(ffi, member, values.astype(np.float32))
+            copy(ffi, asked.weights, weights.astype(np.float32))
+        for window in networks.estimated_on:
+            copy(ffi, place.estimated_on, window)
+
+
+def silent(horizon: int) -> Answers:
+    """Networks that answer zeros."""
+    return Answers(plan=np.zeros(horizon), forces=np.zeros((horizon, FORCES)), estimates=np.zeros((34, 4)))
+
+
+def copy(ffi: Any, member: Any, values: Array) -> None:
+    """An array's bytes into one of C."""
+    content = np.ascontiguousarray(values)
+    assert content.nbytes == ffi.sizeof(member), (content.nbytes, ffi.sizeof(member))
+    ffi.memmove(member, content, content.nbytes)
+
+
+def fill_frame(place: Any, frame: Frame) -> None:
+    """Into a `sw_frame`."""
+    place.timestamp_ns = c_time(frame.timestamp_ns)
+    place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
+    place.length = len(frame.data)
+    place.data[0 : len(frame.data)] = frame.data

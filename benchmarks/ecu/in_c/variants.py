@@ -1,0 +1,64 @@
+"""Vehicles in which both ECUs are compared; each makes a library of its own of the ECU in C."""
+
+from dataclasses import replace
+from typing import Final
+
+from benchmarks.ecu.hostile_world import small_bundle
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig, SensorCheckConfig
+from contract.release.bundle import Bundle
+from contract.release.manifest import SensorEstimator
+
+UNCHECKED: Final = SensorCheckConfig(enabled=False)
+QUICK: Final = SensorCheckConfig(
+    liar_level=3.0, bias_level=4.0, swap_level=1.0, doubt_level=2.0, doubt_periods=4, flat_periods=3
+)
+"""To set sensors aside and to doubt them, so that it often happens."""
+
+VARIANTS: Final = {
+    "as shipped": Config(),
+    "not planning ahead": Config(ecu=EcuConfig(plan_ahead=False, sensor_check=UNCHECKED)),
+    "late actuator, long windows": Config(
+        bus=BusConfig(e2e=E2eConfig(window=12, min_ok=4, max_errors=3, max_delta=127)),
+        ecu=EcuConfig(
+            delay_steps=2,
+            hold_periods=3,
+            decay_periods=3,
+            loss_window=64,
+            loss_limit=30,
+            deadline_window=32,
+            deadline_misses=6,
+            rearm_frames=1,
+            sensor_check=UNCHECKED,
+        ),
+    ),
+    "quick to doubt": Config(ecu=EcuConfig(sensor_check=QUICK, deadline_misses=11)),
+    "classic": Config(bus=BusConfig(frames="classic"), ecu=EcuConfig(sensor_check=QUICK, delay_steps=1)),
+    "classic, impatient": Config(
+        bus=BusConfig(frames="classic", e2e=E2eConfig(window=1, min_ok=1, max_errors=0, max_delta=1)),
+        ecu=EcuConfig(
+            hold_periods=0,
+            decay_periods=0,
+            loss_window=1,
+            loss_limit=1,
+            deadline_window=1,
+            deadline_misses=1,
+            pressure_age=1.0,
+            plan_ahead=False,
+            sensor_check=UNCHECKED,
+        ),
+    ),
+}
+"""Both sets of messages; planning ahead or not; late actuators; with and without the sensor check; windows of one
+period and of as many as the state in C has room for."""
+
+DEVIATION: Final = 0.02
+"""Of sound sensors' residuals in Cp, which the traffic's estimates have."""
+
+
+def bundle_of(config: Config) -> Bundle:
+    """A release of a few periods' window and horizon, with a sensor estimator's figures and no model."""
+    bundle = small_bundle(config)
+    rows = tuple(tuple(DEVIATION * (1.0 + 0.1 * (i + 2 * j)) for i in range(4)) for j in range(4))
+    figures = SensorEstimator(fast=rows, slow=rows)
+    return replace(bundle, manifest=replace(bundle.manifest, sensor_estimator=figures))
