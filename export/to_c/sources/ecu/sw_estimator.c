@@ -20,11 +20,18 @@
 #error "SW_ESTIMATOR_ROWS: the window has fewer"
 #endif
 
+/* Each copy of a product's code takes more flash than its calls take time. */
+#if defined(__GNUC__)
+#define ONCE __attribute__((noinline))
+#else
+#define ONCE
+#endif
+
 /* The first layer's product of a place with a column of the window, in work->sums. Before row `first` the window is
  * taken to have been like it.
  */
-static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
-                       int column)
+ONCE static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
+                            int column)
 {
     const float limit = (float)SW_ESTIMATOR_LIMIT;
     for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {
@@ -36,7 +43,7 @@ static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][S
 }
 
 /* What leaving out the sensor adds whose column's product stands in work->sums. */
-static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
+ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
 {
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
         out[h] = (int32_t)sw_estimator_flags[sensor][h] * SW_ESTIMATOR_ONE - work->sums[h];
@@ -44,7 +51,7 @@ static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_E
 }
 
 /* Every column in its own place: work->all and work->out. */
-static void in_place(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+ONCE static void in_place(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] = 0;
     for (int c = 0; c < SW_COLUMNS; c++) {
@@ -55,8 +62,8 @@ static void in_place(sw_estimator_work *work, const double window[SW_WINDOW][SW_
 }
 
 /* Two sensors' readings in each other's place: work->crossed and work->crossed_out. */
-static void exchanged(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int one,
-                      int other)
+ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int one,
+                           int other)
 {
     for (int s = 0; s < SW_SENSORS; s++) {
         for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->crossed_out[s][h] = work->out[s][h];
@@ -87,7 +94,7 @@ static void second_layer(sw_estimator_work *work)
 }
 
 /* The hidden layers of a view: sums with what leaving out adds once, or twice where a second sensor is left out. */
-static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out, const int32_t *also)
+ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out, const int32_t *also)
 {
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
         const int32_t sum = sums[h] + out[h] + (also == NULL ? 0 : also[h]);
@@ -98,7 +105,7 @@ static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const in
 }
 
 /* The last layer for one sensor, in Cp. Four sums, since one would wait for each of its additions. */
-static double last_layer(const sw_estimator_work *work, int sensor)
+ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
     const float *weights = sw_estimator_last[sensor];
     float sums[4] = {0.0f, 0.0f, 0.0f, 0.0f};
