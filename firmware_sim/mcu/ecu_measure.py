@@ -7,9 +7,10 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.errors import McuError
 from firmware_sim.mcu.build import ECU, compile_for_cortex_m7
+from firmware_sim.mcu.cores import CORTEX_M7
 from firmware_sim.mcu.ecu_machine import McuEcu
 from firmware_sim.mcu.elf import read_elf
-from firmware_sim.mcu.measure import CLOCKS_MHZ, flash_bytes, linked_ram
+from firmware_sim.mcu.measure import flash_bytes, linked_ram
 
 Periods = Iterable[tuple[int, Sequence[Frame]]]
 """(time in ns, frames received) of control periods."""
@@ -70,7 +71,7 @@ def measure_ecu(sources: Mapping[str, bytes], periods: Periods) -> EcuMeasuremen
         instructions=max(instructions),
         cycles=longest,
         instruction_spread=max(planned) - min(planned),
-        modelled_ms={str(clock): longest / (clock * 1e3) for clock in CLOCKS_MHZ},
+        modelled_ms={str(clock): longest / (clock * 1e3) for clock in CORTEX_M7.clocks_mhz},
         steps=len(instructions),
         in_control=len(planned),
     )

@@ -9,6 +9,7 @@ from unicorn import arm_const, unicorn_const
 
 from contract.errors import McuError
 from firmware_sim.mcu.block_counter import BlockCounter
+from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware
 from firmware_sim.mcu.timing import Pipeline
 
@@ -60,9 +61,13 @@ class Machine:
         """Put bytes at an address."""
         self._core.mem_write(address, content)
 
-    def block_counter(self) -> BlockCounter:
+    def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
         """A counter of the basic blocks that run from now on; made before the first call."""
-        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(self.code(), FLASH))
+        return BlockCounter(self._core, FLASH, FLASH_BYTES, self.pipeline(core))
+
+    def pipeline(self, core: Core) -> Pipeline:
+        """What blocks of the flash cost."""
+        return Pipeline(self.code(), FLASH, dual_issue=core.dual_issue)
 
     def read(self, symbol: str, size: int) -> bytes:
         """Bytes from where a symbol is."""
