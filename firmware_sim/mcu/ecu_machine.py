@@ -67,6 +67,14 @@ class McuEcu(CEcuState):
         """What the core takes for the latest step, by the model."""
         return round(self.cycles * 1e3 / self._clock_mhz)
 
+    def paint_stack(self) -> None:
+        """Mark the core's stack as untouched."""
+        self._machine.paint_stack()
+
+    def stack_depth(self) -> int:
+        """Bytes of the core's stack that were touched since then."""
+        return self._machine.stack_depth()
+
     def restore(self, state: EcuState | bytes) -> None:
         """As `CEcuState.restore`."""
         super().restore(state)

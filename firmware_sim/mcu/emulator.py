@@ -9,6 +9,7 @@ from unicorn import arm_const, unicorn_const
 
 from contract.errors import McuError
 from firmware_sim.mcu.block_counter import BlockCounter
+from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware
 from firmware_sim.mcu.timing import Pipeline
 
@@ -60,9 +61,13 @@ class Machine:
         """Put bytes at an address."""
         self._core.mem_write(address, content)
 
-    def block_counter(self) -> BlockCounter:
+    def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
         """A counter of the basic blocks that run from now on; made before the first call."""
-        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(self.code(), FLASH))
+        return BlockCounter(self._core, FLASH, FLASH_BYTES, self.pipeline(core))
+
+    def pipeline(self, core: Core) -> Pipeline:
+        """What blocks of the flash cost."""
+        return Pipeline(self.code(), FLASH, dual_issue=core.dual_issue)
 
     def read(self, symbol: str, size: int) -> bytes:
         """Bytes from where a symbol is."""
@@ -102,8 +107,16 @@ class Machine:
 
     def stack_used(self, function: str) -> int:
         """Bytes of stack that a call of the function touches."""
-        self._core.mem_write(_STACK, bytes([_UNTOUCHED]) * STACK_BYTES)
+        self.paint_stack()
         self.call(function)
+        return self.stack_depth()
+
+    def paint_stack(self) -> None:
+        """Mark all of the stack as untouched."""
+        self._core.mem_write(_STACK, bytes([_UNTOUCHED]) * STACK_BYTES)
+
+    def stack_depth(self) -> int:
+        """Bytes of stack touched since `paint_stack`."""
         stack = bytes(self._core.mem_read(_STACK, STACK_BYTES))
         return STACK_BYTES - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), STACK_BYTES)
 
