@@ -76,15 +76,13 @@ full: test
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json
-	$(BIN)/stillwake train runs/model --overwrite
-	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15 --overwrite
+	$(BIN)/stillwake export data/stillwake_data/model runs/long --set mpc.iterations=15 --overwrite
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --bundle runs/long --json results/limit_iterations.json
-	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
+	$(BIN)/python -m benchmarks controller --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json
-	$(BIN)/python -m benchmarks controller-loop --model runs/model --dataset data/stillwake_data/recording.h5 \
-		--json results/controller_loop.json
-	$(BIN)/python -m benchmarks truncation --model runs/model --json results/truncation.json
+	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
+	$(BIN)/python -m benchmarks truncation --json results/truncation.json
 	$(BIN)/python -m benchmarks mcu --json results/mcu.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks bus --json results/bus.json
@@ -113,9 +111,10 @@ full: test
 		--json results/can_load_classic_90.json
 	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
 	$(BIN)/python -m benchmarks model --json results/model.json
+	$(BIN)/python -m benchmarks distilled --json results/distilled.json
 	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \
 		--dataset data/stillwake_data/recording.h5 --json results/controller_loop_narrow.json
-	$(BIN)/python -m benchmarks rounding --model runs/model --model runs/model_study/*/variant_128_64 \
+	$(BIN)/python -m benchmarks rounding --model data/stillwake_data/model --model runs/model_study/*/variant_128_64 \
 		--json results/rounding.json
 	$(BIN)/python -m benchmarks rounds --json results/rounds.json
 	$(BIN)/python -m benchmarks training --json results/training.json

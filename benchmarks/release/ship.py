@@ -2,7 +2,7 @@
 
     python -m benchmarks.release.ship MODEL BUNDLE --command "stillwake train ..."
 
-`make release` calls it. The bundle must be of the model, and signed with the key of the project, or nothing is replaced.
+`make release` calls it. The bundle must be of the model and signed with the key of the project, or nothing happens.
 """
 
 import argparse
