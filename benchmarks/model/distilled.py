@@ -94,7 +94,9 @@ def main(
             _make(variant, trained, folder, data)
         # Not one comprehension: a part that is finished stays.
         loops = [
-            part(folder / f"{variant.name}_phase_{number}.json", lambda start=start, bundle=bundle: _loop(bundle, start))
+            part(
+                folder / f"{variant.name}_phase_{number}.json", lambda start=start, bundle=bundle: _loop(bundle, start)
+            )
             for number, start in enumerate(starts)
         ]
         rows.append(_row(variant, bundle, loops))
