@@ -9,6 +9,7 @@ bundle and closes the loop through CAN from several phases of the shedding cycle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -19,6 +20,7 @@ from rich.table import Table
 from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, save, track
 from benchmarks.common.commands import LOOP
 from benchmarks.common.parts import part
+from contract import model_folder
 from contract.config.controller import MpcConfig
 from contract.config.loading import load_config
 from contract.config.tree import Config
@@ -92,11 +94,8 @@ def main(
         bundle = folder / variant.name
         if not bundle.exists():
             _make(variant, trained, folder, data)
-        # Not one comprehension: a part that is finished stays.
         loops = [
-            part(
-                folder / f"{variant.name}_phase_{number}.json", lambda start=start, bundle=bundle: _loop(bundle, start)
-            )
+            part(folder / f"{variant.name}_phase_{number}.json", partial(_loop, bundle, start))
             for number, start in enumerate(starts)
         ]
         rows.append(_row(variant, bundle, loops))
@@ -115,8 +114,6 @@ def main(
 
 def model_weights(model: Path) -> str:
     """The hash of a model's weights, by which its parts are named."""
-    from contract import model_folder
-
     return str(model_folder.read(model).weights_sha256)
 
 
