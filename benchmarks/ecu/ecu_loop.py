@@ -5,11 +5,14 @@
 Each drives the live wake from the same start, over the same bus. Beside the emulated core a second ECU gets the same
 frames at the same times: the same sources, by the same compiler with the same contraction, on this machine. Every frame
 and the whole state must be the same to the bit after every step. Virtual time is charged by the core's modelled cycles
-there, and by `ecu.compute_time_ms` in the other two loops.
+there, and by `ecu.compute_time_ms` in the other two loops. Finished loops are kept in `runs/ecu_loop`, in a folder of
+the hash of what they were made from: a stopped measurement goes on.
 """
 
+import hashlib
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Final
@@ -18,7 +21,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
+from benchmarks.common.parts import part
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.compiler import zig_compiler
@@ -39,7 +43,7 @@ from stillwake.releases import open_release
 from stillwake.terminal import progress_bar
 from wake.plants import open_plant
 
-ECUS: Final = ("python", C, CORTEX_M7)
+ECUS: Final = (CORTEX_M7, C, "python")
 BESIDE: Final = (*COMMON, "-march=native")
 """Flags of the ECU beside the core: contraction as there, which needs a machine with fused products."""
 _KEPT: Final = (
@@ -52,6 +56,7 @@ def main(
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
     library: Annotated[Path | None, typer.Option(help="Its C library; default: made from the shipped model.")] = None,
     json_file: JsonFile = None,
+    parts: Parts = Path("runs/ecu_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
@@ -68,18 +73,26 @@ def main(
     compiler = zig_compiler()
     if compiler is None:
         raise McuError("ziglang is missing: pip install 'stillwake[mcu]'")
-    rows, commands = [], {}
-    for kind in ECUS:
+    made_from = (release.digest, sorted(sources.items()), lead_in, controlled, settle, clock_mhz)
+    folder = parts / hashlib.sha256(repr(made_from).encode()).hexdigest()[:12]
+
+    def driven_by(kind: str) -> dict[str, Any]:
         ecu = None if kind == "python" else loop_ecu(kind, sources, clock_mhz=clock_mhz)
         beside = None
         if ecu is not None and kind == CORTEX_M7:
             beside = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=BESIDE))
             ecu = replace(ecu, ecu=beside)
         log = driven(release, config, spans, kind, ecu)
-        commands[kind] = log.series["command"]
-        rows.append(figures_of(kind, log, beside))
-    for row in rows:
-        row["largest_command_difference"] = largest_difference(commands[row["kind"]], commands[C])
+        # A step that was left out is null: JSON has no NaN.
+        commands = [value if np.isfinite(value) else None for value in log.series["command"].tolist()]
+        return {"row": figures_of(kind, log, beside), "commands": commands}
+
+    found = {kind: part(folder / f"{kind}.json", partial(driven_by, kind)) for kind in ECUS}
+    commands = {kind: np.array(one["commands"], dtype=np.float64) for kind, one in found.items()}
+    rows = [
+        one["row"] | {"largest_command_difference": largest_difference(commands[kind], commands[C])}
+        for kind, one in found.items()
+    ]
     _print(rows, config)
     facts = {
         "bundle": release.digest,
@@ -141,7 +154,7 @@ def _print(rows: list[dict[str, Any]], config: Config) -> None:
             f"{row['largest_command_difference']:.2g}",
         )
     console.print(table)
-    core = rows[-1]
+    core = rows[0]
     console.print(
         f"the emulated core beside this machine: {core['differing_frames']} of {core['frames_compared']} frames and "
         f"{core['differing_states']} of {core['steps_compared']} states differ; the period is "

@@ -1,10 +1,12 @@
 """The ECU in C of a run, by its name: on this machine, or on an emulated Cortex-M7."""
 
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Final
 
 from contract.config.controller import CostWeights
 from contract.controller.c_folder import Settings
+from contract.controller.compiler import host_compiler
 from contract.errors import ConfigError
 from firmware_sim.ecu.c_ecu import CEcu
 from firmware_sim.ecu.stepped import LoopEcu
@@ -13,6 +15,23 @@ C: Final = "c"
 CORTEX_M7: Final = "cortex-m7"
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
 """Range of clocks; a core at less takes seconds for a step, and none runs at more."""
+
+
+def check_ecu(kind: str, clock_mhz: float) -> None:
+    """What can be told before there are sources.
+
+    Raises:
+        ConfigError: no clock that a core could have.
+        LibraryError: there is no compiler for C.
+        ModuleNotFoundError: the emulator is not installed (extra mcu).
+    """
+    if kind == C:
+        host_compiler()
+        return
+    lowest, highest = CLOCKS_MHZ
+    if not lowest <= clock_mhz <= highest:
+        raise ConfigError(f"--clock-mhz {clock_mhz:g}: must be in {lowest:g}..{highest:g}")
+    import_module("firmware_sim.mcu.ecu_machine")
 
 
 def loop_ecu(
@@ -35,9 +54,7 @@ def loop_ecu(
     if kind == C:
         host = CEcu(sources, weights=weights)
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
-    lowest, highest = CLOCKS_MHZ
-    if not lowest <= clock_mhz <= highest:
-        raise ConfigError(f"--clock-mhz {clock_mhz:g}: must be in {lowest:g}..{highest:g}")
+    check_ecu(kind, clock_mhz)
     # The emulator is of an extra.
     from firmware_sim.mcu.ecu_machine import McuEcu
 

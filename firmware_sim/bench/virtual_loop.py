@@ -118,7 +118,7 @@ class VirtualLoop:
         self._period_ns = config.period_ns
         self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
         compute_ns = round(config.ecu.compute_time_ms * 1e6)
-        self._step_ns = (lambda: compute_ns) if step_ns is None else step_ns
+        self._step_ns: Callable[[], int] = (lambda: compute_ns) if step_ns is None else step_ns
         self.planned_ns: list[int] = []
         self._start_ns = 0
         self._busy_until_ns = 0

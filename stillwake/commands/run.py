@@ -215,14 +215,18 @@ def _ecu_in_c(
         LibraryError: no library was named, and the bundle is not the shipped one; or the library is not the bundle's.
         StillwakeError: it cannot be compiled, or the settings are not for an ECU in C.
     """
-    from firmware_sim.bench.ecus import loop_ecu
+    from firmware_sim.bench.ecus import check_ecu, loop_ecu
     from firmware_sim.ecu.c_ecu import ecu_sources
     from stillwake.c_release import library_folder
 
+    # What is refused is refused before the library is made.
     if config.bus.key:
         raise ConfigError(f"bus.key: --ecu {kind} has no authentication; leave it empty, or take --ecu {PYTHON}")
-    if library is None and release.digest != open_release(None, None).digest:
-        raise LibraryError(f"--ecu {kind}: name the bundle's C library with --library (`stillwake export --c`)")
+    check_ecu(kind, clock_mhz)
+    if library is None:
+        if release.digest != open_release(None, None).digest:
+            raise LibraryError(f"--ecu {kind}: name the bundle's C library with --library (`stillwake export --c`)")
+        console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
     return loop_ecu(kind, sources, weights=weights, clock_mhz=clock_mhz)

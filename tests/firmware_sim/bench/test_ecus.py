@@ -1,5 +1,6 @@
 """One run with each ECU: the same commands from all, virtual time by the core's cycles, and what the run says of it."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -139,6 +140,32 @@ def test_a_core_that_is_too_slow_leaves_periods_out(release, sources):
 def test_a_clock_that_no_core_has_is_refused(sources, clock_mhz):
     with pytest.raises(ConfigError, match="--clock-mhz"):
         loop_ecu(CORTEX_M7, sources, clock_mhz=clock_mhz)
+
+
+@pytest.mark.mcu
+@pytest.mark.slow  # whole runs with their reports
+def test_the_command_runs_each_and_says_so(cli, release, tmp_path):
+    outcomes = {}
+    for kind in ("c", "cortex-m7"):
+        used = ("--bundle", release.bundle_path, "--library", release.folder, "--ecu", kind)
+        spans = ("--lead-in", 0.2, "--controlled", 2, "--no-averages", "--set", "ecu.sensor_check.enabled=false")
+        json_file = tmp_path / f"{kind}.json"
+        done = cli("run", tmp_path / kind, *used, *spans, "--clock-mhz", 240, "--json", json_file)
+        assert done.err == ""
+        outcomes[kind] = json.loads(json_file.read_text())
+        page = (tmp_path / kind / "report.html").read_text()
+        assert ("Cortex-M7 at 240 MHz" in page) == (kind == "cortex-m7")
+    by_c, by_core = (outcomes[kind]["figures"] for kind in ("c", "cortex-m7"))
+    assert by_c["periods_in_control"] == by_core["periods_in_control"] > 0
+    assert by_c["ecu"] == {"kind": "c", "clock_mhz": None, "modelled_ms": None, "modelled_ms_max": None}
+    assert 0.0 < by_core["ecu"]["modelled_ms"] <= by_core["ecu"]["modelled_ms_max"] < PERIOD_NS / 1e6
+
+
+def test_a_bundle_that_is_not_the_shipped_one_needs_its_library(cli, release, tmp_path):
+    done = cli("run", tmp_path / "run", "--bundle", release.bundle_path, "--ecu", "c")
+    assert done.code == 1
+    assert "name the bundle's C library with --library" in done.err
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.mcu

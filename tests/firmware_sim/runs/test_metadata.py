@@ -6,7 +6,7 @@ from datetime import date
 
 from contract.config.loading import load_config
 from contract.release import bundle
-from firmware_sim.runs.metadata import RunMetadata, RunOrigin
+from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 
 
 def test_metadata_survive_json(run_metadata):
@@ -46,3 +46,19 @@ def test_the_start_is_named():
     day = date(2026, 3, 4)
     assert "developed wake" in RunOrigin.on(day).flow
     assert RunOrigin.on(day, start="re1000.npz").flow == "re1000.npz"
+
+
+def test_a_run_of_an_earlier_version_had_the_ecu_in_python(run_metadata):
+    tree = run_metadata.to_tree()
+    del tree["ecu"]
+    assert RunMetadata.from_tree(tree).ecu == RunEcu(kind="python")
+
+
+def test_an_emulated_core_says_what_its_steps_took(run_metadata):
+    """Median and longest of the steps that planned; another ECU's compute time is a setting, and no figure of it."""
+    core = RunEcu.of("cortex-m7", 480.0, [10_000_000, 12_000_000, 11_000_000])
+    assert (core.modelled_ms, core.modelled_ms_max) == (11.0, 12.0)
+    assert RunEcu.of("c", None, [8_000_000]) == RunEcu(kind="c")
+    assert RunEcu.of("cortex-m7", 480.0, []) == RunEcu(kind="cortex-m7", clock_mhz=480.0)
+    found = replace(run_metadata, ecu=core)
+    assert RunMetadata.from_tree(json.loads(json.dumps(found.to_tree()))) == found

@@ -54,6 +54,10 @@ def refused(cli, tmp_path) -> Callable[..., str]:
         (["--lead-in", 5], "--lead-in = 5: must be at least 10 t_c"),
         ([*QUICK, "--require-reduction", 20], "--require-reduction needs averages"),
         (["--require-reduction", "nan"], "--require-reduction nan: must be a number of percent"),
+        # An ECU in C.
+        (["--ecu", "rust"], "--ecu rust: must be one of python, c, cortex-m7"),
+        (["--ecu", "c", "--set", "bus.key=k.pem"], "bus.key: --ecu c has no authentication"),
+        (["--ecu", "c", "--library", "nowhere"], "library nowhere: No such file or directory"),
         # Another bus than the simulated one.
         ([*QUICK, "--set", "bus.interface=socketcan"], "bus.interface = 'socketcan': a run is in virtual time"),
         # Accepted and ignored before.
