@@ -82,7 +82,9 @@ def recorded(
     for place, period in zip(room, islice(periods, count), strict=True):
         if edges is not None and rng is not None and rng.random() < MOVED:
             state = twin.power_on if period.restarts else twin.ecu.state
-            twin.live_through(replace(period, loads=edges.near(state, period.now_ns)), place)
+            frames = period.frames if rng.random() < 0.5 else []
+            moved = replace(period, loads=edges.near(state, period.now_ns), frames=frames)
+            twin.live_through(moved, place)
         else:
             twin.live_through(period, place)
         if modes is not None:

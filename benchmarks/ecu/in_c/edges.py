@@ -40,6 +40,8 @@ class Edges:
 
     def near(self, state: EcuState, now_ns: int) -> EcuState:
         """A state like this one before a step at `now_ns`, some of its parts moved."""
+        if self._rng.random() < 0.3:
+            return self._held(state, now_ns)
         moves = (self._fail_safe, self._receiver, self._timing, self._memory, self._pressures, self._counts)
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
@@ -94,6 +96,23 @@ class Edges:
             off_time=self._bits(ecu.deadline_window, min(ecu.deadline_window, ecu.deadline_misses)),
         )
         return replace(state, timing=changed)
+
+    def _held(self, state: EcuState, now_ns: int) -> EcuState:
+        """On time and in control up to now, by pressures at one of their largest ages."""
+        rng, ecu = self._rng, self._config.ecu
+        fail_safe = replace(
+            state.fail_safe,
+            mode=rng.choice((OperatingMode.ACTIVE, OperatingMode.HOLD, OperatingMode.DECAY)),
+            misses=rng.randrange(max(1, ecu.hold_periods + ecu.decay_periods)),
+            lost=0,
+            enable_request=True,
+        )
+        elapsed = self._config.period_ns - rng.choice((0, 0, self._config.period_ns // 4))
+        timing = replace(
+            state.timing, step_ns=max(-1, min(LATEST_NS, now_ns - elapsed)), lag_ns=0, off_time=0, fault=None
+        )
+        moved = replace(state, fail_safe=fail_safe, timing=timing)
+        return self._memory(self._pressures(moved, now_ns), now_ns)
 
     def _memory(self, state: EcuState, now_ns: int) -> EcuState:
         del now_ns

@@ -62,8 +62,8 @@ PLANTED: Final = (
         "if (count_of(receiver, SW_CHECK_ERROR) >= SW_E2E_MAX_ERRORS)",
     ),
     Planted(
-        "the others' mean has the sensor itself in it", "quick to doubt", "sw_sensors.c",
-        "(sum - values[own]) / (double)(SW_SENSORS - 1)", "sum / (double)SW_SENSORS",
+        "the others' mean is that of one more", "quick to doubt", "sw_sensors.c",
+        "(sum - values[own]) / (double)(SW_SENSORS - 1)", "(sum - values[own]) / (double)SW_SENSORS",
     ),
     Planted(
         "a fault does not ask for a wish that falls", "as shipped", "sw_fail_safe.c",
