@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine c retrain full openfoam tables docs pictures clean
+.PHONY: demo check test lint coverage pristine c retrain release full openfoam tables docs pictures clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
@@ -58,21 +58,31 @@ retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake export runs/model runs/bundle --sensors --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
+# The shipped release anew: make release KEY=release.key NAME=truck-wake-5. A model in runs/release is taken as it is.
+# The sensors are those that the vehicle has; without them, training chooses (tens of minutes).
+SENSORS := lower_36,base_7,upper_39,base_0
+TRAIN := stillwake train runs/release --sensors $(SENSORS)
+release: $(VENV)/dev.stamp
+	@test -f "$(KEY)" -a -n "$(NAME)" || { echo "make release KEY=FILE NAME=NAME: the private key, the name" >&2; exit 2; }
+	test -f runs/release/model.json || $(BIN)/$(TRAIN)
+	$(BIN)/stillwake export runs/release runs/release_bundle --sensors --name $(NAME) --key $(KEY) --overwrite
+	$(BIN)/python -m benchmarks.release.ship runs/release runs/release_bundle --command "$(TRAIN)"
+	$(BIN)/stillwake bundle verify
+	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
+
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json
-	$(BIN)/stillwake train runs/model --overwrite
-	$(BIN)/stillwake export runs/model runs/long --set mpc.iterations=15 --overwrite
+	$(BIN)/stillwake export data/stillwake_data/model runs/long --set mpc.iterations=15 --overwrite
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --bundle runs/long --json results/limit_iterations.json
-	$(BIN)/python -m benchmarks controller --model runs/model --json results/controller.json
+	$(BIN)/python -m benchmarks controller --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
 		--json results/controller_narrow.json
-	$(BIN)/python -m benchmarks controller-loop --model runs/model --dataset data/stillwake_data/recording.h5 \
-		--json results/controller_loop.json
-	$(BIN)/python -m benchmarks truncation --model runs/model --json results/truncation.json
+	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
+	$(BIN)/python -m benchmarks truncation --json results/truncation.json
 	$(BIN)/python -m benchmarks mcu --json results/mcu.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks bus --json results/bus.json
@@ -101,9 +111,10 @@ full: test
 		--json results/can_load_classic_90.json
 	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
 	$(BIN)/python -m benchmarks model --json results/model.json
+	$(BIN)/python -m benchmarks distilled --json results/distilled.json
 	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \
 		--dataset data/stillwake_data/recording.h5 --json results/controller_loop_narrow.json
-	$(BIN)/python -m benchmarks rounding --model runs/model --model runs/model_study/*/variant_128_64 \
+	$(BIN)/python -m benchmarks rounding --model data/stillwake_data/model --model runs/model_study/*/variant_128_64 \
 		--json results/rounding.json
 	$(BIN)/python -m benchmarks rounds --json results/rounds.json
 	$(BIN)/python -m benchmarks training --json results/training.json

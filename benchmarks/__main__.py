@@ -52,6 +52,7 @@ MEASUREMENTS: Final = {
     "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
+    "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
@@ -61,6 +62,7 @@ MEASUREMENTS: Final = {
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"
     ),
+    "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }
 PAGES: Final = {

@@ -17,7 +17,12 @@ from filelock import FileLock
 
 from contract.controller import compiler as compilers
 
-MODULES = ("contract.controller.compiler", "contract.controller.host_library", "firmware_sim.mcu.build")
+MODULES = (
+    "contract.controller.compiler",
+    "contract.controller.host_library",
+    "firmware_sim.ecu.c_ecu",
+    "firmware_sim.mcu.build",
+)
 """Where `compile_c` is called by its name."""
 
 KEPT_S = 14 * 24 * 3600.0

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from contract import model_folder
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.release import bundle, signing
@@ -47,6 +48,17 @@ def test_the_release_was_trained_on_the_shipped_recording() -> None:
     assert release.manifest.dataset_sha256 == hashlib.sha256((DATA / "recording.h5").read_bytes()).hexdigest()
     assert (release.manifest.precision, len(release.manifest.sensors)) == ("int8", 4)
     assert release.manifest.mpc == load_config().mpc
+
+
+def test_the_shipped_model_is_the_releases_and_recorded() -> None:
+    model = model_folder.read(DATA / "model")
+    assert model.weights_sha256 == bundle.load(RELEASE).manifest.weights_sha256
+    record = json.loads((DATA / "provenance.json").read_text(encoding="utf-8"))["model"]
+    for name, digest in record["sha256"].items():
+        assert digest == hashlib.sha256((DATA / "model" / name).read_bytes()).hexdigest()
+    assert set(record["sha256"]) == {item.name for item in (DATA / "model").iterdir()}
+    assert record["recording_sha256"] == model.description.dataset_sha256
+    assert record["command"].startswith("stillwake train ")
 
 
 def test_the_release_is_the_projects() -> None:

@@ -15,10 +15,11 @@ from contract.recording import dataset
 from contract.recording.findings import findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
 from train import checkpoint, model_store, unfinished
-from train.distil import distil
+from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import evaluate_model
 from train.fit import Checkpoints, device_named, fit_joint
+from train.lessons import teach
 from train.model import Encoder
 from train.model_store import TrainedModel
 from train.progress import Phase, Progress, silent
@@ -94,7 +95,12 @@ def train_all(
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     predictor = None
     if config.model.is_slimmed:
-        predictor = distil_predictor(teacher, rows, config, progress=progress, checkpoints=checkpoints).cpu()
+        # From the latents that the vehicle's encoder gives, not from the teacher's.
+        latents = encode_all(slim, rows.with_sensors(indices))
+        lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
+        predictor = distil_predictor(
+            lessons, config.model, config.train, progress=progress, checkpoints=checkpoints
+        ).cpu()
 
     teacher, slim = teacher.cpu(), slim.cpu()
     trained = TrainedModel(

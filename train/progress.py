@@ -17,6 +17,7 @@ class Phase(StrEnum):
     SELECT = "select", "sensor selection"
     STREAM = "stream", "distil, streamed"
     DISTIL = "distil", "distil, windows"
+    LESSONS = "lessons", "roll out the teacher"
     PREDICTOR = "predictor", "distil predictor"
 
     def __new__(cls, value: str, label: str) -> "Phase":

@@ -43,6 +43,7 @@ class Identity:
             "model": asdict(config.model),
             "train": asdict(config.train),
             "horizon": config.mpc.horizon,
+            **({"weights": asdict(config.mpc.weights)} if config.model.is_slimmed else {}),
             "device": device,
             "chosen": None if chosen is None else list(chosen),
         }

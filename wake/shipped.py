@@ -25,6 +25,8 @@ DEVELOPED: Final = _DATA / "developed.npz"
 """A flow state with shedding established and no action: where episodes begin. `developed` says if it is missing."""
 RECORDING: Final = _DATA / "recording.h5"
 """The data set that the shipped bundle was trained on. `recording` says if it is missing."""
+MODEL: Final = _DATA / "model"
+"""The model folder that the shipped bundle was exported from. `model` says if it is missing."""
 
 
 def developed() -> Path:
@@ -35,6 +37,12 @@ def developed() -> Path:
 def recording() -> Path:
     """The recording; raises StillwakeError where the data are not installed."""
     return _present(RECORDING, "the shipped recording")
+
+
+def model() -> Path:
+    """The model folder; raises StillwakeError where the data are not installed."""
+    _present(MODEL / "model.json", "the shipped model")
+    return MODEL
 
 
 def _present(path: Path, what: str) -> Path:

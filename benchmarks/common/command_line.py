@@ -9,6 +9,7 @@ import typer
 
 from contract.results import write_result
 from stillwake.terminal import make_console, progress_bar
+from wake.shipped import MODEL as SHIPPED
 
 T = TypeVar("T")
 
@@ -18,12 +19,14 @@ progress: Final = make_console(stderr=True)
 """Bars, which are no part of the result."""
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
-Model = Annotated[Path, typer.Option("--model", help="Model folder written by `stillwake train`.")]
+Model = Annotated[
+    Path, typer.Option("--model", help="Model folder written by `stillwake train`; default: the shipped one.")
+]
 Dataset = Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")]
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
 
-MODEL: Final = Path("runs/model")
-"""Where `make retrain` writes its model."""
+MODEL: Final = SHIPPED
+"""Of the shipped bundle."""
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:

@@ -6,8 +6,8 @@ One thread each, interleaved, so that all meet the same disturbances; medians an
 the thread's processor time, which does not count what other processes take. Weights are random at the paper's sizes
 (our time does not depend on them); other sizes are options. Beside each median is how many times the least that this
 core's arithmetic and memory allow it is (`benchmarks.controller.floors`). Where CasADi is installed
-(`pip install "stillwake[bench]"`), its solvers get the same problem, from the same shifted plan, and the costs that all
-reach are compared: on recorded windows if a trained model is named, else at random.
+(`pip install "stillwake[bench]"`), its solvers get a trained model's problem on recorded windows, from the same shifted
+plan, and the costs that all reach are compared.
 """
 
 import importlib.util
@@ -22,12 +22,11 @@ import torch
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
 from benchmarks.controller.eager import EagerController
 from benchmarks.controller.floors import CoreLimits, Work, measure_core
 from benchmarks.controller.situations import choose_episode
 from contract import model_folder
-from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
@@ -57,7 +56,9 @@ _LOADS = 15
 def main(
     json_file: JsonFile = None,
     repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
-    model: Annotated[Path | None, typer.Option("--model", help="Trained model for CasADi's problems.")] = None,
+    model: Annotated[
+        Path, typer.Option("--model", help="Trained model for CasADi's problems; default: the shipped one.")
+    ] = MODEL,
     data: Annotated[Path, typer.Option("--dataset", help="Recording for them.")] = RECORDING,
     dynamics_width: int = 256,
     decoder_width: int = 128,
@@ -106,7 +107,7 @@ def main(
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     if importlib.util.find_spec("casadi") is not None:
-        figures["casadi"] = _casadi(program, case.window, model, data)
+        figures["casadi"] = _casadi(model, data)
         solvers = figures["casadi"]["solvers"]
         enough = [row for row in solvers if row["gap"] <= figures["casadi"]["ours"]["gap"]]
         figures["casadi_ms"] = min(row["ms"] for row in enough or solvers)
@@ -143,12 +144,10 @@ def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> d
     return {"floor_ms": floors, "over_floor": {name: figures[name] / floor for name, floor in floors.items()}}
 
 
-def _casadi(program: ControllerProgram, window: Array, model: Path | None, data: Path) -> dict[str, Any]:
-    """What `solvers.compare` finds, on a recording if there is a model."""
-    from benchmarks.controller.solvers import compare, random_problem, recorded_problems
+def _casadi(model: Path, data: Path) -> dict[str, Any]:
+    """What `solvers.compare` finds for a model on a recording."""
+    from benchmarks.controller.solvers import compare, recorded_problems
 
-    if model is None:
-        return compare(program, [random_problem(program, window)])
     trained = model_folder.read(model)
     program = program_of(trained, load_config().mpc)
     episode = choose_episode(dataset.read(data))

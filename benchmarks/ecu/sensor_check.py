@@ -28,12 +28,13 @@ from benchmarks.common.command_line import JsonFile, console, save, track
 from can_bridge.wire.message_specs import PRESSURE_RESOLUTION_PA
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, pairs, views
+from contract.controller.estimator import ESTIMATOR, REACH, EstimatorNetwork, pairs, views
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release.bundle import Bundle
 from contract.results import versions
 from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Swapped, Zero
+from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
 from firmware_sim.ecu.ecu import sensor_check_of
 from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
@@ -149,7 +150,7 @@ def main(
         raise StillwakeError(f"bundle {release.manifest.name}: has no sensor estimator")
     passages = _passages(release, config)
     alarms, moments = [], list[Moment]()
-    lab = Lab(check=check, network=_network(release.files[ESTIMATOR], release.manifest.window))
+    lab = Lab(check=check, network=read_estimator(release.files[ESTIMATOR]).network)
     lab.agrees(passages[0])
     for through in DISTURBED:
         places = every if through == "none" else None
@@ -212,13 +213,13 @@ def _windows(passage: Passage, length: int) -> Array:
 def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
     """(n, V, S) of the windows, in single precision."""
     sensors, found = network.sensors, []
-    scaled = ((windows - network.mean) / network.std).astype(np.float32)
+    scaled = _scaled(network, windows)
     layers = [(weight.T.astype(np.float32), bias.astype(np.float32)) for weight, bias in network.layers]
     for view in views(sensors):
         order = view.order(sensors)
         seen = scaled
         if view.exchanged:
-            seen = ((windows[:, :, order] - network.mean) / network.std).astype(np.float32)
+            seen = _scaled(network, windows[:, :, order])
         kept = np.ones(sensors + 1, dtype=np.float32)
         kept[list(view.left_out)] = 0.0
         hidden = np.broadcast_to(1.0 - kept[:-1], (len(windows), sensors))
@@ -229,15 +230,8 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
     return np.stack(found, axis=1)
 
 
-def _network(content: bytes, window: int) -> EstimatorNetwork:
-    """The network of a `sensors.onnx`, by the names of its constants."""
-    import onnx
-
-    constants = {item.name.rsplit("_", 1)[0]: onnx.numpy_helper.to_array(item).astype(np.float64)
-                 for item in onnx.load_from_string(content).graph.initializer}  # fmt: skip
-    layers = [(constants[f"layer_{k}.weight"], constants[f"layer_{k}.bias"]) for k in range(3)]
-    deviations = 1.0 / constants["kept / std"].max(axis=(0, 1))
-    return EstimatorNetwork(window=window, mean=constants["mean"], std=deviations, layers=layers)
+def _scaled(network: EstimatorNetwork, windows: Array) -> npt.NDArray[np.float32]:
+    return np.clip((windows - network.mean) / network.std, -REACH, REACH).astype(np.float32)
 
 
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:

@@ -9,7 +9,11 @@ from benchmarks.model.study import tables as study_tables
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
-    return study_tables.tables(results) | {"rounds": rounds(results), "training": training(results)}
+    return study_tables.tables(results) | {
+        "rounds": rounds(results),
+        "training": training(results),
+        "distilled": distilled(results),
+    }
 
 
 def rounds(results: Path) -> str:
@@ -24,6 +28,34 @@ def rounds(results: Path) -> str:
         lines.append((row["round"], row["controlled_steps"], *pairs, *closed, *_side(loop)))
     heads = ("R2, chirp", "h = 25, chirp", "R2, controlled", "h = 25, controlled", "Cd", "less drag")
     return table(("round", "steps added", *heads, "mean abs Cl", "mean Cl", "rms action"), lines)
+
+
+def distilled(results: Path) -> str:
+    lines = []
+    for row in read(results / "distilled.json")["figures"]:
+        widths = row["widths"] or (256, 128)
+        taught = {None: "as trained", 0.0: "roll-outs"}.get(row["slope_weight"], "roll-outs and slopes")
+        lines.append(
+            (
+                f"{widths[0]}/{widths[1]}",
+                taught,
+                f"{row['iterations']} x {row['learning_rate']:g}",
+                f"{row['reduction_percent']:.2f} %",
+                f"{row['least_reduction_percent']:.2f} to {row['most_reduction_percent']:.2f}",
+                f"{row['abs_Cl_controlled']:.3f}",
+                f"{row['rms_action']:.4f}",
+            )
+        )
+    heads = (
+        "dynamics/decoder",
+        "taught",
+        "iterations",
+        "less drag",
+        "from phase to phase",
+        "mean abs Cl",
+        "rms action",
+    )
+    return table(heads, lines)
 
 
 def training(results: Path) -> str:

@@ -1,7 +1,7 @@
 """Settings of the networks and of their training.
 
-Not in the paper: the slim widths, `FinishConfig`, `decode_weight`, `stream_epochs`, `predictor_epochs`, `sensor_noise`
-in training, `shap_samples`, and every `selection` but "shap".
+Not in the paper: the slim widths, `FinishConfig`, `decode_weight`, `stream_epochs`, `predictor_epochs`,
+`predictor_lessons`, `slope_weight`, `sensor_noise` in training, `shap_samples`, and every `selection` but "shap".
 """
 
 from dataclasses import dataclass, field, replace
@@ -94,6 +94,10 @@ class TrainConfig(Settings):
     distil_epochs: Annotated[Positive[float], PASSES] = 300.0
     predictor_epochs: Annotated[Positive[float], PASSES] = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on."""
+    predictor_lessons: AtLeastOne[int] = 65536
+    """Roll-outs of the trained networks that these learn from (`train.lessons`), at least."""
+    slope_weight: NonNegative[float] = 0.0
+    """Of the slope of the cost along the plan when these are distilled, beside their latents and forces."""
     sensor_noise: NonNegative[float] = 0.0
     """Of the slim encoder's inputs while it is distilled, and of the sensors compared by greedy and random selection:
     standard deviation in global deviations of pressure (paper, appendix B). Noise-free, a sensor far upstream that

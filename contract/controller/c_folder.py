@@ -1,9 +1,13 @@
-"""The folder of a C library, one control step in C99: its files' names, and their formats.
+"""The folder of a C library, one control step in C99 and the ECU around it: its files' names, and their formats.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. `stillwake.h` in it describes the calls.
 Every folder has the same file names, whatever the program and the precision: sources that are the same for every
 program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.txt` and `expected.txt` for the example
 program `replay.c`. Folders of older versions have no `expected.txt` and no documents; nothing here needs them.
+
+A folder with `sw_ecu_settings.h` has the whole ECU as well: `sw_ecu.h` and its sources beside the control step's, and
+programs with a `main` of their own in `examples/`. Without it, as for a controller whose sensors the bus does not
+carry, it has the control step alone.
 """
 
 import re
@@ -20,6 +24,8 @@ from contract.release.printable import quoted, shown
 
 SETTINGS: Final = "sw_settings.h"
 """Sizes and settings of one program, and the hashes of the program and of the DBC it was built beside."""
+ECU_SETTINGS: Final = "sw_ecu_settings.h"
+"""The DBC's messages, the release's figures, the vehicle's settings: where it stands, the ECU does."""
 WEIGHTS: Final = "sw_weights.c"
 """The arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
@@ -108,8 +114,12 @@ def float_literal(value: np.float32) -> str:
 
 
 def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The files that a compiler takes for the library: sources and headers without the example program."""
-    return {name: content for name, content in contents.items() if name.endswith((".c", ".h")) and name != REPLAY}
+    """The files that a compiler takes for the library: sources and headers without the example programs."""
+    return {
+        name: content
+        for name, content in contents.items()
+        if name.endswith((".c", ".h")) and name != REPLAY and "/" not in name
+    }
 
 
 def read_sources(folder: Path) -> dict[str, bytes]:
@@ -167,7 +177,7 @@ def check_replaceable(folder: Path) -> None:
 
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a library's folder, whole or not at all.
+    """Write a library's folder, whole or not at all; a name may have one folder before it.
 
     Raises:
         LibraryError: the folder holds something else.
@@ -177,4 +187,5 @@ def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
     with replacing(folder) as temporary:
         temporary.mkdir()
         for name, content in contents.items():
+            (temporary / name).parent.mkdir(exist_ok=True)
             (temporary / name).write_bytes(content)

@@ -59,9 +59,25 @@ def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence
         sources = sorted(name for name in contents if name.endswith(".c"))
         done = _run([*compiler, *STANDARD, "-Werror", *flags, *sources, "-o", str(output.resolve())], folder)
     if done.returncode != 0:
-        complaints = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
-        first = next((line for line in complaints if "error" in line), complaints[0][:200])
-        raise LibraryError(f"{compiler[0]}: {first}")
+        raise LibraryError(f"{compiler[0]}: {_complaint(done)}")
+
+
+def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
+    """A header or source as the compiler sees it, without its line markers.
+
+    Raises:
+        LibraryError: the preprocessor does not take it; the message has its first complaint.
+    """
+    # A header by itself is compiled as C, whatever its name ends in.
+    done = _run([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
+    if done.returncode != 0:
+        raise LibraryError(f"{compiler[0]}: {_complaint(done)}")
+    return done.stdout
+
+
+def _complaint(done: subprocess.CompletedProcess[str]) -> str:
+    complaints = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
+    return next((line for line in complaints if "error" in line), complaints[0][:200])
 
 
 def _run(command: list[str], folder: str | None) -> subprocess.CompletedProcess[str]:

@@ -29,6 +29,9 @@ ESTIMATOR: Final = "sensors.onnx"
 """The file's name in a bundle."""
 ESTIMATOR_INPUT: Final = "window"
 ESTIMATOR_OUTPUT: Final = "estimates"
+REACH: Final = 16.0
+"""Standardised readings are cut off here: sound ones stay within 11 in the shipped recording, and of a broken one no
+estimate needs more. In integers the network has the same range."""
 
 
 class View(NamedTuple):
@@ -104,8 +107,9 @@ def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]
 class EstimatorNetwork:
     """The one network behind all views, fitted by `train.sensor_estimator`.
 
-    Its input is the standardised window, oldest row first, row after row, with the columns of the sensors that are left
-    out at zero, and then a flag for every sensor, 1 for those; ReLU between the layers. Its output is standardised Cp.
+    Its input is the standardised window within `REACH`, oldest row first, row after row, with the columns of the
+    sensors that are left out at zero, and then a flag for every sensor, 1 for those; ReLU between the layers. Its
+    output is standardised Cp.
 
     Attributes:
         window: L.
@@ -129,7 +133,7 @@ class EstimatorNetwork:
         for view in views(sensors):
             seen = np.ones(sensors + 1)
             seen[list(view.left_out)] = 0.0
-            scaled = (window[:, view.order(sensors)] - self.mean) / self.std * seen
+            scaled = np.clip((window[:, view.order(sensors)] - self.mean) / self.std, -REACH, REACH) * seen
             rows.append(np.concatenate([scaled.ravel(), 1.0 - seen[:-1]]))
         values = np.stack(rows)
         for number, (weight, bias) in enumerate(self.layers):

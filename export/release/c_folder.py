@@ -1,6 +1,6 @@
 """Write a gated C library as a folder, with recorded rows beside it for its example program."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +11,15 @@ from export.release.gated import Gated
 from export.to_c.folder_files import documents
 
 
-def write_c_release(folder: Path, gated: Gated, windows: Sequence[Array]) -> None:
+def write_c_release(
+    folder: Path, gated: Gated, windows: Sequence[Array], ecu: Mapping[str, bytes] | None = None
+) -> None:
     """Write the library's folder, whole or not at all.
 
     Args:
         gated: lowerings with a library.
         windows: consecutive recorded windows (L, S+1), whose rows go beside it.
+        ecu: files of the ECU around the control step, if it gets one.
 
     Raises:
         LibraryError: the folder holds something else.
@@ -25,7 +28,8 @@ def write_c_release(folder: Path, gated: Gated, windows: Sequence[Array]) -> Non
     assert gated.lowered.library is not None
     assert gated.library is not None
     recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
-    write_folder(folder, {**gated.lowered.library, **recorded, **documents(gated.lowered.library)})
+    library = {**gated.lowered.library, **({} if ecu is None else ecu)}
+    write_folder(folder, {**library, **recorded, **documents(library)})
 
 
 def recorded_rows(windows: Sequence[Array]) -> str:

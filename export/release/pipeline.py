@@ -4,7 +4,7 @@ Every lowering has passed its gates before the first file is written.
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -24,7 +24,7 @@ from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
 from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
 from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
-from contract.release.bundle import MadeEstimator
+from contract.release.bundle import Bundle, MadeEstimator
 from contract.release.manifest import PRECISIONS, Manifest
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -35,7 +35,7 @@ from export.program.recorded_windows import recorded_windows
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
 from export.release.gated import Gated, gate
-from export.release.lowering import lower
+from export.release.lowering import Lowered, lower
 
 PHASES: Final = ("read", "round weights", "make and check", "write")
 """Of an export, in order."""
@@ -110,10 +110,11 @@ def export_all(
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    ecu: Callable[[Path], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library, if a folder is given for it, and then the bundle; neither unless both pass their gates.
+    """Write the bundle, and then the C library if a folder is given for it; neither unless both pass their gates.
 
     Args:
         model: directory written by `train`.
@@ -124,6 +125,7 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
+        ecu: from the bundle just written to the files of the ECU for the C library's folder; without, it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -144,21 +146,12 @@ def export_all(
     phase("read")
     trained = model_folder.read(model)
     _check_settings(trained.description, config)
-    program = program_of(trained, config.mpc)
     episodes = _recording_of(trained.description, recording, named, notice)
-    windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
-    calibration: list[Array] = []
-    if precision == "int8":
-        calibration = calibration_windows(program, episodes.with_role("train"), episodes.layout)
-
-    phase("round weights")
-    rounded = rounded_on(program, calibration) if precision == "int8" else program
-    phase("make and check")
-    gated = gate(lower(rounded, calibration=calibration, with_library=c_folder is not None), windows)
+    program = program_of(trained, config.mpc)
+    lowered, windows = _lowered(program, episodes, precision, with_library=c_folder is not None, phase=phase)
+    gated = gate(lowered, windows)
 
     phase("write")
-    if c_folder is not None:
-        write_c_release(c_folder, gated, windows)
     write_release(
         output,
         gated,
@@ -170,7 +163,73 @@ def export_all(
         key=key,
         estimator=estimator,
     )
+    if c_folder is not None:
+        write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output))
     return gated
+
+
+def export_library(
+    model: Path,
+    release: Bundle,
+    c_folder: Path,
+    *,
+    recording: Path,
+    ecu: Callable[[], Mapping[str, bytes]] | None = None,
+    phase: Callable[[str], None] = lambda name: None,
+) -> Gated:
+    """Write the C library of a release that there is, from the model that it was exported from.
+
+    Args:
+        model: directory written by `train`.
+        release: with the settings of its controller.
+        recording: data set that the model was fitted to.
+        ecu: the files of the ECU for the library's folder; without, it has none.
+        phase: called with each of `PHASES` when it begins.
+
+    Raises:
+        ExportError: the release is of another model, or this program does not round it as it was rounded.
+        StillwakeError: as `export_all`.
+    """
+    c_folder_format.check_replaceable(c_folder)
+    manifest = release.manifest
+    phase("read")
+    trained = model_folder.read(model)
+    if trained.weights_sha256 != manifest.weights_sha256:
+        raise ExportError(
+            f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, {model} is "
+            f"{trained.weights_sha256[:12]}: a library is made from the model of its release"
+        )
+    episodes = _recording_of(trained.description, recording, False, lambda line: None)
+    program = program_of(trained, manifest.mpc)
+    lowered, windows = _lowered(program, episodes, manifest.precision, with_library=True, phase=phase)
+    if lowered.program_sha256 != manifest.program_sha256:
+        raise ExportError(
+            f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
+            f"{lowered.program_sha256[:12]} here: export it anew, with a bundle"
+        )
+    gated = gate(lowered, windows)
+    phase("write")
+    write_c_release(c_folder, gated, windows, None if ecu is None else ecu())
+    return gated
+
+
+def _lowered(
+    program: ControllerProgram,
+    episodes: Dataset,
+    precision: str,
+    *,
+    with_library: bool,
+    phase: Callable[[str], None],
+) -> tuple[Lowered, list[Array]]:
+    """The program rounded and lowered, and the windows for its gates."""
+    windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
+    calibration: list[Array] = []
+    if precision == "int8":
+        calibration = calibration_windows(program, episodes.with_role("train"), episodes.layout)
+    phase("round weights")
+    rounded = rounded_on(program, calibration) if precision == "int8" else program
+    phase("make and check")
+    return lower(rounded, calibration=calibration, with_library=with_library), windows
 
 
 def _positions(model: Description) -> tuple[tuple[float, float], ...]:

@@ -13,19 +13,24 @@ from contract.errors import ExportError
 from export.int8.activation_ranges import ActivationRanges
 from export.int8.nearest import Int8Matrix
 from export.int8.rounded_program import RoundedProgram
-from export.program.weights import Norm
+from export.program.weights import LAYER_NORM_EPSILON, DecoderWeights, Norm
 from export.to_c.float32_arrays import optimiser_arrays, scaling_arrays
 from export.to_c.int8_format import (
     ELU_ARGUMENT_MAX,
+    ELU_ARGUMENT_ONE,
     ELU_MAX,
     ELU_ONE,
     ELU_RANGE,
     FULL_RANGE_WIDTH,
+    GAIN_ONE,
     GATE_MAX,
+    INT16_QMAX,
     LANES,
     LOGISTIC_ONE,
     LOGISTIC_RANGE,
     MARGIN,
+    ROW_SCALE_ONE,
+    SCALED_BITS,
     XHAT_QMAX,
     elu_points,
     logistic_points,
@@ -34,11 +39,13 @@ from export.to_c.int8_format import (
     qmax,
 )
 
-Values = Array | npt.NDArray[np.int8] | npt.NDArray[np.uint32]
+Integers = npt.NDArray[np.int32]
+Values = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
 
 
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, Values]:
-    """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, all else in float64.
+    """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of
+    layers with a norm in int32, all else in float64.
 
     Raises:
         ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, one
@@ -73,17 +80,34 @@ def _channels(*columns: Array) -> Array:
     return rows.reshape(-1, LANES, len(columns)).transpose(0, 2, 1)
 
 
-def _normed(matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Array:
+def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, Values]:
+    """Constants of a layer with norm and ELU, `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
+
+    Integers of a sum times its scale are of a unit as fine as these allow: a factor of C's sw_scaled is below 1/2, and
+    the sum of all outputs may not overflow.
+    """
     _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
-    # The gain multiplies the tape's integer of xhat; sw_elu takes integers that begin with its table, cut off after the
-    # point.
-    gain = ELU_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_QMAX
-    offset = ELU_ONE * (norm.bias + ELU_RANGE) + 0.5
-    return _channels(matrix.scales.astype(np.float64) / inverse_scale, bias, gain, offset)
+    scales = matrix.scales.astype(np.float64) / inverse_scale
+    reach = np.abs(matrix.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * scales + np.abs(bias)
+    unit = 1.001 * max(2.0 * scales.max(), reach.sum() / 2**31)
+    gain = ELU_ARGUMENT_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_QMAX * 2**16
+    offset = ELU_ARGUMENT_ONE * (norm.bias + ELU_RANGE)
+    gain_max = np.abs(norm.weight).max() or 1.0
+    largest = float(matrix.scales.max())
+    # In the adjoint a value times gain and slope is cut to its upper 32 bits, which makes a quarter of it.
+    quarter = GAIN_ONE * 256 / 2**SCALED_BITS
+    return {
+        f"sw_{name}_channel": _integers(_channels(scales / unit * 2**SCALED_BITS, bias / unit, gain, offset)),
+        f"sw_{name}_adjoint": _integers(
+            _channels(GAIN_ONE * norm.weight / gain_max, ROW_SCALE_ONE * matrix.scales.astype(np.float64) / largest)
+        ),
+        f"sw_{name}_layer": np.array([LAYER_NORM_EPSILON / unit**2, gain_max / quarter * largest / unit]),
+    }
 
 
-def _adjoint(matrix: Int8Matrix, norm: Norm) -> Array:
-    return _channels(norm.weight, matrix.scales.astype(np.float64) / matrix.scales.max())
+def _integers(values: Array) -> Integers:
+    """The nearest ones."""
+    return np.rint(values).astype(np.int32)
 
 
 def _plain(matrix: Int8Matrix, bias: Array, inverse_scale: float) -> Array:
@@ -160,14 +184,10 @@ def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str,
     return {
         "sw_dyn1_rows": packed(first.values),
         "sw_dyn1_adjoint_rows": packed(first.values.T),
-        "sw_dyn1_channel": _normed(first, weights.input.bias, weights.norm_in, state),
-        "sw_dyn1_adjoint": _adjoint(first, weights.norm_in),
-        "sw_dyn1_largest": np.array(first.scales.max()),
+        **_layer("dyn1", first, weights.input.bias, weights.norm_in, state),
         "sw_dyn2_rows": packed(second.values),
         "sw_dyn2_adjoint_rows": packed(second.values.T),
-        "sw_dyn2_channel": _normed(second, weights.hidden.bias, weights.norm_hidden, ELU_ONE),
-        "sw_dyn2_adjoint": _adjoint(second, weights.norm_hidden),
-        "sw_dyn2_largest": np.array(second.scales.max()),
+        **_layer("dyn2", second, weights.hidden.bias, weights.norm_hidden, ELU_ONE),
         "sw_dyn3_rows": packed(third.values),
         "sw_dyn3_adjoint_rows": packed(third.values.T),
         "sw_dyn3_channel": _plain(third, weights.output.bias, ELU_ONE),
@@ -184,28 +204,38 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     latent = _inverse_scale(ranges.state, weights.latent)
     inputs = [_inverse_scale(largest, width) for largest in ranges.blocks]
     output = _inverse_scale(ranges.forces, width)
+    unit = _residual_unit(first, weights, latent, max(*inputs, output))
+    layers = [
+        _layer("block", matrix, block.linear.bias, block.norm, inverse_scale)
+        for matrix, block, inverse_scale in zip(blocks, weights.blocks, inputs, strict=True)
+    ]
     return {
         "sw_decoder_rows": packed(first.values),
         "sw_decoder_adjoint_rows": packed(first.values.T),
-        "sw_decoder_channel": _plain(first, weights.input.bias, latent),
-        "sw_decoder_scale": _scales(first),
+        "sw_decoder_channel": _channels(
+            first.scales.astype(np.float64) / latent / unit, weights.input.bias / unit
+        ),
+        "sw_decoder_scale": _integers(_scales(first) / first.scales.max() * (2**31 - 1)),
+        # C's sw_scaled halves, with a factor of 2^31.
+        "sw_decoder_largest": np.array(2.0 * first.scales.max()),
         "sw_block_rows": np.array([packed(matrix.values) for matrix in blocks]),
         "sw_block_adjoint_rows": np.array([packed(matrix.values.T) for matrix in blocks]),
-        "sw_block_channel": np.array(
-            [
-                _normed(matrix, block.linear.bias, block.norm, inverse_scale)
-                for matrix, block, inverse_scale in zip(blocks, weights.blocks, inputs, strict=True)
-            ]
-        ),
-        "sw_block_adjoint": np.array(
-            [_adjoint(matrix, block.norm) for matrix, block in zip(blocks, weights.blocks, strict=True)]
-        ),
-        "sw_block_largest": np.array([matrix.scales.max() for matrix in blocks]),
+        **{name: np.array([layer[name] for layer in layers]) for name in layers[0]},
         "sw_force_rows": packed(last.values),
         "sw_force_adjoint_rows": packed(last.values.T),
         "sw_force_channel": _plain(last, weights.output.bias, output),
         "sw_force_scale": _scales(last),
         "sw_decoder_inverse_scale": np.array(latent),
-        "sw_block_inverse_scale": np.array(inputs),
-        "sw_force_inverse_scale": np.array(output),
+        "sw_residual_of_elu": _integers(np.array(1.0 / ELU_ONE / unit)),
+        "sw_residual_factor": _integers(np.array([*inputs, output]) * unit * 2**SCALED_BITS),
     }
+
+
+def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
+    """Of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, if it cannot overflow."""
+    sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * first.scales / latent
+    reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * ELU_RANGE
+    unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)
+    _stay_below(0.5, np.array(unit * finest), "sums of the decoder's residuals, in integers of its finest layer,")
+    _stay_below(2.0**16, np.array(1.0 / ELU_ONE / unit), "an ELU's integer in those of the decoder's residuals,")
+    return unit

@@ -47,8 +47,23 @@ ELU_RANGE: Final = 8
 ELU_MAX: Final = 6.4
 """Largest calibrated output that still leaves room below the range's end."""
 
-ELU_ARGUMENT_MAX: Final = 5e5
-"""Largest argument of an ELU that, in 1 / `ELU_ONE`, is still an int32."""
+ELU_ARGUMENT_ONE: Final = 1 << 18
+"""An argument of 1 of ELU's table."""
+
+ELU_ARGUMENT_MAX: Final = 4000.0
+"""Largest argument of an ELU that, in 1 / `ELU_ARGUMENT_ONE`, is still an int32 with a bit to spare."""
+
+SLOPE_SHIFT: Final = 4
+"""From `ELU_ONE` to the 256 of the tape's slopes of ELU, which are bytes."""
+
+GAIN_ONE: Final = 1 << 22
+"""The largest gain of a layer in its adjoint: times a slope of 256 a quarter of an int32's range."""
+
+ROW_SCALE_ONE: Final = 1 << 23
+"""The largest scale of a matrix in the adjoint of the layer in front."""
+
+SCALED_BITS: Final = 32
+"""C's sw_scaled multiplies by a factor in 1 / 2^32, which is below 1/2."""
 
 LOGISTIC_ONE: Final = 16384
 """An argument of 1 of the table of the logistic function."""
@@ -74,6 +89,8 @@ def c_constants() -> dict[str, int | np.float32]:
         "SW_POINTS_PER_UNIT": POINTS_PER_UNIT,
         "SW_ELU_ONE": ELU_ONE,
         "SW_ELU_RANGE": ELU_RANGE,
+        "SW_ELU_ARGUMENT_ONE": ELU_ARGUMENT_ONE,
+        "SW_SLOPE_SHIFT": SLOPE_SHIFT,
         "SW_LOGISTIC_ONE": LOGISTIC_ONE,
         "SW_LOGISTIC_RANGE": LOGISTIC_RANGE,
         "SW_LOGISTIC_QMAX": LOGISTIC_QMAX,
@@ -105,8 +122,12 @@ def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
 
 
 def elu_points() -> npt.NDArray[np.uint32]:
-    """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it."""
-    return _points(lambda x: ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), ELU_RANGE)
+    """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it; up to the largest int16."""
+
+    def elu(x: Array) -> Array:
+        return np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
+
+    return _points(elu, ELU_RANGE)
 
 
 def logistic_points() -> npt.NDArray[np.uint32]:

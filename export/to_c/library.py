@@ -1,4 +1,4 @@
-"""The C99 library of one control step: hand-written sources from `sources/`, generated settings and weights.
+"""The C99 library of one control step, and the ECU around it: hand-written sources, generated settings and weights.
 
 The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
 """
@@ -52,16 +52,28 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     precision = precision_of(program)
     return static_sources(precision) | {
         SETTINGS: settings_header(settings(effective(program), precision)),
-        WEIGHTS: _weights(arrays).encode(),
+        WEIGHTS: numbers_source(arrays, "the numbers of one trained program", "sw_weights.h"),
     }
 
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
-    """The sources that are the same for every program."""
+    """The control step's sources that are the same for every program."""
+    return _sources_in("common", precision)
+
+
+def ecu_sources() -> dict[str, bytes]:
+    """The sources of the ECU around a control step, the same for every program and vehicle.
+
+    What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.ecu.c_settings`).
+    """
+    return _sources_in("ecu")
+
+
+def _sources_in(*folders: str) -> dict[str, bytes]:
     root = files("export.to_c").joinpath("sources")
     return {
         item.name: item.read_bytes()
-        for folder in ("common", precision)
+        for folder in folders
         for item in root.joinpath(folder).iterdir()
         if item.name.endswith((".c", ".h"))
     }
@@ -100,17 +112,18 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
     }
 
 
-def _weights(arrays: Mapping[str, Values]) -> str:
-    text = ["/* Generated: the numbers of one trained program. */", '#include "sw_weights.h"']
+def numbers_source(arrays: Mapping[str, Values], what: str, header: str) -> bytes:
+    """A source file that defines the arrays by name, as the header declares them."""
+    text = [f"/* Generated: {what}. */", f'#include "{header}"']
     for name, values in arrays.items():
         sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype in (np.int8, np.uint32):
+        if values.dtype in (np.int8, np.int32, np.uint32):
             text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
         else:
             text.append(
                 f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), float_literal)};"
             )
-    return "\n\n".join(text) + "\n"
+    return ("\n\n".join(text) + "\n").encode()
 
 
 def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
@@ -120,3 +133,12 @@ def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
         return "{\n" + ",\n".join(_initialiser(part, number) for part in values) + "}"
     lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
     return "{" + ",\n ".join(", ".join(map(number, line)) for line in lines) + "}"
+
+
+def example_sources() -> dict[str, bytes]:
+    """Programs with a `main` of their own around the ECU, by their names in a folder.
+
+    What one of them plays is generated: `examples/pressures.h` (`firmware_sim.ecu.c_examples`).
+    """
+    root = files("export.to_c").joinpath("sources/examples")
+    return {f"examples/{item.name}": item.read_bytes() for item in root.iterdir() if item.name.endswith((".c", ".ld"))}

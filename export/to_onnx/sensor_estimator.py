@@ -1,24 +1,31 @@
-"""The estimates of pressures from each other as ONNX nodes: all views of the window in one batch."""
+"""The estimates of pressures from each other as ONNX nodes, all views of the window in one batch, and back again."""
 
 from typing import Final
 
 import numpy as np
 import onnx
+from onnx import numpy_helper
 
 from contract.controller.estimator import (
+    ESTIMATOR,
     ESTIMATOR_INPUT,
     ESTIMATOR_OUTPUT,
+    REACH,
     EstimatorNetwork,
     estimator_shapes,
     views,
 )
+from contract.errors import ExportError
+from export.int8.nearest import Int8Matrix
+from export.int8.rounded_estimator import RoundedEstimator
 from export.to_onnx.graph_builder import Graph
 
 DOC: Final = "Pressures estimated from each other: see contract.controller.estimator"
 
 
-def build_estimator(network: EstimatorNetwork) -> onnx.ModelProto:
+def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
     """`sensors.onnx` of a network; raises ExportError if a number of it has no finite float32."""
+    network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)
     shapes = estimator_shapes(length, sensors)
@@ -32,18 +39,53 @@ def build_estimator(network: EstimatorNetwork) -> onnx.ModelProto:
     ordered = graph.op("MatMul", graph.op("Unsqueeze", window, graph.index([0])), graph.constant(exchange, "exchange"))
     centred = graph.op("Sub", ordered, graph.constant(network.mean, "mean"))
     scaled = graph.op("Mul", centred, graph.constant(kept / network.std, "kept / std"))
-    flat = graph.op("Reshape", scaled, graph.index([len(seen_by), length * (sensors + 1)]))
+    within = graph.op("Clip", scaled, graph.constant(-REACH, "least"), graph.constant(REACH, "most"))
+    flat = graph.op("Reshape", within, graph.index([len(seen_by), length * (sensors + 1)]))
     value = graph.op("Concat", flat, graph.constant(hidden, "hidden"), axis=1)
-    for number, (weight, bias) in enumerate(network.layers):
+    for number, (matrix, (_, bias)) in enumerate(zip(rounded.matrices, network.layers, strict=True)):
         value = graph.op("Relu", value) if number else value
-        value = graph.op(
-            "Gemm",
-            value,
-            graph.constant(weight, f"layer_{number}.weight"),
-            graph.constant(bias, f"layer_{number}.bias"),
-            transB=1,
-        )
+        weight = _stored(graph, matrix, f"layer_{number}.weight")
+        value = graph.op("Gemm", value, weight, graph.constant(bias, f"layer_{number}.bias"), transB=1)
     spread = graph.op("Mul", value, graph.constant(network.std[:-1], "pressure_std"))
     pressures = graph.op("Add", spread, graph.constant(network.mean[:-1], "pressure_mean"))
     graph.output(pressures, shapes[ESTIMATOR_OUTPUT], ESTIMATOR_OUTPUT)
     return graph.model("sensors", DOC)
+
+
+def read_estimator(content: bytes) -> RoundedEstimator:
+    """The network of a graph that `build_estimator` wrote, in a verified bundle.
+
+    Raises:
+        ExportError: the graph is of another make, as those with float32 weights are that came before version 0.6.
+    """
+    graph = onnx.load_from_string(content).graph
+    constants = {item.name: numpy_helper.to_array(item) for item in graph.initializer}
+    made_by = {name: node for node in graph.node for name in node.output}
+    layers = [node for node in graph.node if node.op_type == "Gemm"]
+    weights = [made_by.get(node.input[1]) for node in layers]
+    if not layers or any(node is None or node.op_type != "DequantizeLinear" for node in weights):
+        raise ExportError(f"{ESTIMATOR}: has no int8 weights: fit it anew (stillwake bundle renew --sensors DATASET)")
+    matrices = [
+        Int8Matrix(values=constants[node.input[0]], scales=constants[node.input[1]])
+        for node in weights
+        if node is not None
+    ]
+    # The first of their kind are those that standardise the window.
+    mean, kept = (next(node for node in graph.node if node.op_type == kind).input[1] for kind in ("Sub", "Mul"))
+    network = EstimatorNetwork(
+        window=graph.input[0].type.tensor_type.shape.dim[0].dim_value,
+        mean=constants[mean].astype(np.float64),
+        std=1.0 / constants[kept].astype(np.float64).max(axis=(0, 1)),
+        layers=[
+            (matrix.dequantised().astype(np.float64), constants[node.input[2]].astype(np.float64))
+            for matrix, node in zip(matrices, layers, strict=True)
+        ],
+    )
+    return RoundedEstimator(network=network, matrices=matrices)
+
+
+def _stored(graph: Graph, matrix: Int8Matrix, name: str) -> str:
+    values = graph.stored(matrix.values, f"{name}.int8")
+    scales = graph.stored(matrix.scales, f"{name}.scale")
+    zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
+    return graph.op("DequantizeLinear", values, scales, zero_points, axis=0)

@@ -14,6 +14,7 @@ from contract.release.bundle import Bundle
 from firmware_sim.bench.disturbances import Disturbance, Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
+from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs import run_log
 from firmware_sim.runs.metadata import RunOrigin
 from firmware_sim.runs.run_folder import RunFolder
@@ -41,6 +42,7 @@ def run_closed_loop(
     controller: RunnableController | None = None,
     faults: Sequence[Disturbance] = (),
     fault_seed: int = 0,
+    ecu: LoopEcu | None = None,
 ) -> RunLog:
     """Run a wake under the bundle's controller and keep the results in `output`.
 
@@ -58,6 +60,7 @@ def run_closed_loop(
         controller: what computes the bundle's control step; ONNX Runtime without one.
         faults: what disturbs the run; their times are in s of it.
         fault_seed: of what they draw.
+        ecu: in place of the ECU in Python, which `controller` and `weights` are for.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
@@ -71,6 +74,7 @@ def run_closed_loop(
         weights=weights,
         disturbances=Disturbances(items=tuple(faults)),
         seed=fault_seed,
+        ecu=ecu,
     )
     folder = RunFolder(output)
     with ExitStack() as stack:

@@ -28,8 +28,9 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rates
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.fit import check_sensors
+from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs.bus_traffic import NodeErrors, WaitingTimes
-from firmware_sim.runs.metadata import RunMetadata, RunOrigin
+from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
 from wake.plant import LoopPlant
 
@@ -48,6 +49,7 @@ class Simulation:
         weights: of the cost, in place of the bundle's.
         disturbances: what disturbs it; their times are in s of the run.
         seed: of what they draw.
+        ecu: in place of the ECU in Python, which `controller` and `weights` are for.
 
     Attributes:
         periods: control periods without control, and in all.
@@ -67,6 +69,7 @@ class Simulation:
         weights: CostWeights | None = None,
         disturbances: Disturbances | None = None,
         seed: int = 0,
+        ecu: LoopEcu | None = None,
     ) -> None:
         self._disturbances = Disturbances() if disturbances is None else disturbances
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
@@ -76,10 +79,16 @@ class Simulation:
         self._authentication = authentication_in_virtual_time(config.bus)
         self._messages = message_set(config.bus)
         self._others = background(config.bus.background, config.bus, [spec.frame_id for spec in self._messages.specs])
-        self._controller = OnnxController.of(bundle) if controller is None else controller
-        self._controller.warm_up(WARM_UP_PLANS)
-        self._ecu = Ecu(bundle, self._controller, config, weights=weights, authentication=self._authentication)
+        self._ecu = self._python_ecu(bundle, controller, config, weights) if ecu is None else ecu
         self._bundle, self._config, self._spans, self._weights, self._seed = bundle, config, spans, weights, seed
+
+    def _python_ecu(
+        self, bundle: Bundle, controller: RunnableController | None, config: Config, weights: CostWeights | None
+    ) -> LoopEcu:
+        controller = OnnxController.of(bundle) if controller is None else controller
+        controller.warm_up(WARM_UP_PLANS)
+        ecu = Ecu(bundle, controller, config, weights=weights, authentication=self._authentication)
+        return LoopEcu(ecu=ecu, kind="python", computed_by=controller.description)
 
     def run(
         self,
@@ -128,7 +137,16 @@ class Simulation:
             vehicle = WatchedBus(port=vehicle, node="vehicle", observer=observer, clock=lambda: bus.now_ns)
             ecu = WatchedBus(port=ecu, node="ecu", observer=observer, clock=lambda: bus.now_ns)
         connected = BusPorts(vehicle=vehicle, ecu=ecu, ecu_health=ports["ECU"].health)
-        loop = VirtualLoop(wake, node, self._ecu, bus, connected, config, ecu_clock=disturbing.ecu_clock)
+        loop = VirtualLoop(
+            wake,
+            node,
+            self._ecu.ecu,
+            bus,
+            connected,
+            config,
+            ecu_clock=disturbing.ecu_clock,
+            step_ns=self._ecu.step_ns,
+        )
         disturbing.plan_resets(bus, loop)
         rows = list[Row]()
         lead_in, total = self.periods
@@ -153,9 +171,10 @@ class Simulation:
             config,
             settle=self._spans.settle,
             averages=self._spans.averages,
-            status=self._ecu.status(),
+            status=self._ecu.ecu.status(),
             plant=wake.description,
-            computed_by=self._controller.description,
+            computed_by=self._ecu.computed_by,
+            ecu=RunEcu.of(self._ecu.kind, self._ecu.clock_mhz, loop.planned_ns),
             origin=RunOrigin.on(date.today()) if origin is None else origin,
             weights=self._weights,
             faults=disturbing.injected(),
@@ -179,6 +198,7 @@ def simulate(
     observer: Observer | None = None,
     origin: RunOrigin | None = None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
+    ecu: LoopEcu | None = None,
 ) -> RunLog:
     """`Simulation` and its `run` in one call.
 
@@ -192,6 +212,7 @@ def simulate(
         weights=weights,
         disturbances=disturbances,
         seed=seed,
+        ecu=ecu,
     )
     return made.run(wake, observer=observer, origin=origin, progress=progress)
 

@@ -4,14 +4,15 @@ In the control period that starts at t_k
 
     t_k                          the vehicle samples the pressures and hands them to its CAN controller
     + wait + frame time          the ECU has them and steps
-    + compute time               the command is handed over (`ecu.compute_time_ms`: a stated budget, see below)
+    + compute time               the command is handed over (`ecu.compute_time_ms`, or the ECU's own: see below)
     + wait + frame time          the jets' driver has it and starts its ramp, which ends at t_{k+1}
 
 Waits and frame times are the bus's (`can_bridge.bus.simulated`): a frame waits for the one that is on the bus, and for
 all of higher priority. The plant is held at the command's arrival, rounded up to a time step of the flow, with the jets
 as they were: late commands act late. An answer that arrives at t_{k+1} or later acts in the period it arrives in, and
-an ECU still computing when its next step is due skips that step. Virtual compute time is a setting, so that a run does
-not depend on the machine; the step's wall-clock time is measured beside it.
+an ECU still computing when its next step is due skips that step. Virtual compute time is a setting, a stated budget, or
+what an emulated core takes for this very step by the model of its pipeline: neither depends on the machine. The step's
+wall-clock time is measured beside it.
 
 The ECU steps when a pressure frame arrives. It waits for one until half a period has passed (or one frame time, where
 that is longer), and then steps without: its fail-safe counts the miss, and its answer still acts in the period. What
@@ -32,7 +33,7 @@ from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
-from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.stepped import SteppedEcu
 from firmware_sim.runs.run_log import BusTotals, Row
 from wake.plant import Plant
 from wake.truck.sample import Sample
@@ -79,6 +80,10 @@ class VirtualLoop:
         config: clock and compute time.
         clock: wall clock in s for the step's measured time; nothing in the loop depends on it.
         ecu_clock: what the ECU's clock shows at a time of the run, in ns.
+        step_ns: what the ECU's latest step took; `ecu.compute_time_ms` without it.
+
+    Attributes:
+        planned_ns: compute time of every step so far that planned.
 
     Raises:
         BusError: if a pressure frame takes a whole control period or longer.
@@ -88,12 +93,13 @@ class VirtualLoop:
         self,
         plant: Plant,
         node: VehicleNode,
-        ecu: Ecu,
+        ecu: SteppedEcu,
         bus: SimulatedBus,
         ports: BusPorts,
         config: Config,
         clock: Callable[[], float] = time.perf_counter,
         ecu_clock: Callable[[int], int] = lambda now_ns: now_ns,
+        step_ns: Callable[[], int] | None = None,
     ) -> None:
         check_bit_rates(config)
         self._plant = plant
@@ -111,7 +117,9 @@ class VirtualLoop:
         self._substeps = config.flow.substeps
         self._period_ns = config.period_ns
         self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
-        self._compute_ns = round(config.ecu.compute_time_ms * 1e6)
+        compute_ns = round(config.ecu.compute_time_ms * 1e6)
+        self._step_ns = (lambda: compute_ns) if step_ns is None else step_ns
+        self.planned_ns: list[int] = []
         self._start_ns = 0
         self._busy_until_ns = 0
         self._inbox: list[Frame] = []  # what the ECU has received since its last step
@@ -183,7 +191,10 @@ class VirtualLoop:
         answers = self._ecu.step(self._ecu_clock(now_ns), self._inbox, self._ports.ecu_health())
         elapsed = self._clock() - began
         self._inbox = []
-        self._busy_until_ns = now_ns + self._compute_ns
+        takes_ns = self._step_ns()
+        if self._ecu.trace.forces is not None:
+            self.planned_ns.append(takes_ns)
+        self._busy_until_ns = now_ns + takes_ns
         self._bus.call_at(self._busy_until_ns, partial(self._answer, answers, self._boots))
         return elapsed * 1e3
 

@@ -4,25 +4,44 @@ They become `sw_ecu_settings.h` in a library's folder, so that no number of the 
 floating point is written with all of its digits, a double's by default.
 """
 
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
 from can_bridge.command_gate import GateLimits
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire.classic_codec import CLASSIC_BUS_OFF_LIMIT, CLASSIC_COUNT_LIMIT, STALE_NS
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.message_specs import AGE_RESOLUTION_NS, CLASSIC_AGE_RESOLUTION_NS, FLOW_RESOLUTION_M2_PER_S
-from can_bridge.wire.messages import Mode, Reason
+from can_bridge.wire.message_specs import (
+    AGE_RESOLUTION_NS,
+    CLASSIC_AGE_RESOLUTION_NS,
+    FLOW_RESOLUTION_M2_PER_S,
+    INT12_MAX,
+)
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller.c_folder import ECU_SETTINGS
 from contract.errors import ConfigError, LibraryError
 from contract.release.bundle import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.sensor_check import MOVING, NOISE_ALLOWED, SCORE_PERIODS
 
-HEADER: Final = "sw_ecu_settings.h"
-_BITS: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255}
-"""Most periods that the C ECU's state has room for."""
+HEADER: Final = ECU_SETTINGS
+_MOST: Final = {
+    "ecu.loss_window": 64,
+    "ecu.deadline_window": 32,
+    "bus.e2e.window": 255,
+    "ecu.deadline_misses": 2**30,
+    "ecu.hold_periods": 2**30,
+    "ecu.decay_periods": 2**30,
+    "ecu.rearm_frames": 2**30,
+}
+"""Most periods that the C ECU's state has room for, and that two of can be added."""
+_LONGEST_PERIOD_NS: Final = 2**53
+"""Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -46,14 +65,12 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
 def _check(config: Config) -> None:
     if config.bus.key:
         raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
-    asked = {
-        "ecu.loss_window": config.ecu.loss_window,
-        "ecu.deadline_window": config.ecu.deadline_window,
-        "bus.e2e.window": config.bus.e2e.window,
-    }
-    for name, value in asked.items():
-        if value > _BITS[name]:
-            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {_BITS[name]}")
+    for name, most in _MOST.items():
+        value = attrgetter(name)(config)
+        if value > most:
+            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {most}")
+    if config.period_ns > _LONGEST_PERIOD_NS:
+        raise ConfigError(f"a control period of {config.period_ns} ns: the ECU in C takes at most {_LONGEST_PERIOD_NS}")
     if not config.ecu.frozen_actions < 16:
         raise ConfigError(f"ecu.delay_steps = {config.ecu.delay_steps}: the ECU in C takes at most 14")
 
@@ -76,9 +93,17 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     return found | {
         "SW_FRAMES_FD": int(spec.is_fd),
         "SW_E2E_PROFILE": spec.profile,
+        "SW_E2E_COUNTERS": profile_of(spec).counter_period,
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
         "SW_AGE_RESOLUTION_NS": AGE_RESOLUTION_NS if spec.is_fd else CLASSIC_AGE_RESOLUTION_NS,
         "SW_FLOW_RESOLUTION": FLOW_RESOLUTION_M2_PER_S,
+        "SW_COUNT_LIMIT": COUNT_LIMIT if spec.is_fd else CLASSIC_COUNT_LIMIT,
+        "SW_BUS_OFF_LIMIT": BUS_OFF_LIMIT if spec.is_fd else CLASSIC_BUS_OFF_LIMIT,
+        **(
+            {"SW_ERROR_LIMIT": ERROR_LIMIT}
+            if spec.is_fd
+            else {"SW_PRESSURE_INVALID": f"({-INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
+        ),
         **{f"SW_MODE_{item.name}": item.value for item in Mode},
         **{f"SW_REASON_{item.name}": item.value for item in Reason},
         "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",
@@ -88,6 +113,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_E2E_MIN_OK": e2e.min_ok,
         "SW_E2E_MAX_ERRORS": e2e.max_errors,
         "SW_PERIOD_NS": f"INT64_C({config.period_ns})",
+        "SW_STEP_OFFSET_NS": f"INT64_C({round(ecu.step_offset_ms * 1e6)})",
         "SW_HOLD_PERIODS": ecu.hold_periods,
         "SW_DECAY_PERIODS": ecu.decay_periods,
         "SW_REARM_FRAMES": ecu.rearm_frames,

@@ -30,7 +30,7 @@ def open_library(
             the sources.
     """
     sources = read_sources(folder)
-    precision = _check_program(folder, sources, bundle)
+    precision = check_program(folder, sources, bundle)
     try:
         controller = CController(sources, Sizes.of(bundle.manifest), compiler=compiler, flags=flags)
     except LibraryError as error:
@@ -39,7 +39,7 @@ def open_library(
     return controller
 
 
-def _check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
+def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
     """The library's precision, once its header shows it to be the bundle's; raises LibraryError if it does not."""
     manifest = bundle.manifest
     try:

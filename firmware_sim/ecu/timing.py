@@ -7,9 +7,14 @@ sixteenth of a period, again and again, do.
 """
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
+
+LATEST_NS: Final = 2**61
+"""73 years: a clock beyond is as wrong as one before 0. Differences of times between have room in 64 bits, in the ECU's
+C as here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +22,7 @@ class Timing:
     """After a control step.
 
     Attributes:
-        step_ns: its time; None before the first.
+        step_ns: its time; None before the first. -1 stands for any before 0, and `LATEST_NS` for any after that.
         lag_ns: how much later than due, beyond the periods left out; negative if early.
         off_time: the latest `ecu.deadline_window` steps, a bit each and the newest lowest: 1 if it was late or early.
         skipped: whole periods left out before it.
@@ -32,8 +37,9 @@ class Timing:
 
     def next(self, now_ns: int, period_ns: int, config: EcuConfig) -> "Timing":
         """After the step at `now_ns`."""
-        if now_ns < 0 or (self.step_ns is not None and now_ns <= self.step_ns):
-            return replace(self, step_ns=now_ns, lag_ns=0, skipped=0, fault=Reason.CLOCK)
+        if not 0 <= now_ns <= LATEST_NS or (self.step_ns is not None and now_ns <= self.step_ns):
+            held_ns = min(max(now_ns, -1), LATEST_NS)
+            return replace(self, step_ns=held_ns, lag_ns=0, skipped=0, fault=Reason.CLOCK)
         if self.step_ns is None:
             return Timing(step_ns=now_ns)
         lag_ns = self.lag_ns + now_ns - self.step_ns - period_ns

@@ -9,32 +9,53 @@ from typing import Final
 from contract.controller.c_folder import library_sources
 from contract.controller.compiler import compile_c, zig_compiler
 from contract.errors import LibraryError, McuError
+from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
+CONTROL_STEP: Final = "mcu.c"
+ECU: Final = "mcu_ecu.c"
+"""Firmwares: what the core's memory holds beside the library, and the function that is called."""
+MISSING: Final = "the compiler is missing: pip install 'stillwake[mcu]', or in a checkout pip install '.[mcu]'"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
-COMMON: Final = ("-O3", "-ffp-contract=on", "-g0")
-CORTEX_M7: Final = (
-    "-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp",
-    "-ffreestanding", "-nostdlib", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
+COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
+# Loops that gain by it are unrolled in the sources; the compiler would unroll the others, which costs 21 KiB of flash.
+BARE: Final = (
+    "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops",
+    "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
     "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-Wl,-e,mcu_reset", "-T", LINKER_SCRIPT,
 )  # fmt: skip
 
 
-def compile_for_cortex_m7(sources: Mapping[str, bytes], board: Mapping[str, bytes] | None = None) -> bytes:
+def compile_for_cortex_m7(
+    sources: Mapping[str, bytes],
+    board: Mapping[str, bytes] | None = None,
+    *,
+    main: str = CONTROL_STEP,
+    core: Core = CORTEX_M7,
+) -> bytes:
     """The library with start-up and linker script as an ELF file.
 
     Args:
+        main: which firmware, CONTROL_STEP or ECU.
+        core: another core with the same memories.
         board: files next to the firmware's, or in place of those of the same name.
 
     Raises:
         McuError: the sources do not compile, or `ziglang` is not installed.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
-    firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
+    left_out = {CONTROL_STEP, ECU} - {main}
+    firmware = {item.name: item.read_bytes() for item in folder.iterdir() if item.name not in left_out}
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
-        _compile(library_sources(sources) | firmware | dict(board or {}), image, (*COMMON, *CORTEX_M7))
+        _compile(library_sources(sources) | firmware | dict(board or {}), image, (*COMMON, *BARE, f"-mcpu={core.cpu}"))
         return image.read_bytes()
+
+
+def compile_block_counter(output: Path) -> None:
+    """What counts basic blocks while the core runs (`firmware_sim.mcu.block_counter`); raises McuError."""
+    source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
+    _compile({"block_counter.c": source}, output, ("-O2", "-fPIC", "-shared"))
 
 
 def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
@@ -45,7 +66,7 @@ def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
 def _compile(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:
     compiler = zig_compiler()
     if compiler is None:
-        raise McuError("the compiler is missing: pip install 'stillwake[mcu]', or in a checkout pip install '.[mcu]'")
+        raise McuError(MISSING)
     try:
         compile_c(sources, output, compiler=compiler, flags=flags)
     except LibraryError as error:

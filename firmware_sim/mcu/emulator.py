@@ -8,13 +8,19 @@ import unicorn
 from unicorn import arm_const, unicorn_const
 
 from contract.errors import McuError
+from firmware_sim.mcu.block_counter import BlockCounter
+from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.timing import Pipeline
 
 FLASH: Final = 0x0800_0000
 FLASH_BYTES: Final = 1 << 20
 RAM: Final = 0x2000_0000
 RAM_BYTES: Final = 1 << 19
 STACK_BYTES: Final = 8192
+MESSAGES: Final = 0x4000_A000
+"""Where the CAN controller keeps received frames."""
+MESSAGES_BYTES: Final = 1 << 16
 _STACK: Final = 0x3000_0000
 _UNTOUCHED: Final = 0xA5
 _RETURN: Final = FLASH + FLASH_BYTES - 0x100
@@ -34,7 +40,13 @@ class Machine:
         self._failure: Any = binding.UcError
         self._core: Any = binding.Uc(unicorn_const.UC_ARCH_ARM, mode)
         self._core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
-        for start, size in ((FLASH, FLASH_BYTES), (RAM, RAM_BYTES), (_STACK, STACK_BYTES), (_SYSTEM, 0x1000)):
+        for start, size in (
+            (FLASH, FLASH_BYTES),
+            (RAM, RAM_BYTES),
+            (_STACK, STACK_BYTES),
+            (_SYSTEM, 0x1000),
+            (MESSAGES, MESSAGES_BYTES),
+        ):
             self._core.mem_map(start, size)
         for segment in firmware.segments:
             self._core.mem_write(segment.address, segment.content)
@@ -44,6 +56,18 @@ class Machine:
     def write(self, symbol: str, content: bytes) -> None:
         """Put bytes where a symbol is."""
         self._core.mem_write(self._address(symbol), content)
+
+    def write_at(self, address: int, content: bytes) -> None:
+        """Put bytes at an address."""
+        self._core.mem_write(address, content)
+
+    def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
+        """A counter of the basic blocks that run from now on; made before the first call."""
+        return BlockCounter(self._core, FLASH, FLASH_BYTES, self.pipeline(core))
+
+    def pipeline(self, core: Core) -> Pipeline:
+        """What blocks of the flash cost."""
+        return Pipeline(self.code(), FLASH, dual_issue=core.dual_issue)
 
     def read(self, symbol: str, size: int) -> bytes:
         """Bytes from where a symbol is."""
@@ -83,8 +107,16 @@ class Machine:
 
     def stack_used(self, function: str) -> int:
         """Bytes of stack that a call of the function touches."""
-        self._core.mem_write(_STACK, bytes([_UNTOUCHED]) * STACK_BYTES)
+        self.paint_stack()
         self.call(function)
+        return self.stack_depth()
+
+    def paint_stack(self) -> None:
+        """Mark all of the stack as untouched."""
+        self._core.mem_write(_STACK, bytes([_UNTOUCHED]) * STACK_BYTES)
+
+    def stack_depth(self) -> int:
+        """Bytes of stack touched since `paint_stack`."""
         stack = bytes(self._core.mem_read(_STACK, STACK_BYTES))
         return STACK_BYTES - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), STACK_BYTES)
 

@@ -13,11 +13,10 @@ from contract.controller.c_folder import Rows, Settings, read_recorded, read_sou
 from contract.controller.interface import TERMS
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
+from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware, read_elf
-from firmware_sim.mcu.emulator import FLASH, Machine
-from firmware_sim.mcu.timing import Pipeline
+from firmware_sim.mcu.emulator import Machine
 
-CLOCKS_MHZ: Final = (480, 300)
 PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 
@@ -74,13 +73,18 @@ def measure_folder(folder: Path, *, phase: Callable[[str], None] = lambda begun:
 
 
 def measure(
-    sources: Mapping[str, bytes], rows: Rows, *, phase: Callable[[str], None] = lambda begun: None
+    sources: Mapping[str, bytes],
+    rows: Rows,
+    *,
+    core: Core = CORTEX_M7,
+    phase: Callable[[str], None] = lambda begun: None,
 ) -> Measurement:
     """Compile, run and compare.
 
     Args:
         sources: the library's files.
         rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
+        core: which one is compiled for and modelled; the emulated one is a Cortex-M7.
         phase: called with each of `PHASES` when it begins.
 
     Raises:
@@ -92,7 +96,7 @@ def measure(
     if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
         raise McuError(f"recorded rows have shape {rows.shape}: must be at least {window} rows of {columns}")
     phase(PHASES[0])
-    firmware = read_elf(compile_for_cortex_m7(sources))
+    firmware = read_elf(compile_for_cortex_m7(sources, core=core))
     machine = Machine(firmware)
     phase(PHASES[1])
     found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
@@ -100,18 +104,18 @@ def measure(
     expected = _on_host(sources, rows)
     stack = machine.stack_used("mcu_step")
     phase(PHASES[3])
-    instructions, cycles = _count(machine)
+    instructions, cycles = _count(machine, core)
     return Measurement(
         precision=settings.text("SW_PRECISION"),
         program_sha256=settings.text("SW_PROGRAM_SHA256"),
-        flash_bytes=sum(firmware.sections.get(name, 0) for name in (".text", ".hot", ".rodata", ".data")),
-        ram_bytes=_ram(firmware) + stack,
+        flash_bytes=flash_bytes(firmware),
+        ram_bytes=linked_ram(firmware) + stack,
         stack_bytes=stack,
         multiply_accumulates=settings.multiply_accumulates(),
         instructions=instructions,
         cycles=cycles,
-        one_per_cycle_ms={str(clock): instructions / (clock * 1e3) for clock in CLOCKS_MHZ},
-        modelled_ms={str(clock): cycles / (clock * 1e3) for clock in CLOCKS_MHZ},
+        one_per_cycle_ms={str(clock): instructions / (clock * 1e3) for clock in core.clocks_mhz},
+        modelled_ms={str(clock): cycles / (clock * 1e3) for clock in core.clocks_mhz},
         steps=len(found),
         identical=bool(np.array_equal(found, expected)),
         action_difference=float(np.abs(found[:, 0] - expected[:, 0]).max()),
@@ -119,7 +123,13 @@ def measure(
     )
 
 
-def _ram(firmware: Firmware) -> int:
+def flash_bytes(firmware: Firmware) -> int:
+    """Code and everything that is read from flash or copied out of it."""
+    return sum(firmware.sections.get(name, 0) for name in (".text", ".hot", ".rodata", ".data"))
+
+
+def linked_ram(firmware: Firmware) -> int:
+    """RAM without the stack."""
     return sum(firmware.sections.get(name, 0) for name in (".hot", ".data", ".bss"))
 
 
@@ -138,9 +148,9 @@ def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
     return np.array(answers, dtype=np.float32)
 
 
-def _count(machine: Machine) -> tuple[int, int]:
+def _count(machine: Machine, core: Core = CORTEX_M7) -> tuple[int, int]:
     """Instructions and modelled cycles of a control step."""
-    pipeline = Pipeline(machine.code(), FLASH)
+    pipeline = machine.pipeline(core)
     blocks = [(count, pipeline.block(*place)) for place, count in machine.call_counted("mcu_step").items()]
     return sum(n * block.instructions for n, block in blocks), sum(n * block.cycles for n, block in blocks)
 

@@ -1,4 +1,4 @@
-"""What a basic block costs on a Cortex-M7: a model of its in-order, dual-issue pipeline, and what it leaves out.
+"""What a basic block costs on a Cortex-M7, or on a Cortex-M4: models of their pipelines, and what they leave out.
 
 Arm publishes no cycle counts for this core, so these are assumptions, stated to be questioned:
 
@@ -10,6 +10,12 @@ Arm publishes no cycle counts for this core, so these are assumptions, stated to
 - A block that ends in a branch pays one cycle more; branches are predicted.
 - Every access is a hit: code in instruction TCM or cache, workspace and the dynamics' weights in data TCM, all other
   constants in a warm data cache.
+
+A Cortex-M4 issues one instruction a cycle, from memories without wait states (Arm's table of its cycles, DDI 0439):
+
+- A load takes two cycles, one where a load or store stands right before it; a double or multiple one a cycle a word
+  and one more. A fused multiply-add takes three, a division 14, every other instruction one.
+- A block that ends in a branch pays two cycles more.
 """
 
 from dataclasses import dataclass
@@ -24,6 +30,7 @@ _STORE: Final = ("str", "vstr")
 _MANY: Final = ("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "strd")
 _DIVIDE: Final = ("vdiv", "vsqrt", "sdiv", "udiv")
 _DIVIDE_CYCLES: Final = 14
+_FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,10 +42,16 @@ class Block:
 
 
 class Pipeline:
-    """Disassembles code and models its blocks."""
+    """Disassembles code and models its blocks.
 
-    def __init__(self, code: bytes, origin: int) -> None:
+    Args:
+        code, origin: a memory's content, and its address.
+        dual_issue: the pipeline of a Cortex-M7, or else that of a Cortex-M4.
+    """
+
+    def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
         self._code, self._origin = code, origin
+        self._cycles = _cycles if dual_issue else _cycles_one_by_one
         self._disassembler = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
         self._disassembler.detail = True
 
@@ -46,7 +59,7 @@ class Pipeline:
         """The block of `size` bytes at an address."""
         start = address - self._origin
         listing = list(self._disassembler.disasm(self._code[start : start + size], address))
-        return Block(instructions=len(listing), cycles=_cycles(listing))
+        return Block(instructions=len(listing), cycles=self._cycles(listing))
 
 
 def _cycles(listing: list[Any]) -> int:
@@ -58,7 +71,7 @@ def _cycles(listing: list[Any]) -> int:
     for instruction in listing:
         kind, latency, slots = _kind(instruction.mnemonic)
         reads, writes = instruction.regs_access()
-        early = multiplied & {_accumulator(instruction)} if kind == "multiply" else set()
+        early = multiplied & _accumulators(instruction) if kind == "multiply" else set()
         earliest = max((ready.get(reg, 0) - (reg in early) for reg in reads), default=0)
         if kind == "divide":
             earliest = max(earliest, divider)
@@ -73,6 +86,26 @@ def _cycles(listing: list[Any]) -> int:
             (multiplied.add if kind == "multiply" else multiplied.discard)(reg)
     branches = bool(listing) and _kind(listing[-1].mnemonic)[0] == "branch"
     return cycle + 1 + branches
+
+
+def _cycles_one_by_one(listing: list[Any]) -> int:
+    cycles, in_memory = 0, False
+    for instruction in listing:
+        name = instruction.mnemonic.split(".")[0]
+        kind, _, _ = _kind(instruction.mnemonic)
+        if kind == "load":
+            cycles += 1 if in_memory else 2
+        elif kind == "double" or name == "strd":
+            cycles += 3
+        elif kind == "many":
+            cycles += len(instruction.operands)
+        elif kind == "divide":
+            cycles += _DIVIDE_CYCLES
+        else:
+            cycles += 3 if name.startswith(_FUSED) else 1
+        in_memory = kind in ("load", "store")
+    branches = bool(listing) and _kind(listing[-1].mnemonic)[0] == "branch"
+    return cycles + 2 * branches
 
 
 def _fits(issued: list[str], kind: str) -> bool:
@@ -101,7 +134,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
         return "store", 1, 1
     if name.startswith(_MULTIPLY):
         return "multiply", 2, 1
-    if name.startswith(("vfm", "vfnm", "vmla", "vmls", "vnml")):
+    if name.startswith(_FUSED):
         return "float", 4, 1
     if name.startswith(("vmov", "vabs", "vneg", "vsel")):
         return "float", 1, 1
@@ -112,7 +145,9 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
     return "integer", 1, 1
 
 
-def _accumulator(instruction: Any) -> int | None:
-    """The register that a multiply-accumulate adds to, which it needs one cycle later than its factors."""
-    operands = instruction.operands
-    return int(operands[3].reg) if len(operands) == 4 else None
+def _accumulators(instruction: Any) -> set[int]:
+    """The registers that a multiply-accumulate adds to, which it needs one cycle later than its factors."""
+    operands = [int(operand.reg) for operand in instruction.operands]
+    if instruction.mnemonic.startswith(("smlal", "umlal")):
+        return set(operands[:2])
+    return set(operands[3:])

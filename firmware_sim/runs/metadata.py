@@ -1,10 +1,11 @@
 """What a run was made with: controller, plant, settings and versions, and the call that started it."""
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import date
 from importlib.metadata import version
+from statistics import median
 from typing import Any, Final
 
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
@@ -54,6 +55,31 @@ class InjectedFault:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RunEcu:
+    """Which ECU a run had.
+
+    Attributes:
+        kind: python, c or cortex-m7.
+        clock_mhz: of an emulated core; None where virtual time is charged by `ecu.compute_time_ms`.
+        modelled_ms: median of what that core took for a step with a plan, by the model of its pipeline; None without.
+        modelled_ms_max: the longest.
+    """
+
+    kind: str = "python"
+    clock_mhz: float | None = None
+    modelled_ms: float | None = None
+    modelled_ms_max: float | None = None
+
+    @classmethod
+    def of(cls, kind: str, clock_mhz: float | None, planned_ns: Sequence[int]) -> "RunEcu":
+        """With the compute time of every step that planned."""
+        if clock_mhz is None or not planned_ns:
+            return cls(kind=kind, clock_mhz=clock_mhz)
+        milliseconds = [item / 1e6 for item in planned_ns]
+        return cls(kind=kind, clock_mhz=clock_mhz, modelled_ms=median(milliseconds), modelled_ms_max=max(milliseconds))
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunMetadata:
     """Kept beside the series of a run, and the facts of its results.
 
@@ -75,6 +101,7 @@ class RunMetadata:
         versions: Python, machine and packages.
         faults: what disturbed it, in the order given; nothing in an ordinary run.
         fault_seed: of what they drew.
+        ecu: that ran.
     """
 
     controller: str
@@ -94,6 +121,7 @@ class RunMetadata:
     versions: Mapping[str, str]
     faults: tuple[InjectedFault, ...] = ()
     fault_seed: int = 0
+    ecu: RunEcu = RunEcu()
 
     @classmethod
     def of(
@@ -110,6 +138,7 @@ class RunMetadata:
         weights: CostWeights | None = None,
         faults: tuple[InjectedFault, ...] = (),
         fault_seed: int = 0,
+        ecu: RunEcu | None = None,
     ) -> "RunMetadata":
         """Of a run in this process; arguments as the attributes, the bundle's weights if none are given."""
         manifest = bundle.manifest
@@ -135,6 +164,7 @@ class RunMetadata:
             },
             faults=faults,
             fault_seed=fault_seed,
+            ecu=RunEcu() if ecu is None else ecu,
         )
 
     @property
@@ -155,6 +185,7 @@ class RunMetadata:
             "origin": {**asdict(self.origin), "command": list(self.origin.command)},
             "versions": dict(self.versions),
             "faults": [asdict(one) for one in self.faults],
+            "ecu": asdict(self.ecu),
         }
 
     @classmethod
@@ -175,5 +206,6 @@ class RunMetadata:
             "origin": RunOrigin(**{**origin, "command": tuple(origin["command"])}),
             # Not in a run of an earlier version, which could have none.
             "faults": tuple(InjectedFault(**one) for one in tree.get("faults", ())),
+            "ecu": RunEcu(**tree.get("ecu", {})),
         }
         return cls(**{**tree, **typed})

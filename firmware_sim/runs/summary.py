@@ -36,6 +36,7 @@ def summary(log: RunLog) -> dict[str, Any]:
         "sensors": list(metadata.sensors),
         "controller": metadata.controller,
         "computed_by": metadata.computed_by,
+        "ecu": asdict(metadata.ecu),
         "signer": metadata.signer,
         "controlled_averages_from_t_c_after_enable": metadata.settle,
     }

@@ -53,6 +53,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         *_control_rows(log),
         *_injected(run),
         ("plant", run.plant),
+        ("ECU", _ecu(run)),
         ("control step computed by", run.computed_by),
         ("cost weights", _weights(run)),
         ("virtual compute time", _charged(run)),
@@ -157,10 +158,28 @@ def _weights(run: RunMetadata) -> str:
     )
 
 
+def _ecu(run: RunMetadata) -> str:
+    kinds = {"python": "in Python", "c": "in C, on this machine", "cortex-m7": "in C, on an emulated Cortex-M7"}
+    clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
+    return kinds.get(run.ecu.kind, run.ecu.kind) + clock
+
+
 def _charged(run: RunMetadata) -> str:
-    charged, period = run.config.ecu.compute_time_ms, run.config.period_ns / 1e6
-    verdict = "fits" if charged <= period else "does not fit"
-    return f"{charged:g} ms of a period of {period:g} ms: {verdict}"
+    period = run.config.period_ns / 1e6
+    if run.ecu.clock_mhz is None:
+        charged = run.config.ecu.compute_time_ms
+        return f"{charged:g} ms of a period of {period:g} ms: {_fits(charged, period)}"
+    if run.ecu.modelled_ms is None or run.ecu.modelled_ms_max is None:
+        return "by the core's modelled cycles: no control step ran"
+    longest = run.ecu.modelled_ms_max
+    return (
+        f"by the core's modelled cycles, with a plan {run.ecu.modelled_ms:.2f} / {longest:.2f} ms (median / max) of a "
+        f"period of {period:g} ms: {_fits(longest, period)}"
+    )
+
+
+def _fits(needed_ms: float, period_ms: float) -> str:
+    return "fits" if needed_ms <= period_ms else "does not fit"
 
 
 def _measured(timing: Latency) -> str:

@@ -1,10 +1,11 @@
 """The commands that lower a trained model: to a release bundle and a C library, and onto an emulated Cortex-M7."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -12,24 +13,32 @@ from rich.table import Table
 from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model_folder import DESCRIPTION, read_description
 from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
 from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.releases import open_release
 from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings of a release that its model does not fix."""
+USES_IN_C: Final = ("bus", "ecu")
+"""More of them, which the ECU of a C library is compiled with."""
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model directory written by `train`.")],
-    output: Annotated[Path, typer.Argument(help="Bundle directory, or .zip, to write.")],
+    model: Annotated[
+        Path | None, typer.Argument(help="Model directory written by `train`. Default: the shipped one.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is of the shipped bundle."),
+    ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
@@ -55,17 +64,26 @@ def export(
     Settings are those that the model was trained with; --config and --set go
     on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
     the graph agrees with the reference computation in NumPy, and so does the
-    C library where one is asked for. The shipped bundle has no model next to it, so --c needs a
-    model of your own.
+    C library where one is asked for. The folder of --c has the whole ECU in C
+    as well, with the settings of the sections bus and ecu compiled in.
+    `export --c FOLDER` alone writes that folder for the shipped bundle.
     """
+    if model is None or output is None:
+        if model is not None or c_folder is None or sensors or key is not None or dataset is not None:
+            raise OutputError("no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone for the shipped bundle's")
+        check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
+        _export_shipped(c_folder, config_file, overrides)
+        return
     signing_key = None if key is None else read_private_key(key)
-    config = _settings(model, config_file, overrides)
+    config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
     if c_folder is not None:
         check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
 
     from export.release.pipeline import PHASES, export_all, gate_figures
+    from stillwake.c_release import ecu_files
 
+    say = partial(console.print, soft_wrap=True, markup=False)
     used = recording() if dataset is None else dataset
     with progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
@@ -81,14 +99,12 @@ def export(
             key=signing_key,
             named=dataset is not None,
             estimator=partial(fitted_estimator, used, bar) if sensors else None,
+            ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
-    table = Table("check", "measured")
-    for title, value in gate_figures(done):
-        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
-    console.print(table)
+    _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
@@ -96,7 +112,7 @@ def export(
     if count != SENSORS:
         console.print(
             f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
-            f"the C library and the ONNX graph work with any number",
+            f"the control step in C and the ONNX graph work with any number",
             soft_wrap=True,
         )
     if done.library is not None:
@@ -104,7 +120,36 @@ def export(
         console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
 
 
-def _settings(model: Path, file: Path | None, overrides: list[str]) -> Config:
+def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:
+    """The shipped bundle's library, with the vehicle's settings compiled in."""
+    config = settings("export --c", file, overrides, uses=USES_IN_C).config
+
+    from export.release.pipeline import PHASES, gate_figures
+    from stillwake.c_release import write_shipped_library
+
+    release = open_release(None, None)
+    with progress_bar("phases") as bar:
+        task = bar.add_task("export", total=len(PHASES), note="")
+        done = write_shipped_library(
+            folder,
+            release,
+            config,
+            notice=partial(console.print, soft_wrap=True, markup=False),
+            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+        )
+        bar.update(task, completed=len(PHASES), note="")
+    _show_gates(gate_figures(done))
+    console.print(f"wrote {folder}: C99, {release.manifest.name}", soft_wrap=True, markup=False)
+
+
+def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
+    table = Table("check", "measured")
+    for title, value in figures:
+        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
+    console.print(table)
+
+
+def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
     """The model's own, with what the user gives on top."""
     try:
         own = read_description(model)["config"]
@@ -116,7 +161,7 @@ def _settings(model: Path, file: Path | None, overrides: list[str]) -> Config:
         base = from_tree(own)
     except ConfigError as error:
         raise ModelError(f"model {model}: {DESCRIPTION}: {error}") from error
-    return settings("export", file, overrides, uses=USES, base=base).config
+    return settings("export", file, overrides, uses=uses, base=base).config
 
 
 def _description(bundle: Path) -> str:
@@ -131,7 +176,9 @@ def _description(bundle: Path) -> str:
 
 
 def mcu(
-    library: Annotated[Path, typer.Argument(help="Folder written by `export --c`; the shipped bundle has none.")],
+    library: Annotated[
+        Path | None, typer.Argument(help="Folder written by `export --c`. Default: the shipped bundle's library.")
+    ] = None,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
@@ -145,10 +192,14 @@ def mcu(
 
     from firmware_sim.mcu.measure import PHASES, measure_folder
     from firmware_sim.mcu.verdict import period_ms, verdicts
+    from stillwake.c_release import library_folder
 
     with progress_bar("phases") as bar:
         task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
-        found = measure_folder(library, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun))
+        with library_folder(library) as folder:
+            found = measure_folder(
+                folder, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun)
+            )
         bar.update(task, completed=len(PHASES), note="")
     table = Table("one control step on a Cortex-M7", "")
     for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
@@ -158,6 +209,6 @@ def mcu(
         write_result(
             json_file,
             figures=asdict(found),
-            facts={"library": str(library), "period_ms": period_ms(config)},
+            facts={"library": "shipped" if library is None else str(library), "period_ms": period_ms(config)},
             on=date.today(),
         )

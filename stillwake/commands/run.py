@@ -15,7 +15,8 @@ from rich.table import Table
 
 from contract.config.controller import CostWeights
 from contract.config.loading import Loaded
-from contract.errors import ConfigError, StillwakeError
+from contract.config.tree import Config
+from contract.errors import ConfigError, LibraryError, StillwakeError
 from contract.release.bundle import Bundle
 from contract.results import write_result
 from stillwake.outputs import check_json
@@ -24,6 +25,7 @@ from stillwake.settings import WEIGHTS, settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
+    from firmware_sim.ecu.stepped import LoopEcu
     from firmware_sim.runs.run_log import RunLog
 
 NOT_IN_CONTROL: Final = 3
@@ -42,6 +44,8 @@ _BUS: Final = (
 )
 """All but the channel: a bus in virtual time has none."""
 _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle")
+PYTHON: Final = "python"
+ECUS: Final = (PYTHON, "c", "cortex-m7")
 _STARTING: Final = "starting (first run: compiles)"
 
 
@@ -52,6 +56,10 @@ def run(
     library: Annotated[
         Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
     ] = None,
+    ecu: Annotated[
+        str, typer.Option(help="ECU that runs: python, c (on this machine) or cortex-m7 (emulated).")
+    ] = PYTHON,
+    clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
@@ -90,6 +98,9 @@ def run(
     duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift; their parameters
     are in docs/reference/bus-faults.md.
 
+    --ecu c runs the whole ECU as its C sources, and --ecu cortex-m7 the same ones on an emulated microcontroller, whose
+    modelled cycles are charged as compute time. Both are of the folder that --library names, or of the shipped model.
+
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
     reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
     wire_errors, reset, clock, no_request, reynolds, gust, operating_point and action_limit; their parameters are in
@@ -113,6 +124,8 @@ def run(
         raise ConfigError("--require-reduction needs averages: leave out --no-averages")
     if require_reduction is not None and not isfinite(require_reduction):
         raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
+    if ecu not in ECUS:
+        raise ConfigError(f"--ecu {ecu}: must be one of {', '.join(ECUS)}")
     disturbances = [*map(parse_node_fault, fault), *map(parse_disturbance, disturb)]
     folder = RunFolder(output)
     folder.check_free(overwrite=overwrite)
@@ -125,8 +138,11 @@ def run(
     console.print(*describe(release), sep="\n", soft_wrap=True)
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
         console.print("sensor check: off, this bundle has no sensor estimator", soft_wrap=True)
-    controller = None
-    if library is not None:
+    controller, in_c = None, None
+    if ecu != PYTHON:
+        in_c = _ecu_in_c(ecu, library, release, config, weights=weights, clock_mhz=clock_mhz)
+        console.print(f"ECU {ecu}: {in_c.computed_by}", soft_wrap=True, markup=False)
+    elif library is not None:
         controller = open_library(library, release)
         console.print(f"library {library}: {controller.description}", soft_wrap=True, markup=False)
     waiting = ExitStack()
@@ -180,6 +196,7 @@ def run(
             controller=controller,
             faults=disturbances,
             fault_seed=fault_seed,
+            ecu=in_c,
         )
     page = write_report(folder)
     if json_file is not None:
@@ -187,6 +204,28 @@ def run(
     _print(log)
     console.print(f"wrote {page} and {folder.summary}", soft_wrap=True)
     _exit(log, require_reduction)
+
+
+def _ecu_in_c(
+    kind: str, library: Path | None, release: Bundle, config: Config, *, weights: CostWeights, clock_mhz: float
+) -> "LoopEcu":
+    """The bundle's ECU in C, for the vehicle of this run.
+
+    Raises:
+        LibraryError: no library was named, and the bundle is not the shipped one; or the library is not the bundle's.
+        StillwakeError: it cannot be compiled, or the settings are not for an ECU in C.
+    """
+    from firmware_sim.bench.ecus import loop_ecu
+    from firmware_sim.ecu.c_ecu import ecu_sources
+    from stillwake.c_release import library_folder
+
+    if config.bus.key:
+        raise ConfigError(f"bus.key: --ecu {kind} has no authentication; leave it empty, or take --ecu {PYTHON}")
+    if library is None and release.digest != open_release(None, None).digest:
+        raise LibraryError(f"--ecu {kind}: name the bundle's C library with --library (`stillwake export --c`)")
+    with library_folder(library) as folder:
+        sources = ecu_sources(folder, release, config)
+    return loop_ecu(kind, sources, weights=weights, clock_mhz=clock_mhz)
 
 
 def report(

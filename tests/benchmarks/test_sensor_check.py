@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.ecu.sensor_check import Lab, Passage, _network, _windows
+from benchmarks.ecu.sensor_check import Lab, Passage, _windows
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
 from contract.release import bundle
+from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.ecu.ecu import sensor_check_of
 from stillwake.shipped import BUNDLE
 
@@ -36,7 +37,7 @@ def test_the_network_that_is_read_from_the_graph_computes_what_onnx_runtime_does
     release = bundle.load(BUNDLE)
     check = sensor_check_of(release, Config())
     assert check is not None
-    network = _network(release.files[ESTIMATOR], release.manifest.window)
+    network = read_estimator(release.files[ESTIMATOR]).network
     Lab(check=check, network=network).agrees(passage())
     network.layers[0][1][:] += 1.0
     with pytest.raises(StillwakeError, match="NumPy and ONNX Runtime"):

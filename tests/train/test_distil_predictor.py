@@ -11,6 +11,7 @@ from train.distil import encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import rollout_starts
 from train.fit import fit_joint
+from train.lessons import teach
 from train.model import Predictor
 from train.rows import prepare
 from train.scaling import fit_scaling
@@ -25,12 +26,14 @@ def test_the_student_rolls_out_as_the_teacher(small_recording: Dataset, small_co
     config = replace(
         small_config,
         model=replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16),
-        train=replace(small_config.train, epochs=20.0, predictor_epochs=40.0),
+        train=replace(small_config.train, epochs=20.0, predictor_lessons=8192, predictor_epochs=12.0),
         mpc=replace(small_config.mpc, horizon=10),
     )
     teacher = fit_joint(rows, config)
     before = [parameter.clone() for parameter in teacher.parameters()]
-    student = distil_predictor(teacher, rows, config)
+    latents = encode_all(teacher.encoder, rows)
+    lessons = teach(teacher, latents, rows, scaling, config)
+    student = distil_predictor(lessons, config.model, config.train)
     assert all(torch.equal(a, b) for a, b in zip(before, teacher.parameters(), strict=True))
     assert (student.dynamics.hidden.in_features, student.decoder.input.out_features) == (24, 16)
 

@@ -205,7 +205,7 @@ def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(
     stored: Path, recording: Path, small_config: Config, tmp_path: Path
 ) -> None:
     narrow = replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16)
-    config = replace(small_config, model=narrow, train=replace(small_config.train, predictor_epochs=2.0))
+    config = replace(small_config, model=narrow, train=replace(small_config.train, predictor_epochs=0.1))
     train_all(recording, config, tmp_path / "narrow")
     model, wide = model_store.load(tmp_path / "narrow"), model_store.load(stored)
     assert model.predictor is not None

@@ -19,6 +19,7 @@ from contract.release.bundle import MadeEstimator
 from contract.release.manifest import Manifest, SensorEstimator
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
+from export.int8.rounded_estimator import rounded_estimator
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step
@@ -57,7 +58,9 @@ def release(path, lowerings: Gated, **changes) -> None:
 
 
 def test_a_sensor_estimator_is_made_for_the_manifest_and_written_with_it(tmp_path, program):
-    graph = build_estimator(random_network(window=5, sensors=len(program.sensors))).SerializeToString()
+    graph = build_estimator(
+        rounded_estimator(random_network(window=5, sensors=len(program.sensors)))
+    ).SerializeToString()
     asked = []
 
     def made(manifest: Manifest) -> MadeEstimator:

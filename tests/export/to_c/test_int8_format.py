@@ -16,6 +16,7 @@ from export.int8.rounded_program import rounded_to_nearest
 from export.program.random_program import random_program, random_windows
 from export.to_c.int8_format import (
     AHEAD,
+    ELU_ARGUMENT_ONE,
     ELU_ONE,
     ELU_RANGE,
     LOGISTIC_ONE,
@@ -78,7 +79,7 @@ def every_integer(reach: int, one: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_elu_is_off_by_one_and_a_third_at_most(apply):
     """Half an integer for the point, half for the straight line (h^2 / 8 max |f''|), half for the sum: at worst 1.5."""
-    integers, x = every_integer(ELU_RANGE, ELU_ONE)
+    integers, x = every_integer(ELU_RANGE, ELU_ARGUMENT_ONE)
     exact = ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x)
     assert np.abs(apply(ELU, integers) - exact).max() < 1.3
 
@@ -96,7 +97,7 @@ def test_tanh_is_off_by_twice_as_much(apply):
 
 
 @pytest.mark.parametrize(
-    ("which", "reach", "one"), [(ELU, ELU_RANGE, ELU_ONE), (LOGISTIC, LOGISTIC_RANGE, LOGISTIC_ONE)]
+    ("which", "reach", "one"), [(ELU, ELU_RANGE, ELU_ARGUMENT_ONE), (LOGISTIC, LOGISTIC_RANGE, LOGISTIC_ONE)]
 )
 def test_beyond_a_table_its_ends_stay(apply, which, reach, one):
     last = 2 * reach * one - 1

@@ -1,23 +1,31 @@
 """`sensors.onnx` as ONNX Runtime computes it, against the same network in NumPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import onnx
 import pytest
 
-from contract.controller.estimator import views
+from contract.controller.estimator import REACH, EstimatorNetwork, views
 from contract.controller.interface import ControllerError, Sizes
 from contract.controller.onnx_estimator import OnnxEstimator
 from contract.errors import BundleControllerError, ExportError
 from contract.release.onnx_graph import check_estimator_graph, check_graph
-from export.to_onnx.sensor_estimator import build_estimator
+from export.int8.rounded_estimator import rounded_estimator
+from export.to_onnx.sensor_estimator import build_estimator, read_estimator
 from tests.contract.controller.test_estimator import random_network
 
 SIZES = Sizes(window=5, sensors=4, horizon=3)
 
 
+def built(network: EstimatorNetwork | None = None) -> onnx.ModelProto:
+    return build_estimator(rounded_estimator(random_network() if network is None else network))
+
+
 def test_onnx_runtime_and_numpy_estimate_the_same() -> None:
-    network = random_network()
-    estimator = OnnxEstimator(build_estimator(network).SerializeToString(), SIZES)
+    rounded = rounded_estimator(random_network())
+    network = rounded.network
+    estimator = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES)
     for seed in range(20):
         window = np.random.default_rng(seed).normal(size=(5, 5))
         # float32 beside float64: sums of some tens of terms of order one.
@@ -25,14 +33,14 @@ def test_onnx_runtime_and_numpy_estimate_the_same() -> None:
 
 
 def test_the_graph_holds_what_a_bundle_may_hold_and_is_no_controller() -> None:
-    content = build_estimator(random_network()).SerializeToString()
+    content = built().SerializeToString()
     assert check_estimator_graph(content, SIZES) == len(onnx.load_from_string(content).graph.node)
     with pytest.raises(ValueError, match="'plan' is missing"):
         check_graph(content, SIZES)
 
 
 def test_a_graph_of_other_sizes_is_refused() -> None:
-    content = build_estimator(random_network()).SerializeToString()
+    content = built().SerializeToString()
     for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
         with pytest.raises(ValueError, match=r"'window' has shape \(5, 5\)"):
             check_estimator_graph(content, sizes)
@@ -41,14 +49,14 @@ def test_a_graph_of_other_sizes_is_refused() -> None:
 
 
 def test_a_graph_with_a_default_window_is_refused() -> None:
-    model = build_estimator(random_network())
+    model = built()
     model.graph.initializer.append(onnx.numpy_helper.from_array(np.zeros((5, 5), dtype=np.float32), "window"))
     with pytest.raises(ValueError, match="input 'window' has a default: none may"):
         check_estimator_graph(model.SerializeToString(), SIZES)
 
 
 def test_estimates_that_are_not_finite_are_no_estimates() -> None:
-    estimator = OnnxEstimator(build_estimator(random_network()).SerializeToString(), SIZES)
+    estimator = OnnxEstimator(built().SerializeToString(), SIZES)
     with pytest.raises(ControllerError, match="not finite"):
         estimator.estimates(np.full((5, 5), np.nan))
 
@@ -57,10 +65,50 @@ def test_numbers_without_a_float32_are_refused() -> None:
     network = random_network()
     network.mean[0] = 1e300
     with pytest.raises(ExportError, match="mean"):
-        build_estimator(network)
+        built(network)
 
 
 def test_there_is_a_row_for_every_view() -> None:
-    model = build_estimator(random_network())
+    model = built()
     (output,) = model.graph.output
     assert [side.dim_value for side in output.type.tensor_type.shape.dim] == [len(views(4)), 4]
+
+
+def test_readings_out_of_reach_count_as_those_at_its_end() -> None:
+    rounded = rounded_estimator(random_network())
+    estimator, network = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES), rounded.network
+    window = np.random.default_rng(0).normal(size=(5, 5))
+    at_the_end, beyond = window.copy(), window.copy()
+    # One sensor alone: exchanged ones are judged by the others' ranges.
+    at_the_end[:, 2], beyond[:, 2] = network.mean[2] + REACH * network.std[2], 1e6
+    own = slice(0, len(views(4)) - 24)
+    np.testing.assert_allclose(estimator.estimates(beyond)[own], network.estimates(at_the_end)[own], atol=5e-6)
+
+
+def test_what_is_written_is_read_again() -> None:
+    rounded = rounded_estimator(random_network())
+    found = read_estimator(build_estimator(rounded).SerializeToString())
+    assert found.network.window == 5
+    for mine, its in zip(rounded.matrices, found.matrices, strict=True):
+        np.testing.assert_array_equal(mine.values, its.values)
+        np.testing.assert_array_equal(mine.scales, its.scales)
+    window = np.random.default_rng(0).normal(size=(5, 5))
+    # The graph has mean, deviation and biases in float32.
+    np.testing.assert_allclose(found.network.estimates(window), rounded.network.estimates(window), atol=1e-6)
+
+
+def test_equal_numbers_of_two_layers_are_read_for_each() -> None:
+    network = random_network(width=4)
+    (first, _), (second, _), (last, _) = network.layers
+    alike = replace(network, layers=[(first, np.zeros(4)), (second, np.zeros(4)), (last, np.zeros(4))])
+    found = read_estimator(built(alike).SerializeToString()).network
+    assert [bias.tolist() for _, bias in found.layers] == [[0.0] * 4] * 3
+
+
+def test_a_graph_of_another_make_is_not_read() -> None:
+    model = built()
+    for node in model.graph.node:
+        if node.op_type == "DequantizeLinear":
+            node.op_type = "Cast"
+    with pytest.raises(ExportError, match=r"sensors\.onnx: has no int8 weights: fit it anew"):
+        read_estimator(model.SerializeToString())

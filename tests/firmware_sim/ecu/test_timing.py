@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
-from firmware_sim.ecu.timing import Timing
+from firmware_sim.ecu.timing import LATEST_NS, Timing
 
 PERIOD = 20_000_000
 MS = 1_000_000
@@ -112,15 +112,33 @@ def test_a_time_before_zero_is_a_fault_even_in_the_first_step():
     assert timing.next(0, PERIOD, EcuConfig()).fault is None
 
 
-@given(st.lists(st.integers(-(10**18), 10**18), max_size=20))
+@pytest.mark.parametrize("start_ns", [None, 0, LATEST_NS - PERIOD, LATEST_NS])
+def test_a_time_beyond_the_latest_is_a_fault_until_the_clock_is_within_its_limits_again(start_ns):
+    timing = Timing(step_ns=start_ns)
+    for now_ns in (LATEST_NS + 1, 2**63 - 1, 10**30):
+        timing = timing.next(now_ns, PERIOD, EcuConfig())
+        assert timing == Timing(step_ns=LATEST_NS, fault=Reason.CLOCK)
+    back = timing.next(LATEST_NS - PERIOD, PERIOD, EcuConfig())
+    assert back.fault is Reason.CLOCK
+    assert back.next(LATEST_NS, PERIOD, EcuConfig()) == Timing(step_ns=LATEST_NS)
+
+
+def test_the_longest_time_between_two_steps_fits_64_bits():
+    """From the moment before the clock's start to its last."""
+    timing = Timing().next(-(10**30), PERIOD, EcuConfig()).next(LATEST_NS, PERIOD, EcuConfig())
+    assert timing.fault is Reason.DEADLINE
+    assert 2 * (timing.skipped + 1) * PERIOD < 2**63
+
+
+@given(st.lists(st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**18), max_size=20))
 def test_no_clock_raises_and_every_lag_is_under_half_a_period(times):
     timing, last = Timing(), None
     for now_ns in times:
         timing = timing.next(now_ns, PERIOD, EcuConfig())
-        assert timing.step_ns == now_ns
+        assert timing.step_ns == min(max(now_ns, -1), LATEST_NS)
         assert -PERIOD / 2 <= timing.lag_ns <= PERIOD / 2
         assert timing.skipped >= 0
         assert 0 <= timing.off_time < 1 << EcuConfig().deadline_window
-        if now_ns < 0 or (last is not None and now_ns <= last):
+        if not 0 <= now_ns <= LATEST_NS or (last is not None and now_ns <= last):
             assert timing.fault is Reason.CLOCK
         last = now_ns

@@ -128,8 +128,9 @@ def test_counting_blocks_counts_every_instruction():
     core.ctl_flush_tb()
     core.hook_add(unicorn.UC_HOOK_CODE, tick)
     machine.call("mcu_step")
-    # The hook does not see conditional instructions that are skipped; the core spends their time all the same.
-    assert 0 <= counted - single < 1e-3 * single
+    # The hook does not see conditional instructions that are skipped; the core spends their time all the same. They are
+    # in the cost and at the ends of the window, a few hundred whatever the widths.
+    assert 0 <= counted - single < 2e-3 * single
 
 
 def test_the_machine_runs_thumb_code():

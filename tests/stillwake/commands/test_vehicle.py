@@ -11,6 +11,7 @@ import pytest
 
 from contract.config.tree import Config
 from stillwake.commands.vehicle import slowed
+from stillwake.releases import open_release
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwake-vehicle")
 ORDINARY = ("--priority", "0")
@@ -71,7 +72,7 @@ def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) ->
     outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "2", "--slow-down", "4")
     said = " ".join(outcome.out.split())
     assert "vehicle at 6.25 m/s, control period 80 ms" in said
-    assert "warning: bundle truck-wake-3.2 is for 2.5 m, 25 m/s" in said
+    assert f"warning: bundle {open_release(None, None).manifest.name} is for 2.5 m, 25 m/s" in said
     assert "bundle renew ... --set operating_point.speed=6.25" in said
 
 

@@ -20,6 +20,9 @@
 
 #include "stillwake.h"
 #include "sw_ecu_settings.h"
+#if SW_SENSOR_CHECK
+#include "sw_estimator.h"
+#endif
 
 #ifdef __cplusplus
 extern "C" {
@@ -173,6 +176,14 @@ typedef struct {
     uint8_t planned; /* whether `output` is of this step */
 } sw_trace;
 
+/* Scratch memory of the parts that take turns. */
+typedef union {
+#if SW_SENSOR_CHECK
+    sw_estimator_work estimator;
+#endif
+    sw_workspace control;
+} sw_ecu_work;
+
 typedef struct {
     sw_ecu_state state; /* first, so that it can be saved and compared by itself */
     sw_surroundings surroundings;
@@ -180,7 +191,7 @@ typedef struct {
     sw_trace trace;
     sw_input input;
     sw_output output;
-    sw_workspace work;
+    sw_ecu_work work;
 } sw_ecu;
 
 /* Power-on: nothing received, nothing sent, jets shut, the release's cost weights. */

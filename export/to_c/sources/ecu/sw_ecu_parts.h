@@ -31,7 +31,7 @@ int sw_e2e_check(const uint8_t *data, int length, uint16_t data_id);
 /* The counter of a protected message. */
 uint8_t sw_e2e_counter(const uint8_t *data);
 
-/* --- sw_codec.c: the set of messages in use --- */
+/* --- sw_codec_fd.c, sw_codec_classic.c: the set of messages in use --- */
 
 typedef struct {
     double pressure_pa[SW_SENSORS];
@@ -99,24 +99,27 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 /* The control step's input. */
 void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input);
 
-/* --- sw_estimator.c --- */
+/* --- sw_estimator.c, where there is a sensor check --- */
 
-/* Of the newest pressures, in Cp, by every hypothesis: entry [h][i] is what the view of hypothesis h says of sensor i.
- * Row j < SW_SENSORS leaves sensor j out beside i; row SW_SENSORS + p exchanges the p-th pair and leaves i out. Returns
- * 0 if one is not finite.
+#if SW_SENSOR_CHECK
+/* The newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is what the view of hypothesis h
+ * says of sensor i. Row j < SW_SENSORS leaves sensor j out beside i; row SW_SENSORS + p exchanges the p-th pair and
+ * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
  */
-int sw_estimate(sw_workspace *work, const double window[SW_WINDOW][SW_COLUMNS],
-                double estimates[SW_HYPOTHESES][SW_SENSORS]);
+void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first);
+#endif
 
 /* --- sw_sensors.c --- */
 
 void sw_sensors_start(sw_sensors *sensors);
 
+#if SW_SENSOR_CHECK
 /* After a period with the memory's window; cp is NULL without pressures. Returns the SW_REASON_ for which the ECU must
  * switch itself off, or SW_REASON_NONE.
  */
-uint8_t sw_sensors_next(sw_sensors *sensors, sw_workspace *work, const sw_memory *memory, const double *cp,
+uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_memory *memory, const double *cp,
                         int64_t skipped);
+#endif
 
 /* --- sw_fail_safe.c --- */
 

@@ -1,5 +1,5 @@
-/* (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint; sums of residuals in float. No step waits for
- * another, so they are taken two at a time.
+/* (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint, in integers. No step waits for another, so they are
+ * taken two at a time.
  */
 #include "sw_norm.h"
 #include "sw_parts.h"
@@ -14,20 +14,25 @@ static void multiply(sw_decoder_scratch *s, const int8_t *w, int rows, int colum
     }
 }
 
-/* The sum of residuals as a layer's input, saturated. */
-static void round_residuals(int16_t *restrict vector, const float *restrict x, float inverse_scale)
+/* A layer's input, saturated. The widest range can take the most negative integer, too. */
+static inline int16_t held(int32_t value)
 {
-    const float qmax = (float)SW_QMAX(SW_DECODER_P);
-    for (int o = 0; o < SW_DECODER_P; o++) vector[o] = sw_saturated(x[o] * inverse_scale, qmax);
+    const int32_t qmax = SW_QMAX(SW_DECODER_P);
+    return (int16_t)sw_held(value, qmax == SW_INT16_QMAX ? -qmax - 1 : -qmax, qmax);
+}
+
+/* The sum of residuals as a layer's input. */
+static void round_residuals(int16_t *restrict vector, const int32_t *restrict x, int32_t factor)
+{
+    for (int o = 0; o < SW_DECODER_P; o++) vector[o] = held(sw_scaled(x[o], factor));
 }
 
 /* The same after a block's output has been added. */
-static void add_residuals(float *restrict x, const int16_t *restrict elu, int16_t *restrict vector, float inverse_scale)
+static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int16_t *restrict vector, int32_t factor)
 {
-    const float qmax = (float)SW_QMAX(SW_DECODER_P);
     for (int o = 0; o < SW_DECODER_P; o++) {
-        x[o] += (float)elu[o] * (1.0f / (float)SW_ELU_ONE);
-        vector[o] = sw_saturated(x[o] * inverse_scale, qmax);
+        x[o] += elu[o] * sw_residual_of_elu;
+        vector[o] = held(sw_scaled(x[o], factor));
     }
 }
 
@@ -45,19 +50,18 @@ static void decode_steps(sw_workspace *work, int first, int count)
     multiply(s, sw_decoder_rows, SW_DECODER_P, SW_LATENT_P, count);
     for (int t = 0; t < count; t++) {
         for (int o = 0; o < SW_DECODER_P; o++) {
-            s->x[t][o] = (float)s->sums[t][o] * sw_decoder_channel[o / 8][SW_SCALE][o % 8] +
-                         sw_decoder_channel[o / 8][SW_BIAS][o % 8];
+            s->x[t][o] = (int32_t)((float)s->sums[t][o] * sw_decoder_channel[o / 8][SW_SCALE][o % 8] +
+                                   sw_decoder_channel[o / 8][SW_BIAS][o % 8]);
         }
     }
-    for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], sw_block_inverse_scale[0]);
+    for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], sw_residual_factor[0]);
     for (int b = 0; b < SW_BLOCKS; b++) {
-        const float inverse_scale = b + 1 < SW_BLOCKS ? sw_block_inverse_scale[b + 1] : sw_force_inverse_scale;
         multiply(s, sw_block_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) {
             const int k = first + t;
-            tape->r[b][k] = sw_norm_elu(s->sums[t], s->values, tape->xhat[b][k], tape->elu[b][k], sw_block_channel[b],
-                                        SW_DECODER);
-            add_residuals(s->x[t], tape->elu[b][k], s->vector[t], inverse_scale);
+            tape->r[b][k] = sw_norm_elu(s->sums[t], tape->block[b][k], s->hidden, sw_block_channel[b],
+                                        sw_block_layer[b], SW_DECODER);
+            add_residuals(s->x[t], s->hidden, s->vector[t], sw_residual_factor[b + 1]);
         }
     }
     multiply(s, sw_force_rows, SW_ROWS(2), SW_DECODER_P, count);
@@ -70,11 +74,39 @@ static void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
+/* x + sums, in both, in a unit four times as coarse as the coarser one, so that it cannot overflow; returns it. */
+static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
+{
+    const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
+    const int32_t factor = coarser > 0.0f ? sw_factor(unit / coarser) : 0;
+    const int32_t factor_of_sums = coarser > 0.0f ? sw_factor(unit_of_sums / coarser) : 0;
+    for (int o = 0; o < SW_DECODER_P; o++) {
+        x[o] = sw_scaled(x[o], factor) + sw_scaled(sums[o], factor_of_sums);
+        sums[o] = x[o];
+    }
+    return coarser;
+}
+
+/* x times the scales of the first layer's rows as int16, as fine as their largest allows; returns the unit. */
+static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit)
+{
+    uint32_t bits = 0;
+    for (int o = 0; o < SW_DECODER_P; o++) {
+        x[o] = sw_scaled(x[o], sw_decoder_scale[o]);
+        bits |= sw_bits_of(x[o]);
+    }
+    const sw_fine fine = sw_fine_of((float)bits, (float)SW_QMAX(SW_DECODER_P));
+    for (int o = 0; o < SW_DECODER_P; o++) {
+        vector[o] = (int16_t)sw_scaled((int32_t)((uint32_t)x[o] << fine.shift), fine.scaled);
+    }
+    return fine.factor > 0.0f ? unit * sw_decoder_largest / fine.factor : 0.0f;
+}
+
 static void decode_steps_adjoint(sw_workspace *work, int first, int count)
 {
     sw_decoder_tape *tape = &work->decoder;
     sw_decoder_scratch *s = &work->phase.decoder;
-    float unit[2];
+    float unit[2], unit_of_sums[2];
     for (int t = 0; t < count; t++) {
         const int k = first + t;
         const float d_forces[2] = {work->d_forces[0][k] * sw_force_std[0], work->d_forces[1][k] * sw_force_std[1]};
@@ -82,30 +114,18 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
     }
     multiply(s, sw_force_adjoint_rows, SW_DECODER_P, SW_FORCES_P, count);
     for (int t = 0; t < count; t++) {
-        for (int o = 0; o < SW_DECODER_P; o++) s->x[t][o] = (float)s->sums[t][o] * unit[t];
+        for (int o = 0; o < SW_DECODER_P; o++) s->x[t][o] = s->sums[t][o];
     }
     for (int b = SW_BLOCKS - 1; b >= 0; b--) {
         for (int t = 0; t < count; t++) {
-            const int16_t *xhat = tape->xhat[b][first + t], *elu = tape->elu[b][first + t];
-            sw_gathered all = {{0}, {0}, {0}};
-            for (int o = 0; o < SW_DECODER_P; o += 8) {
-                float d[8];
-                for (int j = 0; j < 8; j++) {
-                    d[j] = s->x[t][o + j] * ((float)sw_elu_slope(elu[o + j]) * (1.0f / (float)SW_ELU_ONE));
-                }
-                sw_gather(&all, s->values + o, d, xhat + o, sw_block_adjoint[b][o / 8][SW_ADJOINT_GAIN]);
-            }
-            unit[t] = sw_norm_adjoint(&all, s->values, 1.0f, s->vector[t], xhat, sw_block_adjoint[b],
-                                      sw_block_largest[b], tape->r[b][first + t], SW_DECODER);
+            const int k = first + t;
+            unit_of_sums[t] = sw_norm_adjoint(s->sums[t], unit[t], s->vector[t], tape->block[b][k],
+                                              sw_block_adjoint[b], sw_block_layer[b], tape->r[b][k], SW_DECODER);
         }
         multiply(s, sw_block_adjoint_rows[b], SW_DECODER_P, SW_DECODER_P, count);
-        for (int t = 0; t < count; t++) {
-            for (int o = 0; o < SW_DECODER_P; o++) s->x[t][o] += (float)s->sums[t][o] * unit[t];
-        }
+        for (int t = 0; t < count; t++) unit[t] = add_adjoints(s->x[t], unit[t], s->sums[t], unit_of_sums[t]);
     }
-    for (int t = 0; t < count; t++) {
-        unit[t] = sw_rounded_finely(s->vector[t], s->x[t], sw_decoder_scale, SW_DECODER);
-    }
+    for (int t = 0; t < count; t++) unit[t] = round_adjoints(s->vector[t], s->x[t], unit[t]);
     multiply(s, sw_decoder_adjoint_rows, SW_ROWS(SW_LATENT), SW_DECODER_P, count);
     for (int t = 0; t < count; t++) {
         for (int l = 0; l < SW_LATENT; l++) work->d_latents[first + t][l] = (float)s->sums[t][l] * unit[t];

@@ -15,6 +15,11 @@
 
 #include "sw_integer.h"
 
+/* Most columns of a matrix; a file with longer ones than the control step's says so before it includes this one. */
+#ifndef SW_DOTS_COLUMNS
+#define SW_DOTS_COLUMNS SW_LONGEST
+#endif
+
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_dots_dsp.h"
 #else

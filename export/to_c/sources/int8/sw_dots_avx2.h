@@ -27,7 +27,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
                            int columns)
 {
     const int four_rows = 4 * columns;
-    __m256i vector[SW_LONGEST / 4];
+    __m256i vector[SW_DOTS_COLUMNS / 4];
     for (int c = 0; c < columns; c += 4) {
         const __m128i four = _mm_loadl_epi64((const __m128i *)(const void *)(x + c));
         vector[c / 4] = _mm256_broadcastq_epi64(_mm_shufflelo_epi16(four, _MM_SHUFFLE(3, 1, 2, 0)));

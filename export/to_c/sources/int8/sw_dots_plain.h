@@ -8,7 +8,7 @@
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
-    int16_t in_order[4 * SW_LONGEST];
+    int16_t in_order[4 * SW_DOTS_COLUMNS];
     for (int c = 0; c < columns; c += 4) {
         for (int r = 0; r < 4; r++) {
             in_order[4 * c + 4 * r] = x[c];

@@ -68,7 +68,7 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     for (int k = 0; k < SW_HEAD_P; k++) {
         const float y = (float)e->by_hidden[k] * sw_head_channel[k / 8][SW_SCALE][k % 8] +
                         sw_head_channel[k / 8][SW_BIAS][k % 8];
-        e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ONE + ((float)SW_ELU_START + 0.5f)));
+        e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ARGUMENT_ONE + (float)SW_ELU_START));
     }
     sw_dots(e->by_hidden, sw_latent_rows, e->vector, SW_LATENT_P, SW_HEAD_P);
     for (int l = 0; l < SW_LATENT; l++) {

@@ -26,4 +26,31 @@ static inline float sw_fmin(float a, float b) { return sw_min(a, b); }
 
 static inline int16_t sw_saturated(float value, float qmax) { return sw_rounded(sw_fmin(sw_fmax(value, -qmax), qmax)); }
 
+/* An integer held between two others. */
+static inline int32_t sw_held(int32_t value, int32_t least, int32_t most)
+{
+    return value < least ? least : value > most ? most : value;
+}
+
+/* value factor / 2^32 to the nearest, ties upwards: one instruction of a Cortex-M with the DSP extension. */
+static inline int32_t sw_scaled(int32_t value, int32_t factor)
+{
+    return (int32_t)(((int64_t)value * factor + 0x80000000LL) >> 32);
+}
+
+/* start + value factor / 2^16, cut off: one instruction as well. */
+static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
+{
+    return start + (int32_t)(((int64_t)factor * value) >> 16);
+}
+
+/* A factor for sw_scaled; too large a one is the largest. */
+static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }
+
+/* A 64-bit sum in float, without a library's help. */
+static inline float sw_float_of(int64_t sum)
+{
+    return (float)(int32_t)(sum >> 32) * 4294967296.0f + (float)(uint32_t)(sum & 0xffffffff);
+}
+
 #endif

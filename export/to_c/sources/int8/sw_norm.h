@@ -1,12 +1,12 @@
-/* Layer norm and ELU as one, and their adjoint, between integer products.
+/* Layer norm and ELU as one, and their adjoint, between integer products, in integers throughout.
  *
  * Forwards, h = ELU(y) with y = gain xhat + offset and xhat = r (u - mean u), r = 1 / sqrt(var u + eps). The tape keeps
- * xhat, which cannot exceed sqrt(n) and so needs no calibration, and h, both as int16, and r. Backwards, with
+ * xhat, which cannot exceed sqrt(n) and so needs no calibration, as int16, ELU' as uint8, and r. Backwards, with
  * t = ELU'(y) gain dJ/dh, it is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
  *
- * Everything runs in eights: a channel's constants stand beside those of the next seven, and sums are eight sums,
- * because one core waits for the last addition, and another adds up eight at a time. Padding has zeros for constants,
- * which leave no trace.
+ * A norm forgets its input's unit, so u is an integer of a unit that belongs to the layer: as fine as its largest sum
+ * allows. Only what is one number a layer is in float. Constants stand in eights, for cores that take eight at a time.
+ * Padding has zeros for constants, which leave no trace.
  */
 #ifndef SW_NORM_H
 #define SW_NORM_H
@@ -15,84 +15,82 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
-static inline float sw_sum_of(const float eight[8])
-{
-    return ((eight[0] + eight[1]) + (eight[2] + eight[3])) + ((eight[4] + eight[5]) + (eight[6] + eight[7]));
-}
+#if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
+#include "sw_norm_dsp.h"
+#else
+#include "sw_norm_plain.h"
+#endif
 
-/* From the sums of a product to xhat and h; returns r. Sums and values are scratch afterwards. */
-static inline float sw_norm_elu(int32_t *restrict sums, float *restrict values, int16_t *restrict xhat,
-                                int16_t *restrict hidden, const float channel[][4][8], int width)
+/* From the sums of a product to xhat, h and ELU'; returns r. Sums are scratch afterwards. */
+static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict tape, int16_t *restrict hidden,
+                                const int32_t channel[][4][8], const float layer[2], int width)
 {
-    float sum[8] = {0}, squares[8] = {0};
-    for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const float (*of)[8] = channel[c / 8];
-        for (int j = 0; j < 8; j++) {
-            const float u = (float)sums[c + j] * of[SW_SCALE][j] + of[SW_BIAS][j];
-            values[c + j] = u;
-            sum[j] += u;
-            squares[j] += u * u;
-        }
-    }
-    const float mean = sw_sum_of(sum) / (float)width;
-    const float variance = sw_sum_of(squares) / (float)width - mean * mean;
-    const float r = sw_inverse_sqrt(sw_fmax(variance, 0.0f) + SW_NORM_EPSILON);
-    const float factor = r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width)), shift = -mean * factor;
-    for (int c = 0; c < SW_PADDED(width); c += 8) {
-        const float (*of)[8] = channel[c / 8];
-        for (int j = 0; j < 8; j++) {
-            const float normed = values[c + j] * factor + shift;
-            xhat[c + j] = sw_rounded(normed);
-            sums[c + j] = (int32_t)(normed * of[SW_GAIN][j] + of[SW_OFFSET][j]);
-        }
-    }
-    for (int c = 0; c < SW_PADDED(width); c++) hidden[c] = sw_elu(sums[c]);
+    int64_t squares = 0;
+    const int32_t sum = sw_norm_sums(sums, channel, &squares, width);
+    const float mean = (float)sum / (float)width;
+    const float variance = sw_float_of(squares) / (float)width - mean * mean;
+    const float r = sw_inverse_sqrt(sw_fmax(variance, 0.0f) + layer[SW_LAYER_EPSILON]);
+    const float per_unit = r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width));
+    sw_norm_outputs(sums, tape, hidden, channel, sw_factor(per_unit), (int32_t)(-mean * per_unit), width);
     return r;
 }
 
-/* ELU' in integers of 1 / SW_ELU_ONE, from h. */
-static inline int32_t sw_elu_slope(int32_t h) { return SW_ELU_ONE + (h < 0 ? h : 0); }
-
-/* What the first pass of the adjoint gathers over t = ELU'(y) gain dJ/dh: sums of t and of t xhat, the largest |t|. */
+/* A bound of numbers whose magnitudes' bits have been gathered, the factor that takes it to `top`, and the shift that
+ * a number needs before sw_scaled, so that it loses no digit there.
+ */
 typedef struct {
-    float sum[8], along[8], peak[8];
-} sw_gathered;
+    float factor;
+    int32_t scaled, shift;
+} sw_fine;
 
-/* Eight t from as many ELU'(y) dJ/dh, gathered. */
-static inline void sw_gather(sw_gathered *all, float t[8], const float d[8], const int16_t xhat[8], const float gain[8])
+static inline sw_fine sw_fine_of(float bound, float top)
 {
-    for (int j = 0; j < 8; j++) {
-        t[j] = d[j] * gain[j];
-        all->sum[j] += t[j];
-        all->along[j] += t[j] * (float)xhat[j];
-        all->peak[j] = sw_fmax(all->peak[j], sw_abs(t[j]));
-    }
+    sw_fine fine = {0.0f, 0, 0};
+    const int32_t exponent = (int32_t)(sw_to_bits(bound) >> 23) - 127;
+    fine.shift = sw_held(29 - exponent, 0, 29);
+    fine.factor = bound < 1.0f ? 0.0f : top / bound;
+    fine.scaled = sw_factor(fine.factor * sw_from_bits((uint32_t)(127 - fine.shift) << 23));
+    return fine;
 }
 
-/* From t, in `values`, to dJ/du times the scales of the rows in front, as int16 for the transposed product. Returns
- * what that product's sums have to be multiplied by. `unit` is what a 1 in dJ/dh stands for.
+/* The bits of a number's magnitude, or all those below its highest. */
+static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
+
+/* From dJ/dh in `unit`, in sums, to dJ/du times the scales of the rows in front, as int16 for the transposed product.
+ * Returns what that product's sums have to be multiplied by. Sums are scratch afterwards.
  */
-static inline float sw_norm_adjoint(const sw_gathered *all, const float *restrict values, float unit,
-                                    int16_t *restrict vector, const int16_t *restrict xhat, const float channel[][2][8],
-                                    float largest, float r, int width)
+static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
+                                    const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
+                                    const float layer[2], float r, int width)
 {
-    const float qmax = (float)SW_QMAX(SW_PADDED(width));
-    /* xhat's integers are SW_XHAT_QMAX / sqrt(n) a unit, so this is mean(t xhat) for a xhat in integers. */
-    const float project = sw_sum_of(all->along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
-    const float mean = sw_sum_of(all->sum) / (float)width;
-    float peak = all->peak[0];
-    for (int j = 1; j < 8; j++) peak = sw_fmax(peak, all->peak[j]);
-    /* No result exceeds this, whatever xhat is; the bound costs a bit or two and saves a pass. */
-    const float bound = peak + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project);
-    const float factor = bound > 1e-30f ? qmax / bound : 0.0f;
-    const float centre = -mean * factor, slant = -project * factor;
+    const float one = 512.0f; /* of what is scaled last: 2^23 is a scale's one, 2^32 that of sw_scaled */
+    const float top = (float)SW_QMAX(SW_PADDED(width)) * one;
+    int64_t sum = 0, along = 0;
+    uint32_t bits = 0;
     for (int c = 0; c < SW_PADDED(width); c += 8) {
+        const int32_t *gain = channel[c / 8][SW_ADJOINT_GAIN];
         for (int j = 0; j < 8; j++) {
-            const float d = values[c + j] * factor + ((float)xhat[c + j] * slant + centre);
-            vector[c + j] = sw_rounded(d * channel[c / 8][SW_ADJOINT_SCALE][j]);
+            const int32_t value = sw_scaled(sums[c + j], gain[j] * tape[c / 8].slope[j] + gain[j]);
+            sums[c + j] = value;
+            sum += value;
+            along += (int64_t)value * tape[c / 8].xhat[j];
+            bits |= sw_bits_of(value);
         }
     }
-    return factor > 0.0f ? unit * r * largest / factor : 0.0f;
+    /* xhat's integers are SW_XHAT_QMAX / sqrt(n) a unit, so this is mean(t xhat) for a xhat in integers. */
+    const float project = sw_float_of(along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
+    const float mean = sw_float_of(sum) / (float)width;
+    /* No result exceeds this, whatever xhat is; the bound costs a bit or two and saves a pass. */
+    const sw_fine fine = sw_fine_of((float)bits + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project), top);
+    const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
+    for (int c = 0; c < SW_PADDED(width); c += 8) {
+        const int32_t *scale = channel[c / 8][SW_ADJOINT_SCALE];
+        for (int j = 0; j < 8; j++) {
+            const int32_t near = centre + sw_scaled((int32_t)((uint32_t)sums[c + j] << fine.shift), fine.scaled);
+            vector[c + j] = (int16_t)sw_scaled(sw_scaled_on(near, slant, tape[c / 8].xhat[j]), scale[j]);
+        }
+    }
+    return fine.factor > 0.0f ? unit * r * layer[SW_LAYER_ADJOINT] * one / fine.factor : 0.0f;
 }
 
 /* Values times scales as int16, as fine as their largest allows; returns what one integer stands for. */

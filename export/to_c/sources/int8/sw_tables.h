@@ -2,6 +2,7 @@
 #ifndef SW_TABLES_H
 #define SW_TABLES_H
 
+#include "sw_integer.h"
 #include "sw_weights.h"
 
 /* A table's value at x >= 0 on a straight line between its points, which are `step` apart. A point is a word: its value
@@ -14,22 +15,24 @@ static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step
     return (int16_t)(point + (uint32_t)rise);
 }
 
-/* ELU(y) in integers of 1 / SW_ELU_ONE, from y in the same unit plus SW_ELU_START: a straight line between points
- * 1 / 32 apart, which is off by 1.3 integers at most. From -8 on downwards and from 8 on upwards it stays.
+/* ELU(y) in integers of 1 / SW_ELU_ONE, from y in integers of 1 / SW_ELU_ARGUMENT_ONE plus SW_ELU_START: a straight
+ * line between points 1 / 32 apart, which is off by 1.3 integers at most. From -8 on downwards and from 8 on upwards it
+ * stays.
  */
 static inline int16_t sw_elu(int32_t y)
 {
-    const int32_t last = 2 * SW_ELU_START - 1;
-    return sw_between(sw_elu_points, y < 0 ? 0 : y > last ? last : y, SW_ELU_STEP);
+    return sw_between(sw_elu_points, sw_held(y, 0, 2 * SW_ELU_START - 1), SW_ELU_STEP);
 }
+
+/* ELU' of h in integers of 1 / 256, less one so that it is a byte. */
+static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE) >> SW_SLOPE_SHIFT, 0, 255); }
 
 /* 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_QMAX, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START: a
  * straight line between points 1 / 32 apart, off by 5e-5 at most. Beyond -16 and 16 it stays.
  */
 static inline int32_t sw_table_logistic(int32_t x)
 {
-    const int32_t last = 2 * SW_LOGISTIC_START - 1;
-    return sw_between(sw_logistic_points, x < 0 ? 0 : x > last ? last : x, SW_LOGISTIC_STEP);
+    return sw_between(sw_logistic_points, sw_held(x, 0, 2 * SW_LOGISTIC_START - 1), SW_LOGISTIC_STEP);
 }
 
 /* tanh(x) in integers of 1 / SW_LOGISTIC_QMAX, from 2 x as above: 2 sw_table_logistic(2 x) - 1. */

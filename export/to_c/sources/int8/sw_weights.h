@@ -15,8 +15,8 @@ extern "C" {
 #endif
 
 /* Tables: where the argument 0 stands, and the distance between points, in integers of the argument. */
-#define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ONE)
-#define SW_ELU_STEP (SW_ELU_ONE / SW_POINTS_PER_UNIT)
+#define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ARGUMENT_ONE)
+#define SW_ELU_STEP (SW_ELU_ARGUMENT_ONE / SW_POINTS_PER_UNIT)
 #define SW_LOGISTIC_START (SW_LOGISTIC_RANGE * SW_LOGISTIC_ONE)
 #define SW_LOGISTIC_STEP (SW_LOGISTIC_ONE / SW_POINTS_PER_UNIT)
 
@@ -24,13 +24,19 @@ extern "C" {
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs stand in eights. Of an output: value = sum scale + bias; where a norm follows, gain xhat +
- * offset is sw_elu's argument, xhat being an integer of the tape, SW_XHAT_QMAX at its bound, sqrt(n) in a layer of width n.
+/* Constants of outputs stand in eights. Of an output: value = sum scale + bias. Where a norm follows all are integers:
+ * the value, in a unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's
+ * argument, xhat being an integer of the tape, SW_XHAT_QMAX at its bound, sqrt(n) in a layer of width n.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
-/* Of an output in the adjoint: its gain, and its row's scale as part of the matrix's largest. */
+/* Of an output in the adjoint: its gain as part of the layer's largest, in 1 / 2^22, and its row's scale as part of the
+ * matrix's largest, in 1 / 2^23.
+ */
 enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
+
+/* Of a layer with a norm: epsilon in its unit, and the unit of its adjoint. */
+enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
 /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
 extern const float sw_window_mean[SW_SENSORS + 1];
@@ -52,12 +58,14 @@ extern const float sw_latent_channel[SW_LATENT_P / 8][2][8];
 /* Dynamics. The last column of the first layer belongs to the action over its standard deviation. */
 extern const int8_t sw_dyn1_rows[SW_DYN1_P * SW_STATE_P + SW_AHEAD];
 extern const int8_t sw_dyn1_adjoint_rows[SW_STATE_P * SW_DYN1_P + SW_AHEAD];
-extern const float sw_dyn1_channel[SW_DYN1_P / 8][4][8];
-extern const float sw_dyn1_adjoint[SW_DYN1_P / 8][2][8];
+extern const int32_t sw_dyn1_channel[SW_DYN1_P / 8][4][8];
+extern const int32_t sw_dyn1_adjoint[SW_DYN1_P / 8][2][8];
+extern const float sw_dyn1_layer[2];
 extern const int8_t sw_dyn2_rows[SW_DYN2_P * SW_DYN1_P + SW_AHEAD];
 extern const int8_t sw_dyn2_adjoint_rows[SW_DYN1_P * SW_DYN2_P + SW_AHEAD];
-extern const float sw_dyn2_channel[SW_DYN2_P / 8][4][8];
-extern const float sw_dyn2_adjoint[SW_DYN2_P / 8][2][8];
+extern const int32_t sw_dyn2_channel[SW_DYN2_P / 8][4][8];
+extern const int32_t sw_dyn2_adjoint[SW_DYN2_P / 8][2][8];
+extern const float sw_dyn2_layer[2];
 extern const int8_t sw_dyn3_rows[SW_LATENT_P * SW_DYN2_P + SW_AHEAD];
 extern const int8_t sw_dyn3_adjoint_rows[SW_DYN2_P * SW_LATENT_P + SW_AHEAD];
 extern const float sw_dyn3_channel[SW_LATENT_P / 8][2][8];
@@ -67,20 +75,17 @@ extern const float sw_dyn3_scale[SW_LATENT_P];
 extern const int8_t sw_decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
 extern const int8_t sw_decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];
 extern const float sw_decoder_channel[SW_DECODER_P / 8][2][8];
-extern const float sw_decoder_scale[SW_DECODER_P];
+extern const int32_t sw_decoder_scale[SW_DECODER_P]; /* as part of the largest, in 1 / 2^31 */
+extern const float sw_decoder_largest;
 extern const int8_t sw_block_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
 extern const int8_t sw_block_adjoint_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
-extern const float sw_block_channel[SW_BLOCKS][SW_DECODER_P / 8][4][8];
-extern const float sw_block_adjoint[SW_BLOCKS][SW_DECODER_P / 8][2][8];
+extern const int32_t sw_block_channel[SW_BLOCKS][SW_DECODER_P / 8][4][8];
+extern const int32_t sw_block_adjoint[SW_BLOCKS][SW_DECODER_P / 8][2][8];
+extern const float sw_block_layer[SW_BLOCKS][2];
 extern const int8_t sw_force_rows[SW_FORCES_P * SW_DECODER_P + SW_AHEAD];
 extern const int8_t sw_force_adjoint_rows[SW_DECODER_P * SW_FORCES_P + SW_AHEAD];
 extern const float sw_force_channel[SW_FORCES_P / 8][2][8];
 extern const float sw_force_scale[SW_FORCES_P];
-
-/* The largest scale of matrices whose rows have a norm behind them. */
-extern const float sw_dyn1_largest;
-extern const float sw_dyn2_largest;
-extern const float sw_block_largest[SW_BLOCKS];
 
 /* Inverse scales, integers per unit, of activations: the LSTM's inputs and hidden state, layer inputs. */
 extern const float sw_row_inverse_scale;
@@ -88,8 +93,12 @@ extern const float sw_cell_inverse_scale;
 extern const float sw_head_inverse_scale;
 extern const float sw_state_inverse_scale;
 extern const float sw_decoder_inverse_scale;
-extern const float sw_block_inverse_scale[SW_BLOCKS];
-extern const float sw_force_inverse_scale;
+
+/* The decoder's sum of residuals has a unit of its own: what an ELU's 1 is in it, and factors for sw_scaled that make it
+ * the input of each block and of the last layer.
+ */
+extern const int32_t sw_residual_of_elu;
+extern const int32_t sw_residual_factor[SW_BLOCKS + 1];
 
 /* 1 / action_std, the action's factor in the state. */
 extern const float sw_action_factor;

@@ -42,19 +42,21 @@ extern "C" {
 #define SW_ALIGNED
 #endif
 
-/* Numbers of a layer's forward pass that its adjoint comes back to (sw_norm.h). */
+/* What the adjoint needs of a layer's forward pass, of eight outputs (sw_norm.h). */
 typedef struct {
-    int16_t xhat1[SW_HORIZON][SW_DYN1_P];
-    int16_t hidden1[SW_HORIZON][SW_DYN1_P];
-    int16_t xhat2[SW_HORIZON][SW_DYN2_P];
-    int16_t hidden2[SW_HORIZON][SW_DYN2_P];
+    int16_t xhat[8];
+    uint8_t slope[8];
+} sw_tape_eight;
+
+typedef struct {
+    sw_tape_eight layer1[SW_HORIZON][SW_DYN1_P / 8];
+    sw_tape_eight layer2[SW_HORIZON][SW_DYN2_P / 8];
     float r1[SW_HORIZON];
     float r2[SW_HORIZON];
 } sw_dynamics_tape;
 
 typedef struct {
-    int16_t xhat[SW_BLOCKS][SW_HORIZON_P][SW_DECODER_P];
-    int16_t elu[SW_BLOCKS][SW_HORIZON_P][SW_DECODER_P];
+    sw_tape_eight block[SW_BLOCKS][SW_HORIZON_P][SW_DECODER_P / 8];
     float r[SW_BLOCKS][SW_HORIZON_P];
 } sw_decoder_tape;
 
@@ -74,14 +76,14 @@ typedef struct {
 typedef struct {
     int16_t vector[2][SW_APART];
     int32_t sums[2][SW_APART];
-    float x[2][SW_DECODER_P]; /* the sum of residuals, or dJ/d of it */
-    float values[SW_DECODER_P];
+    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or dJ/d of it */
+    int16_t hidden[SW_DECODER_P];
 } sw_decoder_scratch;
 
 typedef struct {
     int32_t sums[SW_WIDEST];
-    float values[SW_WIDEST];
     int16_t vector[SW_WIDEST];
+    int16_t hidden[SW_MAX(SW_DYN1_P, SW_DYN2_P)];
 } sw_dynamics_scratch;
 
 typedef struct {

@@ -1,0 +1,152 @@
+"""The closed loop with each ECU: in Python, in C on this machine, and in C on an emulated Cortex-M7.
+
+    python -m benchmarks ecu-loop [--bundle BUNDLE --library FOLDER] [--json FILE]
+
+Each drives the live wake from the same start, over the same bus. Beside the emulated core a second ECU gets the same
+frames at the same times: the same sources, by the same compiler with the same contraction, on this machine. Every frame
+and the whole state must be the same to the bit after every step. Virtual time is charged by the core's modelled cycles
+there, and by `ecu.compute_time_ms` in the other two loops.
+"""
+
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Final
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, progress, save
+from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.controller.compiler import zig_compiler
+from contract.errors import McuError, StillwakeError
+from contract.release.bundle import Bundle
+from contract.results import versions
+from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
+from firmware_sim.bench.lockstep import Lockstep
+from firmware_sim.bench.simulation import Simulation
+from firmware_sim.bench.spans import Spans
+from firmware_sim.ecu.c_ecu import CEcu, ecu_sources
+from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.mcu.build import COMMON
+from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.summary import summary
+from stillwake.releases import open_release
+from stillwake.c_release import library_folder
+from stillwake.terminal import progress_bar
+from wake.plants import open_plant
+
+ECUS: Final = ("python", C, CORTEX_M7)
+BESIDE: Final = (*COMMON, "-march=native")
+"""Flags of the ECU beside the core: contraction as there, which needs a machine with fused products."""
+_KEPT: Final = (
+    *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
+    *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
+)
+
+
+def main(
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    library: Annotated[Path | None, typer.Option(help="Its C library; default: made from the shipped model.")] = None,
+    json_file: JsonFile = None,
+    lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
+    controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
+    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
+    clock_mhz: Annotated[float, typer.Option(help="Of the emulated core, MHz.")] = 480.0,
+) -> None:
+    """Close the three loops and print a table."""
+    if library is None and bundle is not None:
+        raise StillwakeError("--bundle: name its C library with --library")
+    release = open_release(bundle, None)
+    config = replace(load_config(), mpc=release.manifest.mpc)
+    with library_folder(library) as folder:
+        sources = ecu_sources(folder, release, config)
+    spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=True)
+    compiler = zig_compiler()
+    if compiler is None:
+        raise McuError("ziglang is missing: pip install 'stillwake[mcu]'")
+    rows, commands = [], {}
+    for kind in ECUS:
+        ecu = None if kind == "python" else loop_ecu(kind, sources, clock_mhz=clock_mhz)
+        beside = None
+        if ecu is not None and kind == CORTEX_M7:
+            beside = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=BESIDE))
+            ecu = replace(ecu, ecu=beside)
+        log = driven(release, config, spans, kind, ecu)
+        commands[kind] = log.series["command"]
+        rows.append(figures_of(kind, log, beside))
+    for row in rows:
+        row["largest_command_difference"] = largest_difference(commands[row["kind"]], commands[C])
+    _print(rows, config)
+    facts = {
+        "bundle": release.digest,
+        "spans": {"lead_in": lead_in, "controlled": controlled, "settle": settle},
+        "period_ms": config.period_ns / 1e6,
+        "compute_time_ms": config.ecu.compute_time_ms,
+        "compared_with": " ".join(BESIDE),
+        "versions": versions("stillwake", "onnxruntime", "numpy", "numba", "ziglang", "unicorn", "capstone"),
+    }
+    save(json_file, figures=rows, facts=facts)
+
+
+def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
+    """One run from the shipped start, with a bar; the ECU in Python without `ecu`."""
+    simulation = Simulation(release, config, spans=spans, ecu=ecu)
+    with ExitStack() as stack:
+        scratch = Path(stack.enter_context(TemporaryDirectory()))
+        wake = stack.enter_context(open_plant("stillwake", scratch, config))
+        bar = stack.enter_context(progress_bar("periods", console=progress))
+        task = bar.add_task(f"ECU {kind}", total=None, note="")
+        return simulation.run(
+            wake,
+            ready=lambda total: bar.update(task, completed=0, total=total),
+            progress=lambda row, done, total: bar.update(task, completed=done, note=f"Cd {row.sample.Cd:.3f}"),
+        )
+
+
+def figures_of(kind: str, log: RunLog, beside: Lockstep | None) -> dict[str, Any]:
+    """What is kept of a run, and of what was compared in it."""
+    found = summary(log)
+    row = {"kind": kind, **{name: found[name] for name in _KEPT}}
+    if beside is None:
+        return row
+    return row | {
+        "steps_compared": beside.steps,
+        "frames_compared": beside.frames,
+        "differing_frames": beside.differing_frames,
+        "differing_states": beside.differing_states,
+        "differences": beside.told,
+    }
+
+
+def largest_difference(one: Any, other: Any) -> float:
+    """Of two series of commands, in U_inf W; steps that were skipped in one of them are left out."""
+    apart = np.abs(np.asarray(one) - np.asarray(other))
+    return float(np.max(apart[np.isfinite(apart)], initial=0.0))
+
+
+def _print(rows: list[dict[str, Any]], config: Config) -> None:
+    table = Table("ECU", "less drag, %", "mean |Cl|", "in control", "modelled ms, median", "max", "command, from C's")
+    for row in rows:
+        ecu, reduction = row["ecu"], row["reduction_percent"]
+        table.add_row(
+            row["kind"],
+            "none claimed" if reduction is None else f"{reduction:.2f}",
+            "" if row["abs_Cl_controlled"] is None else f"{row['abs_Cl_controlled']:.3f}",
+            f"{row['periods_in_control']} / {row['periods_requested']}",
+            *("" if ecu[name] is None else f"{ecu[name]:.2f}" for name in ("modelled_ms", "modelled_ms_max")),
+            f"{row['largest_command_difference']:.2g}",
+        )
+    console.print(table)
+    core = rows[-1]
+    console.print(
+        f"the emulated core beside this machine: {core['differing_frames']} of {core['frames_compared']} frames and "
+        f"{core['differing_states']} of {core['steps_compared']} states differ; the period is "
+        f"{config.period_ns / 1e6:g} ms",
+        soft_wrap=True,
+    )
+    for line in core["differences"]:
+        console.print(line, soft_wrap=True)

@@ -1,0 +1,65 @@
+"""Put a trained model and the release made from it where a checkout has them, and write the model's provenance.
+
+    python -m benchmarks.release.ship MODEL BUNDLE --command "stillwake train ..."
+
+`make release` calls it. The bundle must be of the model and signed with the key of the project, or nothing happens.
+"""
+
+import argparse
+import hashlib
+import json
+import shutil
+from datetime import date
+from pathlib import Path
+from typing import Final
+
+from benchmarks.common.commands import ROOT
+from contract.atomic import replacing
+from contract.errors import BundleError
+from contract.model_folder import DESCRIPTION, WEIGHTS, read
+from contract.release import bundle as bundles
+from contract.release.signing import project_key
+
+DATA: Final = ROOT / "data" / "stillwake_data"
+BUNDLE: Final = ROOT / "firmware_sim" / "data" / "bundle"
+
+
+def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:
+    """Replace the shipped model and bundle by these.
+
+    Args:
+        command: what trained the model.
+        on: today.
+        data: folder of `model` and `provenance.json`.
+        bundle: of the shipped release.
+
+    Raises:
+        ModelError: the model is not sound.
+        BundleError: the bundle is not sound, not signed with the project's key, or of another model.
+    """
+    trained, found = read(model), bundles.load(release, project_key())
+    if found.manifest.weights_sha256 != trained.weights_sha256:
+        raise BundleError(f"bundle {release} is not of the model {model}: export it again")
+    for source, target in ((model, data / "model"), (release, bundle)):
+        shutil.rmtree(target, ignore_errors=True)
+        shutil.copytree(source, target)
+    path = data / "provenance.json"
+    records = json.loads(path.read_text(encoding="utf-8"))
+    records["model"] = {
+        "command": command,
+        "date": on.isoformat(),
+        "sha256": {name: hashlib.sha256((model / name).read_bytes()).hexdigest() for name in (DESCRIPTION, WEIGHTS)},
+        "recording_sha256": trained.description.dataset_sha256,
+        "versions": dict(trained.description.versions),
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(records, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("model", type=Path)
+    parser.add_argument("bundle", type=Path)
+    parser.add_argument("--command", required=True, help="what trained the model")
+    given = parser.parse_args()
+    ship(given.model, given.bundle, command=given.command, on=date.today())

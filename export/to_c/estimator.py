@@ -1,0 +1,91 @@
+"""The sensor estimator of a release as C: its sizes and its numbers, for `export/to_c/sources/ecu/sw_estimator.h`.
+
+Integers and scales are those of the bundle's `sensors.onnx`. Its matrices are int8 with one scale an output; biases,
+standardisation and the last layer, which is small, are float32.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from contract.controller.estimator import ESTIMATOR, REACH
+from contract.errors import ExportError
+from export.int8.rounded_estimator import RoundedEstimator
+from export.to_c.int8_arrays import Values
+from export.to_c.int8_format import FULL_RANGE_WIDTH, INT16_QMAX, LANES, packed
+from export.to_c.library import numbers_source
+from export.to_onnx.sensor_estimator import read_estimator
+
+SIZES: Final = "sw_estimator_settings.h"
+NUMBERS: Final = "sw_estimator_weights.c"
+
+ONE: Final = int(INT16_QMAX / REACH)
+"""The integer of a flag, and of a reading one deviation from its mean: readings within reach have 16 bits."""
+
+
+def estimator_files(content: bytes) -> dict[str, bytes]:
+    """The generated files by name, of a verified bundle's `sensors.onnx`.
+
+    Raises:
+        ExportError: a network that the C sources cannot run; the message says what they can.
+    """
+    rounded = read_estimator(content)
+    _check(rounded)
+    return {
+        SIZES: _sizes(rounded),
+        NUMBERS: numbers_source(_arrays(rounded), "the numbers of a release's sensor estimator", "sw_ecu.h"),
+    }
+
+
+def _check(rounded: RoundedEstimator) -> None:
+    network = rounded.network
+    shapes = [matrix.values.shape for matrix in rounded.matrices]
+    width = shapes[0][0]
+    inputs = network.window * (network.sensors + 1) + network.sensors
+    if shapes != [(width, inputs), (width, width), (network.sensors, width)]:
+        raise ExportError(f"{ESTIMATOR}: layers of shapes {shapes}: the C library takes two hidden ones of equal width")
+    for name, size in (("its hidden layers are", width), ("the window is", network.window)):
+        if size % LANES:
+            raise ExportError(f"{ESTIMATOR}: {name} {size} long: the C library takes multiples of {LANES}")
+    if max(inputs, width) > FULL_RANGE_WIDTH:
+        raise ExportError(
+            f"{ESTIMATOR}: {max(inputs, width)} inputs of a layer: the C library takes {FULL_RANGE_WIDTH}"
+        )
+
+
+def _sizes(rounded: RoundedEstimator) -> bytes:
+    network = rounded.network
+    definitions = {
+        "SW_ESTIMATOR_ROWS": network.window,
+        "SW_ESTIMATOR_WIDTH": len(network.layers[0][1]),
+        "SW_ESTIMATOR_LONGEST": max(network.window, len(network.layers[0][1])),
+        "SW_ESTIMATOR_ONE": ONE,
+        "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
+    }
+    lines = "\n".join(f"#define {name} {value}" for name, value in definitions.items())
+    return (
+        "/* Generated: the sizes of a release's sensor estimator. */\n"
+        f"#ifndef SW_ESTIMATOR_SETTINGS_H\n#define SW_ESTIMATOR_SETTINGS_H\n\n{lines}\n\n#endif\n"
+    ).encode()
+
+
+def _arrays(rounded: RoundedEstimator) -> Mapping[str, Values]:
+    network, (first, second, last) = rounded.network, rounded.matrices
+    sensors, columns = network.sensors, network.sensors + 1
+    by_row = first.values[:, : network.window * columns].reshape(-1, network.window, columns)
+    biases = [bias for _, bias in network.layers]
+    return {
+        "sw_estimator_mean": network.mean,
+        "sw_estimator_factor": ONE / network.std,
+        "sw_estimator_column_rows": np.array([packed(by_row[:, :, column]) for column in range(columns)]),
+        "sw_estimator_flags": first.values[:, -sensors:].T,
+        "sw_estimator_first_scale": first.scales.astype(np.float64) / ONE,
+        "sw_estimator_first_bias": biases[0],
+        "sw_estimator_second_rows": packed(second.values),
+        "sw_estimator_second_scale": second.scales.astype(np.float64),
+        "sw_estimator_second_bias": biases[1],
+        "sw_estimator_last": last.dequantised().astype(np.float64),
+        "sw_estimator_last_bias": biases[2],
+        "sw_estimator_spread": network.std[:-1],
+    }

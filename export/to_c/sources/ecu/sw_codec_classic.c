@@ -1,0 +1,70 @@
+/* The messages of the classic set, as laid out in the DBC: eight bytes each. */
+#include "sw_codec_bytes.h"
+
+#if !SW_FRAMES_FD
+
+#if SW_SENSORS != 4
+#error "a PressureClassic message has four pressures"
+#endif
+
+#define HEAD 1 /* its lower half is the E2E counter */
+
+/* PressureClassic */
+#define ENABLE_REQUEST 0x10u
+#define AGE_LIMIT 7u /* this or more */
+#define PRESSURES 2  /* bytes; two pressures of 12 bits in three */
+
+/* JetCommandClassic */
+#define ENABLE 0x80u
+#define COUNTER_VALID 0x01u
+#define NEXT_PERIOD 0x02u
+
+/* Pressure i in steps of the wire. */
+static int32_t steps_of(const uint8_t *data, int i)
+{
+    const uint32_t word = sw_word(&data[PRESSURES + 3 * i / 2]);
+    return sw_signed((i % 2 == 0 ? word : word >> 4) & 0xfffu, 0x800u);
+}
+
+void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure)
+{
+    const uint32_t age = (uint32_t)data[HEAD] >> 5;
+    uint32_t valid = 0;
+    for (int i = 0; i < SW_SENSORS; i++) {
+        const int32_t steps = steps_of(data, i);
+        const int is_valid = steps != SW_PRESSURE_INVALID;
+        pressure->pressure_pa[i] = is_valid ? (double)steps * SW_PRESSURE_RESOLUTION_PA : 0.0;
+        valid |= (uint32_t)is_valid << i;
+    }
+    pressure->valid = (uint8_t)valid;
+    pressure->enable_request = (uint8_t)((data[HEAD] & ENABLE_REQUEST) != 0u);
+    pressure->age_ns = age < AGE_LIMIT ? (int64_t)age * SW_AGE_RESOLUTION_NS : SW_STALE_NS;
+}
+
+void sw_emit_command(uint8_t *data, const sw_jet_command *command)
+{
+    uint32_t echo = command->has_counter ? COUNTER_VALID | (((uint32_t)command->pressure_counter & 0x0fu) << 4) : 0u;
+    echo |= SW_PLAN_AHEAD ? NEXT_PERIOD : 0u;
+    sw_clear(data, SW_COMMAND_BYTES);
+    data[HEAD] = (uint8_t)((((uint32_t)command->mode & 0x07u) << 4) | (command->enable ? ENABLE : 0u));
+    sw_put_word(&data[2], (uint32_t)command->flow);
+    data[4] = (uint8_t)echo;
+}
+
+void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
+{
+    const uint32_t overruns = sw_at_most(status->overruns, SW_COUNT_LIMIT);
+    const uint32_t missed = sw_at_most(status->missed, SW_COUNT_LIMIT);
+    const uint32_t crc_errors = sw_at_most(status->crc_errors, SW_COUNT_LIMIT);
+    const uint32_t refused = sw_at_most(status->refused, SW_COUNT_LIMIT);
+    sw_clear(data, SW_STATUS_BYTES);
+    data[HEAD] = (uint8_t)(((uint32_t)status->state & 0x0fu) << 4);
+    data[2] = (uint8_t)(((uint32_t)status->reason & 0x0fu) | (sw_at_most(status->bus_off, SW_BUS_OFF_LIMIT) << 4));
+    /* Four counts of six bits. */
+    sw_put_word(&data[3], overruns | (missed << 6) | (crc_errors << 12));
+    data[5] = (uint8_t)((crc_errors >> 4) | (refused << 2));
+    /* Of the hash its upper half. */
+    sw_put_word(&data[6], SW_BUNDLE_HASH >> 16);
+}
+
+#endif

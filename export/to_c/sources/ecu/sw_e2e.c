@@ -1,0 +1,88 @@
+/* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
+ * CAN, where all 16 data IDs of a message are the same.
+ *
+ * The CRCs go by half bytes: a table of 16 entries in place of 256, a loop without a branch on the data.
+ */
+#include "sw_ecu_parts.h"
+
+#if SW_E2E_PROFILE == 5
+
+#define HEADER 3 /* CRC-16 low byte first, counter */
+#define COUNTER 2
+
+/* CRC-16, polynomial 0x1021, nothing reflected: of 0 to 15. */
+static const uint16_t table[16] = {
+    0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50a5, 0x60c6, 0x70e7,
+    0x8108, 0x9129, 0xa14a, 0xb16b, 0xc18c, 0xd1ad, 0xe1ce, 0xf1ef,
+};
+
+static uint32_t with_byte(uint32_t crc, uint32_t byte)
+{
+    const uint32_t half = ((crc << 4) & 0xffffu) ^ table[(crc >> 12) ^ (byte >> 4)];
+    return ((half << 4) & 0xffffu) ^ table[(half >> 12) ^ (byte & 0x0fu)];
+}
+
+/* Over the counter, the data, and the data ID, low byte first, which is not sent. */
+static uint32_t crc_of(const uint8_t *data, int length, uint16_t data_id)
+{
+    uint32_t crc = 0xffffu;
+    for (int i = COUNTER; i < length; i++) crc = with_byte(crc, data[i]);
+    crc = with_byte(crc, (uint32_t)data_id & 0xffu);
+    return with_byte(crc, (uint32_t)data_id >> 8);
+}
+
+static uint32_t crc_sent(const uint8_t *data) { return (uint32_t)data[0] | ((uint32_t)data[1] << 8); }
+
+void sw_e2e_protect(uint8_t *data, int length, uint16_t data_id, uint8_t counter)
+{
+    data[COUNTER] = counter;
+    const uint32_t crc = crc_of(data, length, data_id);
+    data[0] = (uint8_t)(crc & 0xffu);
+    data[1] = (uint8_t)(crc >> 8);
+}
+
+uint8_t sw_e2e_counter(const uint8_t *data) { return data[COUNTER]; }
+
+#elif SW_E2E_PROFILE == 2
+
+#define HEADER 2 /* CRC-8, counter in the lower half of a byte whose upper half is the message's */
+#define COUNTER 1
+
+/* CRC-8, polynomial 0x2F, nothing reflected: of 0 to 15. */
+static const uint8_t table[16] = {
+    0x00, 0x2f, 0x5e, 0x71, 0xbc, 0x93, 0xe2, 0xcd,
+    0x57, 0x78, 0x09, 0x26, 0xeb, 0xc4, 0xb5, 0x9a,
+};
+
+static uint32_t with_byte(uint32_t crc, uint32_t byte)
+{
+    const uint32_t half = ((crc << 4) & 0xffu) ^ table[(crc >> 4) ^ (byte >> 4)];
+    return ((half << 4) & 0xffu) ^ table[(half >> 4) ^ (byte & 0x0fu)];
+}
+
+/* Over everything behind the CRC, and the data ID, which is not sent. */
+static uint32_t crc_of(const uint8_t *data, int length, uint16_t data_id)
+{
+    uint32_t crc = 0xffu;
+    for (int i = COUNTER; i < length; i++) crc = with_byte(crc, data[i]);
+    return with_byte(crc, (uint32_t)data_id & 0xffu) ^ 0xffu;
+}
+
+static uint32_t crc_sent(const uint8_t *data) { return data[0]; }
+
+void sw_e2e_protect(uint8_t *data, int length, uint16_t data_id, uint8_t counter)
+{
+    data[COUNTER] = (uint8_t)((data[COUNTER] & 0xf0u) | (counter & 0x0fu));
+    data[0] = (uint8_t)crc_of(data, length, data_id);
+}
+
+uint8_t sw_e2e_counter(const uint8_t *data) { return (uint8_t)(data[COUNTER] & 0x0fu); }
+
+#else
+#error "the E2E profile of the messages must be 5 or 2"
+#endif
+
+int sw_e2e_check(const uint8_t *data, int length, uint16_t data_id)
+{
+    return length >= HEADER && crc_of(data, length, data_id) == crc_sent(data);
+}

@@ -1,0 +1,133 @@
+/* Each pressure estimated from the other ones, from all views of a window (contract/controller/estimator.py).
+ *
+ * The first layer is linear in the window's columns, so that the views share it: for every place and every column that
+ * stands there in some view one product, in integers, and a view's input to the first ReLU is a sum of those.
+ * Activations are int16: readings in steps of 1 / SW_ESTIMATOR_ONE, hidden ones in steps of 1 / SW_INT16_QMAX of the
+ * largest of their vector. Both products are exact, and the rest has one order, so that all cores have the same bits.
+ */
+#include "sw_ecu_parts.h"
+
+#if SW_SENSOR_CHECK
+
+/* Most columns of a product, for sw_dots.h. */
+#define SW_DOTS_COLUMNS SW_ESTIMATOR_LONGEST
+#include "sw_dots.h"
+
+#if SW_SENSORS != 4 || SW_LANES != 8 || SW_ESTIMATOR_WIDTH % 8 != 0 || SW_ESTIMATOR_ROWS % 8 != 0
+#error "sw_estimator.c: 4 sensors, and widths in whole eights"
+#endif
+#if SW_ESTIMATOR_ROWS > SW_WINDOW
+#error "SW_ESTIMATOR_ROWS: the window has fewer"
+#endif
+
+/* The first layer's product of a place with a column of the window, in work->sums. Before row `first` the window is
+ * taken to have been like it.
+ */
+static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
+                       int column)
+{
+    const float limit = (float)SW_ESTIMATOR_LIMIT;
+    for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {
+        const int row = SW_WINDOW - SW_ESTIMATOR_ROWS + r;
+        const float value = (float)window[row > first ? row : first][column];
+        work->vector[r] = sw_saturated((value - sw_estimator_mean[place]) * sw_estimator_factor[place], limit);
+    }
+    sw_dots(work->sums, sw_estimator_column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
+}
+
+/* What leaving out the sensor adds whose column's product stands in work->sums. */
+static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
+{
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
+        out[h] = (int32_t)sw_estimator_flags[sensor][h] * SW_ESTIMATOR_ONE - work->sums[h];
+    }
+}
+
+/* Every column in its own place: work->all and work->out. */
+static void in_place(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+{
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] = 0;
+    for (int c = 0; c < SW_COLUMNS; c++) {
+        product_of(work, window, first, c, c);
+        for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] += work->sums[h];
+        if (c < SW_SENSORS) left_out(work, c, work->out[c]);
+    }
+}
+
+/* Two sensors' readings in each other's place: work->crossed and work->crossed_out. */
+static void exchanged(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int one,
+                      int other)
+{
+    for (int s = 0; s < SW_SENSORS; s++) {
+        for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->crossed_out[s][h] = work->out[s][h];
+    }
+    product_of(work, window, first, one, other);
+    left_out(work, one, work->crossed_out[one]);
+    product_of(work, window, first, other, one);
+    left_out(work, other, work->crossed_out[other]);
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
+        const int32_t before = work->out[one][h] + work->out[other][h];
+        work->crossed[h] = work->all[h] + (before - (work->crossed_out[one][h] + work->crossed_out[other][h]));
+    }
+}
+
+/* From the first layer's values in work->values to the second layer's, both after their ReLU. */
+static void second_layer(sw_estimator_work *work)
+{
+    float largest = 0.0f;
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) largest = sw_max(largest, work->values[h]);
+    const float inverse = largest > 0.0f ? (float)SW_INT16_QMAX / largest : 0.0f;
+    const float scale = largest / (float)SW_INT16_QMAX;
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->vector[h] = sw_rounded(work->values[h] * inverse);
+    sw_dots(work->sums, sw_estimator_second_rows, work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_WIDTH);
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
+        const float product = (float)work->sums[h] * scale * sw_estimator_second_scale[h];
+        work->values[h] = sw_max(product + sw_estimator_second_bias[h], 0.0f);
+    }
+}
+
+/* The hidden layers of a view: sums with what leaving out adds once, or twice where a second sensor is left out. */
+static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out, const int32_t *also)
+{
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
+        const int32_t sum = sums[h] + out[h] + (also == NULL ? 0 : also[h]);
+        const float value = (float)sum * sw_estimator_first_scale[h] + sw_estimator_first_bias[h];
+        work->values[h] = sw_max(value, 0.0f);
+    }
+    second_layer(work);
+}
+
+/* The last layer for one sensor, in Cp. Four sums, since one would wait for each of its additions. */
+static double last_layer(const sw_estimator_work *work, int sensor)
+{
+    const float *weights = sw_estimator_last[sensor];
+    float sums[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h += 4) {
+        for (int k = 0; k < 4; k++) sums[k] += weights[h + k] * work->values[h + k];
+    }
+    const float output = (sums[0] + sums[1]) + (sums[2] + sums[3]) + sw_estimator_last_bias[sensor];
+    return (double)(output * sw_estimator_spread[sensor] + sw_estimator_mean[sensor]);
+}
+
+void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+{
+    in_place(work, window, first);
+    int pair = SW_SENSORS;
+    for (int i = 0; i < SW_SENSORS; i++) {
+        hidden_layers(work, work->all, work->out[i], NULL);
+        work->estimates[i][i] = last_layer(work, i);
+        for (int j = i + 1; j < SW_SENSORS; j++) {
+            hidden_layers(work, work->all, work->out[i], work->out[j]);
+            work->estimates[j][i] = last_layer(work, i);
+            work->estimates[i][j] = last_layer(work, j);
+            exchanged(work, window, first, i, j);
+            for (int s = 0; s < SW_SENSORS; s++) {
+                hidden_layers(work, work->crossed, work->crossed_out[s], NULL);
+                work->estimates[pair][s] = last_layer(work, s);
+            }
+            pair++;
+        }
+    }
+}
+
+#endif

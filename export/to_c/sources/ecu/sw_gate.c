@@ -1,0 +1,68 @@
+/* The last check before a jet command goes on the bus. It trusts nothing that comes from the controller.
+ *
+ * In this order: no permission, no finite number, a clock that stood still or no fresh pressure shuts the jets at once;
+ * otherwise the command is brought into range and then to within one step of the command before it. Zero is the safe
+ * state, so shutting is never slowed down. The twin of can_bridge/command_gate.py.
+ */
+#include <float.h>
+
+#include "sw_ecu_parts.h"
+
+/* Python's: of equals, and where one is no number, the first. */
+static double smaller(double a, double b) { return b < a ? b : a; }
+static double larger(double a, double b) { return b > a ? b : a; }
+
+static double clamp(double value, double low, double high) { return smaller(larger(value, low), high); }
+
+static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
+
+/* Of two times; any two, if `to` is not the earlier one. */
+static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
+
+static sw_gated shut(uint8_t why)
+{
+    const sw_gated gated = {0.0, 0, why};
+    return gated;
+}
+
+/* Largest change from the command before: in a shorter time than a period it is smaller in proportion. */
+static double largest_change(int has_previous, int64_t previous_ns, int64_t now_ns)
+{
+    double share = 1.0;
+    if (has_previous) {
+        const uint64_t elapsed = elapsed_ns(previous_ns, now_ns);
+        if (elapsed < (uint64_t)SW_PERIOD_NS) share = (double)elapsed / (double)SW_PERIOD_NS;
+    }
+    return SW_GATE_STEP * share;
+}
+
+/* Pressures that are too old for a new command may still bear one that leads from the one before it towards zero. */
+static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
+{
+    const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&
+                             flow_m2_per_s <= larger(0.0, previous_m2_per_s);
+    const int64_t oldest_ns = towards_zero ? SW_HELD_AGE_NS : SW_FRESH_AGE_NS;
+    /* One from the future counts as stale: one of the two clocks is wrong. */
+    return pressure_ns <= now_ns && elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns;
+}
+
+sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
+                 int has_pressures, int64_t pressure_ns, int64_t now_ns)
+{
+    if (!enable) return shut(SW_GATED_NOT_ENABLED);
+    if (!is_finite(flow_m2_per_s)) return shut(SW_GATED_NOT_FINITE);
+    if (has_previous && now_ns <= previous_ns) return shut(SW_GATED_CLOCK);
+    if (!has_pressures || !is_fresh(flow_m2_per_s, previous_m2_per_s, pressure_ns, now_ns)) {
+        return shut(SW_GATED_STALE);
+    }
+    const double in_range = clamp(flow_m2_per_s, -SW_GATE_FLOW, SW_GATE_FLOW);
+    const double step = largest_change(has_previous, previous_ns, now_ns);
+    sw_gated gated = {clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step), 1, 0};
+    if (in_range != flow_m2_per_s) gated.interventions = SW_GATED_RANGE;
+    if (gated.flow_m2_per_s != in_range) {
+        gated.interventions = (uint8_t)(gated.interventions | SW_GATED_RATE);
+        /* The range has the last word, whatever the command before was. */
+        gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -SW_GATE_FLOW, SW_GATE_FLOW);
+    }
+    return gated;
+}

@@ -1,0 +1,84 @@
+/* What the control step must be given again in the next period: window, plan and actions under way.
+ *
+ * The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
+ * sampled. The twin of firmware_sim/ecu/controller_memory.py and delay_line.py.
+ */
+#include "sw_ecu_parts.h"
+
+#if SW_FROZEN_ACTIONS >= SW_HORIZON
+#error "SW_FROZEN_ACTIONS: must be less than SW_HORIZON, or no action is left to be planned"
+#endif
+
+/* Periods without pressures that the window may bridge. */
+#define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
+
+static void extended(sw_memory *memory, const double cp[SW_SENSORS])
+{
+    double row[SW_COLUMNS]; /* cp may be a row of the window */
+    for (int s = 0; s < SW_SENSORS; s++) row[s] = cp[s];
+    row[SW_SENSORS] = memory->under_way[0];
+    for (int k = 0; k + 1 < SW_WINDOW; k++) {
+        for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = memory->window[k + 1][c];
+    }
+    for (int c = 0; c < SW_COLUMNS; c++) memory->window[SW_WINDOW - 1][c] = row[c];
+    if (memory->rows < SW_WINDOW) memory->rows++;
+}
+
+void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS])
+{
+    extended(memory, cp);
+    memory->gap = 0;
+}
+
+void sw_memory_bridged(sw_memory *memory)
+{
+    if (memory->gap <= LONGEST_GAP) memory->gap++;
+    if (memory->gap > LONGEST_GAP) {
+        /* The controller never plans from pressures long past. */
+        sw_memory_emptied(memory);
+    } else if (memory->rows > 0) {
+        extended(memory, memory->window[SW_WINDOW - 1]);
+    } else {
+        /* Before the first row there is none to stand in. */
+    }
+}
+
+void sw_memory_emptied(sw_memory *memory)
+{
+    for (int k = 0; k < SW_WINDOW; k++) {
+        for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = 0.0;
+    }
+    memory->rows = 0;
+}
+
+void sw_memory_commanded(sw_memory *memory, double action)
+{
+    for (int k = 0; k < SW_FROZEN_ACTIONS; k++) memory->under_way[k] = memory->under_way[k + 1];
+    memory->under_way[SW_FROZEN_ACTIONS] = action;
+}
+
+void sw_memory_without_plan(sw_memory *memory)
+{
+    for (int k = 0; k < SW_HORIZON; k++) memory->plan[k] = 0.0f;
+}
+
+void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_WINDOW][SW_SENSORS])
+{
+    for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) memory->window[k][sensor] = values[k][sensor];
+}
+
+void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input)
+{
+    for (int k = 0; k < SW_WINDOW; k++) {
+        for (int c = 0; c < SW_COLUMNS; c++) input->window[k][c] = (float)memory->window[k][c];
+    }
+    for (int k = 0; k < SW_HORIZON; k++) {
+        input->plan[k] = memory->plan[k];
+        input->free[k] = k < SW_FROZEN_ACTIONS ? 0.0f : 1.0f;
+    }
+    /* The control step shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
+     * whatever the gate, a hold or the wire made of the plan.
+     */
+    for (int k = 1; k <= SW_FROZEN_ACTIONS; k++) input->plan[k] = (float)memory->under_way[k];
+    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = weights[i];
+}

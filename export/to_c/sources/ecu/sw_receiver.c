@@ -1,0 +1,98 @@
+/* The receiving end of the protected pressures (PRS_E2EProtocol: profile check, then state machine).
+ *
+ * Each frame gets a check from its CRC and counter; the period gets the worst of them that the state machine cares for,
+ * and the latest periods' checks decide whether the stream is to be trusted.
+ */
+#include "sw_ecu_parts.h"
+
+/* An 11-bit identifier; a 29-bit one of the same number is another node's. */
+static int is_pressure(const sw_frame *frame) { return frame->id == SW_PRESSURE_ID && !frame->is_extended; }
+
+/* The check of a frame; the receiver follows its counter. */
+static sw_check checked(sw_receiver *receiver, const sw_frame *frame)
+{
+    if (frame->length != SW_PRESSURE_BYTES) return SW_CHECK_ERROR;
+    if (!sw_e2e_check(frame->data, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID)) return SW_CHECK_ERROR;
+    const uint32_t counter = sw_e2e_counter(frame->data);
+    const uint32_t steps = (counter + (uint32_t)SW_E2E_COUNTERS - receiver->last_counter) % (uint32_t)SW_E2E_COUNTERS;
+    /* The first frame has nothing to be compared with. */
+    const uint32_t delta = receiver->has_counter ? steps : 1u;
+    receiver->has_counter = 1;
+    receiver->last_counter = (uint8_t)counter;
+    if (delta == 0u) return SW_CHECK_REPEATED;
+    if (delta == 1u) return SW_CHECK_OK;
+    return delta <= (uint32_t)SW_E2E_MAX_DELTA ? SW_CHECK_OK_SOME_LOST : SW_CHECK_WRONG_SEQUENCE;
+}
+
+/* The one check that stands for all of a period's, which are bits of `found`. */
+static sw_check of_period(uint32_t found)
+{
+    static const sw_check order[] = {SW_CHECK_ERROR, SW_CHECK_OK, SW_CHECK_OK_SOME_LOST, SW_CHECK_WRONG_SEQUENCE,
+                                     SW_CHECK_REPEATED};
+    for (int i = 0; i < (int)(sizeof order / sizeof order[0]); i++) {
+        if ((found >> order[i]) & 1u) return order[i];
+    }
+    return SW_CHECK_NO_NEW_DATA;
+}
+
+static void counted(sw_receiver *receiver, sw_check check)
+{
+    if (receiver->counts[check] < UINT32_MAX) receiver->counts[check]++;
+}
+
+/* Moves the window on. */
+static void remember(sw_receiver *receiver, sw_check period)
+{
+    if (receiver->checks == SW_E2E_WINDOW) {
+        for (int i = 1; i < SW_E2E_WINDOW; i++) receiver->window[i - 1] = receiver->window[i];
+        receiver->checks--;
+    }
+    receiver->window[receiver->checks] = (uint8_t)period;
+    receiver->checks++;
+}
+
+static int count_of(const sw_receiver *receiver, sw_check check)
+{
+    int count = 0;
+    for (int i = 0; i < receiver->checks; i++) count += receiver->window[i] == (uint8_t)check;
+    return count;
+}
+
+/* The stream and its window after one period's check. */
+static void advance(sw_receiver *receiver, sw_check period)
+{
+    if (receiver->stream == SW_NODATA) {
+        if (period == SW_CHECK_ERROR || period == SW_CHECK_NO_NEW_DATA) return;
+        receiver->stream = SW_STREAM_INIT;
+        remember(receiver, period);
+        return;
+    }
+    remember(receiver, period);
+    const int good = count_of(receiver, SW_CHECK_OK) + count_of(receiver, SW_CHECK_OK_SOME_LOST);
+    const int least = receiver->stream == SW_VALID ? 1 : SW_E2E_MIN_OK;
+    if (count_of(receiver, SW_CHECK_ERROR) > SW_E2E_MAX_ERRORS) {
+        receiver->stream = SW_INVALID;
+    } else if (good >= least) {
+        receiver->stream = SW_VALID;
+    } else if (receiver->stream == SW_VALID) {
+        receiver->stream = SW_INVALID;
+    } else {
+        /* INIT and INVALID stay. */
+    }
+}
+
+const sw_frame *sw_receive(sw_receiver *receiver, const sw_frame *frames, int count)
+{
+    const sw_frame *accepted = NULL;
+    uint32_t found = 0;
+    for (int i = 0; i < count; i++) {
+        if (!is_pressure(&frames[i])) continue;
+        const sw_check check = checked(receiver, &frames[i]);
+        counted(receiver, check);
+        found |= 1u << check;
+        if (check == SW_CHECK_OK || check == SW_CHECK_OK_SOME_LOST) accepted = &frames[i];
+    }
+    if (found == 0u) counted(receiver, SW_CHECK_NO_NEW_DATA);
+    advance(receiver, of_period(found));
+    return accepted;
+}

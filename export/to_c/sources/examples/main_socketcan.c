@@ -1,0 +1,267 @@
+/* The ECU as a program for Linux, on a SocketCAN interface: an example of the calls, and a start for a daemon.
+ *
+ *     cc -std=c99 -O2 -ffp-contract=off -I. sw_*.c examples/main_socketcan.c -o ecu
+ *     chrt -f 50 ./ecu can0
+ *
+ * It steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time behind the arrival of the pressures, and gives frames
+ * the kernel's time of their arrival. SIGTERM and SIGINT end it: the last commands on the bus shut the jets. The status
+ * is 1 if the interface cannot be used, or fails.
+ */
+#define _GNU_SOURCE /* mlockall, and recvmsg's control messages */
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#include <linux/can.h>
+#include <linux/can/error.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "sw_ecu.h"
+
+#define ROOM 64              /* frames a period; more wait in the socket, and grow old there */
+#define GRACE 4              /* a step is begun late by up to a period divided by this; a later one is left out */
+#define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this */
+#define SHUT_PERIODS 3       /* in which the jets are shut on the bus at the end: one frame may be lost, and another */
+#define SECOND INT64_C(1000000000)
+
+static sw_ecu ecu;
+static sw_frame received[ROOM];
+static volatile sig_atomic_t is_stopped;
+
+static void stop(int number)
+{
+    (void)number;
+    is_stopped = 1;
+}
+
+static int64_t ns_of(const struct timespec *time) { return (int64_t)time->tv_sec * SECOND + (int64_t)time->tv_nsec; }
+
+static int64_t clock_ns(clockid_t clock)
+{
+    struct timespec now;
+    clock_gettime(clock, &now);
+    return ns_of(&now);
+}
+
+/* Returns early if a signal comes. */
+static void sleep_until(int64_t due_ns)
+{
+    struct timespec due;
+    due.tv_sec = (time_t)(due_ns / SECOND);
+    due.tv_nsec = (long)(due_ns % SECOND);
+    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
+}
+
+/* A socket that hears the pressures, other ECUs and the controller's errors; -1 with errno. */
+static int open_bus(const char *interface)
+{
+    const canid_t exactly = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;
+    const struct can_filter filters[] = {
+        {SW_PRESSURE_ID, exactly}, {SW_COMMAND_ID, exactly}, {SW_STATUS_ID, exactly}};
+    const can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED | CAN_ERR_CRTL;
+    const int on = 1;
+    struct ifreq named;
+    struct sockaddr_can address;
+    const int bus = socket(PF_CAN, SOCK_RAW, CAN_RAW);
+    if (bus < 0) return -1;
+    memset(&named, 0, sizeof named);
+    memset(&address, 0, sizeof address);
+    strncpy(named.ifr_name, interface, sizeof named.ifr_name - 1);
+    address.can_family = AF_CAN;
+    if (setsockopt(bus, SOL_CAN_RAW, CAN_RAW_FILTER, filters, sizeof filters) == 0 &&
+        setsockopt(bus, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors) == 0 &&
+        setsockopt(bus, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on) == 0 &&
+        setsockopt(bus, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) == 0 && ioctl(bus, SIOCGIFINDEX, &named) == 0) {
+        address.can_ifindex = named.ifr_ifindex;
+        if (bind(bus, (const struct sockaddr *)&address, sizeof address) == 0) return bus;
+    }
+    const int why = errno;
+    close(bus);
+    errno = why;
+    return -1;
+}
+
+/* The kernel's time of arrival, which is of the clock that can be set, on CLOCK_MONOTONIC; now, if there is none. */
+static int64_t arrival_ns(struct msghdr *message)
+{
+    const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);
+    for (struct cmsghdr *part = CMSG_FIRSTHDR(message); part != NULL; part = CMSG_NXTHDR(message, part)) {
+        if (part->cmsg_level == SOL_SOCKET && part->cmsg_type == SCM_TIMESTAMPNS) {
+            struct timespec date;
+            memcpy(&date, CMSG_DATA(part), sizeof date);
+            const int64_t ago_ns = date_ns - ns_of(&date);
+            return now_ns - (ago_ns > 0 ? ago_ns : 0);
+        }
+    }
+    return now_ns;
+}
+
+/* What an error frame says of the CAN controller. */
+static void note_error(sw_bus_health *health, const struct canfd_frame *frame)
+{
+    if ((frame->can_id & CAN_ERR_BUSOFF) != 0) {
+        health->is_bus_off = 1;
+        if (health->bus_off < UINT32_MAX) health->bus_off++;
+    }
+    if ((frame->can_id & CAN_ERR_RESTARTED) != 0) health->is_bus_off = 0;
+    if ((frame->can_id & CAN_ERR_CRTL) != 0) {
+        health->tx_errors = frame->data[6];
+        health->rx_errors = frame->data[7];
+    }
+}
+
+static void to_ecu(sw_frame *frame, const struct canfd_frame *heard, int is_fd, int64_t timestamp_ns)
+{
+    frame->timestamp_ns = timestamp_ns;
+    frame->id = heard->can_id & CAN_EFF_MASK;
+    frame->is_extended = (heard->can_id & CAN_EFF_FLAG) != 0;
+    frame->is_fd = (uint8_t)is_fd;
+    frame->length = heard->len;
+    memcpy(frame->data, heard->data, sizeof frame->data);
+}
+
+/* Everything that has come, into `received`, without waiting; -1 if the interface fails. */
+static int receive(int bus)
+{
+    int count = 0;
+    while (count < ROOM) {
+        struct canfd_frame frame;
+        union {
+            struct cmsghdr aligned;
+            char bytes[CMSG_SPACE(sizeof(struct timespec))];
+        } control;
+        struct iovec place = {&frame, sizeof frame};
+        struct msghdr message;
+        memset(&frame, 0, sizeof frame);
+        memset(&message, 0, sizeof message);
+        message.msg_iov = &place;
+        message.msg_iovlen = 1;
+        message.msg_control = control.bytes;
+        message.msg_controllen = sizeof control.bytes;
+        const ssize_t size = recvmsg(bus, &message, MSG_DONTWAIT);
+        if (size < 0) return errno == EAGAIN || errno == EINTR ? count : -1;
+        if ((frame.can_id & CAN_ERR_FLAG) != 0) {
+            note_error(&ecu.surroundings.health, &frame);
+        } else {
+            to_ecu(&received[count], &frame, size == (ssize_t)CANFD_MTU, arrival_ns(&message));
+            count++;
+        }
+    }
+    return count;
+}
+
+/* A full queue is the bus's affair, and the next period's frames are newer; -1 if the interface fails. */
+static int send_frames(int bus, const sw_frame *frames, int count)
+{
+    for (int i = 0; i < count; i++) {
+        struct canfd_frame frame;
+        const size_t size = frames[i].is_fd ? CANFD_MTU : CAN_MTU;
+        memset(&frame, 0, sizeof frame);
+        frame.can_id = frames[i].id;
+        frame.len = frames[i].length;
+        frame.flags = frames[i].is_fd ? CANFD_BRS : 0;
+        memcpy(frame.data, frames[i].data, sizeof frame.data);
+        if (write(bus, &frame, size) != (ssize_t)size && errno != ENOBUFS && errno != EAGAIN && errno != EINTR) return -1;
+    }
+    return 0;
+}
+
+/* The arrival of the pressures that the latest step used; -1 if it used none. */
+static int64_t used_arrival_ns(int count, uint32_t missed_before)
+{
+    int64_t found = -1;
+    for (int i = 0; i < count && ecu.state.missed == missed_before; i++) {
+        if (received[i].id == SW_PRESSURE_ID) found = received[i].timestamp_ns;
+    }
+    return found;
+}
+
+/* The next deadline that can still be kept, moved a little towards its place behind the pressures. */
+static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
+{
+    const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;
+    const int64_t next_ns = due_ns + SW_PERIOD_NS * (late_ns > 0 ? (late_ns - 1) / SW_PERIOD_NS + 1 : 1);
+    const int64_t most_ns = SW_PERIOD_NS / LARGEST_SLEW;
+    if (arrived_ns < 0) return next_ns;
+    int64_t error_ns = (arrived_ns + SW_STEP_OFFSET_NS - next_ns) % SW_PERIOD_NS;
+    if (error_ns > SW_PERIOD_NS / 2) error_ns -= SW_PERIOD_NS;
+    if (error_ns < -SW_PERIOD_NS / 2) error_ns += SW_PERIOD_NS;
+    if (error_ns > most_ns) error_ns = most_ns;
+    if (error_ns < -most_ns) error_ns = -most_ns;
+    return next_ns + error_ns;
+}
+
+/* One control period; -1 if the interface fails. */
+static int period(int bus, int64_t *due_ns)
+{
+    sw_frame answers[SW_FRAMES_OUT];
+    const uint32_t missed_before = ecu.state.missed;
+    const int count = receive(bus);
+    if (count < 0) return -1;
+    const int sent = sw_ecu_step(&ecu, clock_ns(CLOCK_MONOTONIC), received, count, answers);
+    if (send_frames(bus, answers, sent) != 0) return -1;
+    *due_ns = next_due(*due_ns, used_arrival_ns(count, missed_before));
+    return 0;
+}
+
+/* The last frames: jets shut and not enabled, as at power-on, but that they go on counting. */
+static int shut(int bus, int64_t due_ns)
+{
+    sw_frame answers[SW_FRAMES_OUT];
+    const uint8_t command = ecu.state.command_counter, status = ecu.state.status_counter;
+    sw_ecu_init(&ecu);
+    ecu.state.command_counter = command;
+    ecu.state.status_counter = status;
+    for (int i = 0; i < SHUT_PERIODS; i++) {
+        sleep_until(due_ns);
+        const int sent = sw_ecu_step(&ecu, clock_ns(CLOCK_MONOTONIC), received, 0, answers);
+        if (send_frames(bus, answers, sent) != 0) return -1;
+        due_ns += SW_PERIOD_NS;
+    }
+    return 0;
+}
+
+static void tell(void)
+{
+    static int told_mode = -1, told_reason = -1;
+    const int mode = ecu.state.fail_safe.mode, reason = ecu.state.fail_safe.reason;
+    if (mode != told_mode || reason != told_reason) fprintf(stderr, "mode %d, reason %d\n", mode, reason);
+    told_mode = mode;
+    told_reason = reason;
+}
+
+int main(int argc, char **argv)
+{
+    struct sigaction action;
+    int failed = 0;
+    const int bus = argc == 2 ? open_bus(argv[1]) : -1;
+    if (bus < 0) {
+        fprintf(stderr, "usage: ecu INTERFACE: %s\n", argc == 2 ? strerror(errno) : "name a CAN interface");
+        return 1;
+    }
+    memset(&action, 0, sizeof action);
+    action.sa_handler = stop;
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) fprintf(stderr, "memory is not locked: %s\n", strerror(errno));
+    sw_ecu_init(&ecu);
+    int64_t due_ns = clock_ns(CLOCK_MONOTONIC) + SW_PERIOD_NS;
+    while (!is_stopped && !failed) {
+        sleep_until(due_ns);
+        if (is_stopped) break;
+        failed = period(bus, &due_ns) != 0;
+        tell();
+    }
+    if (!failed) failed = shut(bus, due_ns) != 0;
+    if (failed) fprintf(stderr, "the CAN interface fails: %s\n", strerror(errno));
+    close(bus);
+    return failed;
+}

@@ -1,0 +1,225 @@
+/* The ECU on a bare Cortex-M7: an interrupt of SysTick every control period, and a main loop that steps.
+ *
+ *     python -m ziglang cc -target thumb-freestanding-eabihf -mcpu=cortex_m7+fp_armv8d16sp -std=c99 -O2 -ffreestanding \
+ *         -ffp-contract=on -I. sw_*.c examples/systick.c -T examples/mps2_an500.ld -Wl,-e,reset -o ecu.elf
+ *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
+ *
+ * The program brings its own vehicle: pressures.h, generated, has the pressure frames of its control periods, in which
+ * the wish for control is low at first, since one that stands from the start is not believed. The program prints each
+ * JetCommand as it would go out, then its figures, and ends. On a vehicle, a CAN driver takes the place of `vehicle` and
+ * of the printing. The interrupt only counts: the step runs in the main loop, so that other interrupts, those of the CAN
+ * controller first, are not held up by it.
+ */
+#include "pressures.h"
+#include "sw_ecu.h"
+
+#define CLOCK_HZ INT64_C(25000000) /* of SysTick on this board */
+#define TICK_NS (INT64_C(1000000000) / CLOCK_HZ)
+#define RELOAD (SW_PERIOD_NS / TICK_NS)
+#define REGISTER(address) (*(volatile uint32_t *)(address))
+#define SYSTICK_CONTROL REGISTER(0xe000e010u)
+#define SYSTICK_RELOAD REGISTER(0xe000e014u)
+#define SYSTICK_VALUE REGISTER(0xe000e018u)
+#define COPROCESSORS REGISTER(0xe000ed88u)
+
+extern unsigned char data_start[], data_end[], data_load[], bss_start[], bss_end[], stack_top[];
+
+void *memcpy(void *restrict to, const void *restrict from, size_t count);
+void *memset(void *to, int value, size_t count);
+void __aeabi_memclr(void *to, size_t count);
+void __aeabi_memclr4(void *to, size_t count);
+void __aeabi_memclr8(void *to, size_t count);
+void __aeabi_memcpy(void *restrict to, const void *restrict from, size_t count);
+void __aeabi_memcpy4(void *restrict to, const void *restrict from, size_t count);
+void __aeabi_memcpy8(void *restrict to, const void *restrict from, size_t count);
+void reset(void);
+void start(void);
+void tick(void);
+void unexpected(void);
+
+static sw_ecu ecu;
+static volatile uint32_t periods; /* since the start; written by the interrupt alone */
+
+/* --- What compilers call when they clear or copy; a C library would bring it. --- */
+
+void *memcpy(void *restrict to, const void *restrict from, size_t count)
+{
+    unsigned char *target = to;
+    const unsigned char *source = from;
+    for (size_t i = 0; i < count; i++) target[i] = source[i];
+    return to;
+}
+
+void *memset(void *to, int value, size_t count)
+{
+    unsigned char *target = to;
+    for (size_t i = 0; i < count; i++) target[i] = (unsigned char)value;
+    return to;
+}
+
+void __aeabi_memclr(void *to, size_t count) { memset(to, 0, count); }
+void __aeabi_memclr4(void *to, size_t count) { memset(to, 0, count); }
+void __aeabi_memclr8(void *to, size_t count) { memset(to, 0, count); }
+void __aeabi_memcpy(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
+void __aeabi_memcpy4(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
+void __aeabi_memcpy8(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
+
+/* --- The host, by semihosting: a debugger or an emulator prints. --- */
+
+static void host(uint32_t operation, uintptr_t argument)
+{
+    register uint32_t r0 __asm__("r0") = operation;
+    register uintptr_t r1 __asm__("r1") = argument;
+    __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+}
+
+static void print(const char *text) { host(0x04u, (uintptr_t)text); }
+
+static void end(int failed) { host(0x18u, failed ? 0x20023u : 0x20026u); }
+
+static void print_number(const char *name, uint32_t number)
+{
+    char digits[12];
+    int at = (int)sizeof digits - 1;
+    digits[at] = '\0';
+    digits[--at] = '\n';
+    do {
+        digits[--at] = (char)('0' + number % 10u);
+        number /= 10u;
+    } while (number != 0u);
+    print(name);
+    print(" ");
+    print(&digits[at]);
+}
+
+static void print_frame(const char *name, const sw_frame *frame)
+{
+    char digits[2 * SW_FRAME_BYTES + 2];
+    int at = 0;
+    for (int i = 0; i < frame->length; i++) {
+        digits[at++] = "0123456789abcdef"[frame->data[i] >> 4];
+        digits[at++] = "0123456789abcdef"[frame->data[i] & 15];
+    }
+    digits[at++] = '\n';
+    digits[at] = '\0';
+    print(name);
+    print(" ");
+    print(digits);
+}
+
+/* --- Time --- */
+
+void tick(void) { periods++; }
+
+/* In ns since the start: whole periods, and what SysTick, which counts down, has done of this one. */
+static int64_t now_ns(void)
+{
+    uint32_t before, value;
+    do {
+        before = periods;
+        value = SYSTICK_VALUE;
+    } while (before != periods);
+    return (int64_t)before * SW_PERIOD_NS + (RELOAD - 1 - (int64_t)value) * TICK_NS;
+}
+
+static void start_clock(void)
+{
+    SYSTICK_RELOAD = (uint32_t)(RELOAD - 1);
+    SYSTICK_VALUE = 0;
+    SYSTICK_CONTROL = 7; /* the core's clock, an interrupt, on */
+}
+
+/* Returns the number of the period that has begun. */
+static uint32_t next_period(uint32_t done)
+{
+    while (periods == done) __asm__ volatile("wfi");
+    return periods;
+}
+
+/* --- The vehicle --- */
+
+/* The pressures of a period, counted from 1. */
+static void vehicle(sw_frame *frame, uint32_t period)
+{
+    frame->timestamp_ns = (int64_t)period * SW_PERIOD_NS;
+    frame->id = SW_PRESSURE_ID;
+    frame->is_extended = 0;
+    frame->is_fd = SW_FRAMES_FD;
+    frame->length = SW_PRESSURE_BYTES;
+    for (int i = 0; i < SW_PRESSURE_BYTES; i++) frame->data[i] = pressures[period - 1u][i];
+}
+
+/* --- The program --- */
+
+typedef struct {
+    uint32_t steps;
+    uint32_t left_out; /* periods that began while the step of another ran */
+    uint32_t active;   /* steps in which the jets followed the controller */
+    int64_t longest_ns;
+} figures;
+
+static void step(figures *seen, uint32_t period)
+{
+    sw_frame received, answers[SW_FRAMES_OUT];
+    vehicle(&received, period);
+    const int64_t began_ns = now_ns();
+    sw_ecu_step(&ecu, began_ns, &received, 1, answers);
+    const int64_t took_ns = now_ns() - began_ns;
+    if (took_ns > seen->longest_ns) seen->longest_ns = took_ns;
+    if (ecu.state.fail_safe.mode == SW_ACTIVE) seen->active++;
+    seen->steps++;
+    print_frame("command", &answers[0]);
+}
+
+void start(void)
+{
+    figures seen = {0, 0, 0, 0};
+    sw_ecu_init(&ecu);
+    start_clock();
+    uint32_t done = 0, period = next_period(done);
+    while (period <= PRESSURE_PERIODS) {
+        seen.left_out += period - done - 1u;
+        step(&seen, period);
+        done = period;
+        period = next_period(done);
+    }
+    print_number("steps", seen.steps);
+    print_number("left_out", seen.left_out);
+    print_number("active", seen.active);
+    print_number("mode", ecu.state.fail_safe.mode);
+    print_number("reason", ecu.state.fail_safe.reason);
+    print_number("missed", ecu.state.missed);
+    print_number("overruns", ecu.state.overruns);
+    print_number("longest_us", (uint32_t)(seen.longest_ns / 1000));
+    end(seen.left_out != 0u);
+}
+
+/* The floating-point unit is off after a reset, and must be on before the first function that might use it. */
+void reset(void)
+{
+    COPROCESSORS |= 0xfu << 20;
+    __asm__ volatile("dsb\n isb" ::: "memory");
+    memcpy(data_start, data_load, (size_t)(data_end - data_start));
+    memset(bss_start, 0, (size_t)(bss_end - bss_start));
+    start();
+    for (;;) __asm__ volatile("wfi");
+}
+
+/* Any exception but SysTick. */
+void unexpected(void)
+{
+    print("unexpected exception\n");
+    end(1);
+    for (;;) __asm__ volatile("wfi");
+}
+
+typedef void (*handler)(void);
+
+__attribute__((section(".vectors"), used)) static const struct {
+    unsigned char *stack;
+    handler handlers[15];
+} vectors = {
+    stack_top,
+    {reset, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected,
+     unexpected, unexpected, unexpected, unexpected, tick},
+};

@@ -1,0 +1,51 @@
+"""The ECU in C of a run, by its name: on this machine, or on an emulated Cortex-M7."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from contract.config.controller import CostWeights
+from contract.controller.c_folder import Settings
+from contract.errors import ConfigError
+from firmware_sim.ecu.c_ecu import CEcu
+from firmware_sim.ecu.stepped import LoopEcu
+
+C: Final = "c"
+CORTEX_M7: Final = "cortex-m7"
+CLOCKS_MHZ: Final = (1.0, 10_000.0)
+"""Range of clocks; a core at less takes seconds for a step, and none runs at more."""
+
+
+def loop_ecu(
+    kind: str, sources: Mapping[str, bytes], *, weights: CostWeights | None = None, clock_mhz: float = 480.0
+) -> LoopEcu:
+    """An ECU in C, just powered on.
+
+    Args:
+        kind: C or CORTEX_M7.
+        sources: `firmware_sim.ecu.c_ecu.ecu_sources`.
+        weights: of the cost, in place of the bundle's.
+        clock_mhz: of the emulated core.
+
+    Raises:
+        ConfigError: no clock that a core could have.
+        LibraryError: there is no compiler, or the sources are no ECU.
+        McuError: they do not compile for the core.
+    """
+    precision = Settings.of(sources).text("SW_PRECISION")
+    if kind == C:
+        host = CEcu(sources, weights=weights)
+        return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
+    lowest, highest = CLOCKS_MHZ
+    if not lowest <= clock_mhz <= highest:
+        raise ConfigError(f"--clock-mhz {clock_mhz:g}: must be in {lowest:g}..{highest:g}")
+    # The emulator is of an extra.
+    from firmware_sim.mcu.ecu_machine import McuEcu
+
+    core = McuEcu(sources, clock_mhz=clock_mhz, weights=weights)
+    return LoopEcu(
+        ecu=core,
+        kind=kind,
+        computed_by=f"C99 {precision}, {core.description}",
+        step_ns=lambda: core.step_ns,
+        clock_mhz=clock_mhz,
+    )

@@ -1,0 +1,75 @@
+"""Two ECUs in one loop: the first one drives, the second one gets the same and must answer the same."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import EcuStatus
+from firmware_sim.ecu.c_structs import differing
+from firmware_sim.ecu.ecu import Trace
+from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.stepped import SteppedEcu
+
+KEPT: Final = 10
+"""Differences that are told in full."""
+
+
+class Lockstep:
+    """Steps both, hands on what the first one says, and counts where the second one says or remembers something else.
+
+    Args:
+        driver: whose frames go out.
+        beside: gets every call of the driver's.
+
+    Attributes:
+        steps, frames: compared so far.
+        differing_frames: that were not the same in every byte, their times included, or that one of them did not send.
+        differing_states: after which a number of the state was not the same to the bit.
+        told: the first differences, a line each.
+    """
+
+    def __init__(self, driver: SteppedEcu, beside: SteppedEcu) -> None:
+        self._driver, self._beside = driver, beside
+        self.steps = self.frames = self.differing_frames = self.differing_states = 0
+        self.told: list[str] = []
+
+    @property
+    def state(self) -> EcuState:
+        """The driver's."""
+        return self._driver.state
+
+    @property
+    def trace(self) -> Trace:
+        """The driver's."""
+        return self._driver.trace
+
+    @property
+    def frames_rejected(self) -> int:
+        """The driver's."""
+        return self._driver.frames_rejected
+
+    def status(self) -> EcuStatus:
+        """The driver's."""
+        return self._driver.status()
+
+    def restore(self, state: EcuState) -> None:
+        """Both."""
+        self._driver.restore(state)
+        self._beside.restore(state)
+
+    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
+        """One control period of both; the driver's frames."""
+        sent, expected = self._driver.step(now_ns, frames, health), self._beside.step(now_ns, frames, health)
+        self.steps += 1
+        self.frames += max(len(sent), len(expected))
+        same = sum(one == other for one, other in zip(sent, expected, strict=False))
+        differs = max(len(sent), len(expected)) - same
+        fields = differing(self._driver.state, self._beside.state)
+        self.differing_frames += differs
+        self.differing_states += bool(fields)
+        if (differs or fields) and len(self.told) < KEPT:
+            self.told.append(
+                f"step {self.steps} at {now_ns} ns: {differs} frames, state: {', '.join(fields) or 'same'}"
+            )
+        return sent

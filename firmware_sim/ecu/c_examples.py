@@ -1,0 +1,47 @@
+"""What the C library's examples play: pressure frames of a vehicle, as a table in C."""
+
+from typing import Final
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Pressure
+from contract.arrays import Array
+from contract.config.tree import Config
+
+PLAYED: Final = "examples/pressures.h"
+MOST_PERIODS: Final = 100
+"""Two seconds at 20 ms: 1600 bytes of flash."""
+ASKED_FROM: Final = 5
+"""Periods before the vehicle asks for control: a wish that stands from the start is not believed."""
+
+
+def played_pressures(rows: Array, config: Config) -> bytes:
+    """`pressures.h`: a protected pressure frame for each of the first `MOST_PERIODS` rows.
+
+    Args:
+        rows: recorded pressures Cp at the sensors of the bus, then other columns, (n, S + any).
+
+    Raises:
+        ValueError: a pressure that the wire cannot carry.
+    """
+    message = message_set(config.bus).pressure
+    sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
+    lines = []
+    for period, row in enumerate(rows[:MOST_PERIODS, :4].tolist()):
+        pressure = Pressure(
+            pressure_pa=tuple(cp * dynamic_pressure for cp in row),
+            valid=(True,) * 4,
+            enable_request=period >= ASKED_FROM,
+            age_ns=0,
+        )
+        data = sender.frame(message.emit(pressure), now_ns=0).data
+        lines.append("    {" + ", ".join(f"{byte:#04x}" for byte in data) + "}")
+    table = ",\n".join(lines)
+    return (
+        "/* Generated: the pressure frames that a vehicle sends, one a control period, for the examples. */\n"
+        "#ifndef PRESSURES_H\n#define PRESSURES_H\n\n"
+        '#include "sw_ecu.h"\n\n'
+        f"#define PRESSURE_PERIODS {len(lines)}u\n\n"
+        f"static const uint8_t pressures[PRESSURE_PERIODS][SW_PRESSURE_BYTES] = {{\n{table}}};\n\n"
+        "#endif\n"
+    ).encode()

@@ -1,0 +1,61 @@
+"""What a closed loop needs of an ECU, whatever computes it: the one in Python, the one in C, an emulated core."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from can_bridge.bus.interface import BusHealth
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import EcuStatus
+from firmware_sim.ecu.ecu import Trace
+from firmware_sim.ecu.ecu_state import EcuState
+
+
+class SteppedEcu(Protocol):
+    """`firmware_sim.ecu.ecu.Ecu` is one; its methods say what these do."""
+
+    @property
+    def state(self) -> EcuState:
+        """After the latest step."""
+        ...
+
+    @property
+    def trace(self) -> Trace:
+        """Of the latest step."""
+        ...
+
+    @property
+    def frames_rejected(self) -> int:
+        """Pressure frames that came but were not accepted."""
+        ...
+
+    def restore(self, state: EcuState) -> None:
+        """Go on from a state."""
+        ...
+
+    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]:
+        """One control period: the frames to be sent."""
+        ...
+
+    def status(self) -> EcuStatus:
+        """Health counters as of the latest step."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopEcu:
+    """An ECU for a closed loop, and what a run says of it.
+
+    Attributes:
+        ecu: just powered on.
+        kind: python, c or cortex-m7.
+        computed_by: what computes its control step, for people.
+        step_ns: what its latest step takes in virtual time; the loop charges `ecu.compute_time_ms` without it.
+        clock_mhz: of the core that `step_ns` is of.
+    """
+
+    ecu: SteppedEcu
+    kind: str
+    computed_by: str
+    step_ns: Callable[[], int] | None = None
+    clock_mhz: float | None = None

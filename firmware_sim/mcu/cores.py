@@ -1,0 +1,25 @@
+"""The cores that a library is compiled for and modelled on."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, kw_only=True)
+class Core:
+    """A Cortex-M with the DSP extension and single-precision floats.
+
+    Attributes:
+        name: for people.
+        cpu: the compiler's name of it.
+        clocks_mhz: at which times are given.
+        dual_issue: whether its pipeline issues two instructions a cycle (`firmware_sim.mcu.timing`).
+    """
+
+    name: str
+    cpu: str
+    clocks_mhz: tuple[int, ...]
+    dual_issue: bool
+
+
+CORTEX_M7: Final = Core(name="Cortex-M7", cpu="cortex_m7+fp_armv8d16sp", clocks_mhz=(480, 300), dual_issue=True)
+CORTEX_M4F: Final = Core(name="Cortex-M4F", cpu="cortex_m4+vfp4d16sp", clocks_mhz=(170,), dual_issue=False)

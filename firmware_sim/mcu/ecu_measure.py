@@ -1,0 +1,77 @@
+"""What the whole ECU needs on the emulated core, in control: memory, and the work of its longest step."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Mode
+from contract.errors import McuError
+from firmware_sim.mcu.build import ECU, compile_for_cortex_m7
+from firmware_sim.mcu.cores import CORTEX_M7
+from firmware_sim.mcu.ecu_machine import McuEcu
+from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.measure import flash_bytes, linked_ram
+
+Periods = Iterable[tuple[int, Sequence[Frame]]]
+"""(time in ns, frames received) of control periods."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuMeasurement:
+    """What a step of the ECU needs.
+
+    Attributes:
+        flash_bytes, ram_bytes, stack_bytes: memory; RAM is what is linked there and the deepest stack.
+        instructions, cycles: of the longest step; cycles are modelled (`firmware_sim.mcu.timing`).
+        instruction_spread: instructions of the longest step in control less those of the shortest.
+        modelled_ms: of the longest step, by clock in MHz.
+        steps, in_control: measured ones, and how many of them planned.
+    """
+
+    flash_bytes: int
+    ram_bytes: int
+    stack_bytes: int
+    instructions: int
+    cycles: int
+    instruction_spread: int
+    modelled_ms: dict[str, float]
+    steps: int
+    in_control: int
+
+
+def measure_ecu(sources: Mapping[str, bytes], periods: Periods) -> EcuMeasurement:
+    """Step the ECU of a library on the emulated core.
+
+    Args:
+        sources: the library's files by name, `sw_ecu_settings.h` among them.
+        periods: enough of them that the window fills and the ECU comes into control.
+
+    Raises:
+        LibraryError: the library has no ECU.
+        McuError: it does not compile or run, or it never came into control.
+    """
+    firmware = read_elf(compile_for_cortex_m7(sources, main=ECU))
+    ecu = McuEcu(sources)
+    instructions, cycles, planned, stack = [], [], [], 0
+    for now_ns, frames in periods:
+        ecu.paint_stack()
+        ecu.step(now_ns, frames)
+        stack = max(stack, ecu.stack_depth())
+        instructions.append(ecu.instructions)
+        cycles.append(ecu.cycles)
+        if ecu.trace.mode is Mode.CONTROL:
+            planned.append(ecu.instructions)
+    if not planned:
+        raise McuError(f"the ECU did not come into control in {len(instructions)} control periods")
+    longest = max(cycles)
+    return EcuMeasurement(
+        flash_bytes=flash_bytes(firmware),
+        ram_bytes=linked_ram(firmware) + stack,
+        stack_bytes=stack,
+        instructions=max(instructions),
+        cycles=longest,
+        instruction_spread=max(planned) - min(planned),
+        modelled_ms={str(clock): longest / (clock * 1e3) for clock in CORTEX_M7.clocks_mhz},
+        steps=len(instructions),
+        in_control=len(planned),
+    )

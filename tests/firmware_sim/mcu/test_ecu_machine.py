@@ -1,0 +1,134 @@
+"""The ECU on the emulated Cortex-M7: the host's frames and states to the bit, cycles of each step, and its end."""
+
+import platform
+import sys
+from dataclasses import replace
+
+import pytest
+
+from can_bridge.wire.messages import Mode
+from contract.controller.c_folder import ECU_SETTINGS
+from contract.errors import McuError
+
+pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
+pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
+pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
+
+from contract.controller.compiler import zig_compiler
+from firmware_sim.ecu.c_ecu import CEcu, ecu_sources
+from firmware_sim.ecu.c_structs import differing
+from firmware_sim.mcu.build import COMMON, compile_for_cortex_m7
+from firmware_sim.mcu.ecu_machine import McuEcu
+from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.emulator import Machine
+from firmware_sim.mcu.measure import _count
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed, exported
+
+pytestmark = pytest.mark.mcu
+
+PERIODS = WINDOW + 12
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory) -> dict[str, bytes]:
+    release = exported(tmp_path_factory.mktemp("machine"))
+    return ecu_sources(release.folder, release.bundle, CONFIG)
+
+
+@pytest.fixture
+def core(sources) -> McuEcu:
+    return McuEcu(sources)
+
+
+@pytest.mark.skipif(
+    platform.machine() not in ("x86_64", "AMD64", "arm64", "aarch64") or sys.platform == "win32",
+    reason="the control step in float agrees to the bit where the host fuses products as well",
+)
+def test_every_frame_and_state_is_the_hosts_to_the_bit(core, sources):
+    host = CEcu(sources, compiler=zig_compiler(), flags=(*COMMON, "-march=native"))
+    modes = set()
+    for now_ns, frames in Feed().periods(PERIODS, lost=(10, 11), damaged=(13,)):
+        assert core.step(now_ns, frames) == host.step(now_ns, frames)
+        assert differing(core.state, host.state) == []
+        assert (core.trace.mode, core.trace.action) == (host.trace.mode, host.trace.action)
+        modes.add(core.trace.mode)
+    assert {Mode.CONTROL, Mode.HOLD, Mode.DECAY} <= modes
+    assert abs(core.trace.action) > 0.0
+
+
+def test_cycles_are_those_of_each_step(core, sources):
+    """A plan costs a thousand times what a period without one costs, and the clock divides."""
+    slow, counts = McuEcu(sources, clock_mhz=240.0), []
+    for now_ns, frames in Feed().periods(PERIODS):
+        core.step(now_ns, frames)
+        slow.step(now_ns, frames)
+        assert core.cycles == slow.cycles
+        assert core.step_ns == round(core.cycles / 0.48)
+        assert abs(slow.step_ns - 2 * core.step_ns) <= 1
+        counts.append((core.trace.forces is not None, core.instructions))
+    planned = [count for plans, count in counts if plans]
+    idle = [count for plans, count in counts if not plans]
+    assert min(planned) > 10 * max(idle)
+    # The work of a plan does not depend on the data: what is left is the state machine's.
+    assert max(planned) - min(planned) < 0.01 * max(planned)
+
+
+def test_the_counter_agrees_with_the_one_in_python(sources):
+    """Block for block in the same call of a function, counted by a hook in machine code and by one in Python."""
+    image = read_elf(compile_for_cortex_m7(sources))
+    by_python, by_machine = Machine(image), Machine(image)
+    counter = by_machine.block_counter()
+    for machine in (by_python, by_machine):
+        machine.call("mcu_reset")
+    expected = _count(by_python)
+    counter.start()
+    by_machine.call("mcu_step")
+    assert counter.total() == expected
+
+
+def test_it_goes_on_from_a_state(core, sources):
+    other, feed = McuEcu(sources), Feed()
+    for now_ns, frames in feed.periods(WINDOW + 4):
+        core.step(now_ns, frames)
+    other.restore(core.state)
+    for now_ns, frames in feed.periods(3):
+        assert core.step(now_ns, frames) == other.step(now_ns, frames)
+    core.restore(other.saved())
+    assert differing(core.state, other.state) == []
+
+
+def test_more_frames_than_its_can_controller_keeps_are_refused(core):
+    feed = Feed()
+    with pytest.raises(McuError, match="keeps 819"):
+        core.step(feed.now_ns, [feed.frame()] * 820)
+
+
+def test_a_core_that_stops_is_an_error_in_one_line(sources):
+    """A control step that reads where no memory is."""
+    stops = b"""#include "stillwake.h"
+sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+{
+    (void)work; (void)input; (void)output;
+    return *(volatile sw_status *)0x60000000u;
+}
+"""
+    kept = {name: text for name, text in sources.items() if name != "sw_control_step.c"}
+    core = McuEcu(kept | {"sw_control_step.c": stops})
+    with pytest.raises(McuError, match=r"mcu_ecu_step: the core stopped at 0x8[0-9a-f]+"):
+        for now_ns, frames in Feed().periods(PERIODS):
+            core.step(now_ns, frames)
+
+
+def test_sources_that_are_no_ecu_do_not_compile(sources):
+    broken = sources | {ECU_SETTINGS: sources[ECU_SETTINGS].replace(b"SW_HOLD_PERIODS", b"SW_HELD_PERIODS")}
+    with pytest.raises(McuError, match=r"^compiling for the microcontroller: "):
+        McuEcu(broken)
+
+
+def test_frames_of_another_length_come_through_memory(core, sources):
+    host = CEcu(sources, flags=("-O1", "-ffp-contract=off"))
+    feed = Feed()
+    short = replace(feed.frame(), data=bytes(8))
+    assert core.step(feed.now_ns, [short]) == host.step(feed.now_ns, [short])
+    assert core.frames_rejected == host.frames_rejected == 1

@@ -1,0 +1,67 @@
+"""`export --c` and `mcu` on a fresh clone: the shipped bundle's library, from the shipped model and no other."""
+
+import re
+import shutil
+
+import pytest
+
+from contract.config.loading import load_config
+from contract.errors import ExportError, StillwakeError
+from contract.release import bundle as bundles
+from stillwake import c_release
+from stillwake.releases import open_release
+from stillwake.shipped import BUNDLE
+from wake import shipped
+
+pytestmark = pytest.mark.compiler
+
+
+def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path):
+    done = cli("export", "--c", tmp_path / "c")
+    assert done.code == 0, done.err
+    release = open_release(None, None)
+    assert release.manifest.name in done.out
+    for header, name, wanted in (
+        ("sw_settings.h", "SW_PROGRAM_SHA256", release.manifest.program_sha256),
+        ("sw_settings.h", "SW_SENSOR_NAMES", " ".join(release.manifest.sensors)),
+    ):
+        stated = re.search(rf'{name} "([^"]+)"', (tmp_path / "c" / header).read_text(encoding="ascii"))
+        assert stated is not None
+        assert stated.group(1) == wanted
+    assert (tmp_path / "c" / "sw_ecu_settings.h").is_file()
+    again = cli("export", "--c", tmp_path / "c")
+    assert again.code != 0
+    assert "--overwrite" in again.err
+
+
+@pytest.mark.parametrize(
+    "given",
+    [(), ("runs/model",), ("--c", "c", "--sensors"), ("--c", "c", "--dataset", "other.h5"), ("runs/m", "--c", "c")],
+)
+def test_without_a_bundle_to_write_nothing_else_makes_sense(cli, given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = cli("export", *given)
+    assert done.code != 0
+    assert "name MODEL and BUNDLE, or --c FOLDER alone" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypatch):
+    release = open_release(None, None)
+
+    def library_of(**changes: str) -> None:
+        other = bundles.load(shutil.copytree(BUNDLE, tmp_path / "other", dirs_exist_ok=True))
+        object.__setattr__(other.manifest, *next(iter(changes.items())))
+        c_release.write_shipped_library(tmp_path / "c", other, load_config())
+
+    with pytest.raises(ExportError, match=rf"{release.manifest.name} is of the model 000000000000"):
+        library_of(weights_sha256="0" * 64)
+    with pytest.raises(ExportError, match=r"has the program 000000000000, its model gives .*: export it anew"):
+        library_of(program_sha256="0" * 64)
+    assert not (tmp_path / "c").exists()
+
+
+def test_without_the_data_a_line_says_how_to_get_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(shipped, "MODEL", tmp_path / "none")
+    with pytest.raises(StillwakeError, match=r"the shipped model is not installed: pip install \./data"):
+        c_release.write_shipped_library(tmp_path / "c", open_release(None, None), load_config())
