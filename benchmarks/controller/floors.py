@@ -61,9 +61,10 @@ float read_all(const float *from, size_t count, long times)
 _IN_FIRST_LEVEL: Final = 4096
 """Numbers: 16 KB of float."""
 _BLOCK: Final = 128
-_SQUARE: Final = 512
-_SECONDS: Final = 0.05
-_REPEATS: Final = 7
+_SQUARE: Final = 256
+_SECONDS: Final = 1e-3
+"""Of a loop: short enough that many of them end before a scheduler takes the core away."""
+_REPEATS: Final = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,9 +156,13 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 def _rate(loop: Callable[[int], None]) -> float:
     """Passes a second of a loop that takes their number, the best of several: a limit is not an average."""
     times = 1
-    while (took := _timed(loop, times)) < _SECONDS:
+    while (took := _least(loop, times, 3)) < _SECONDS:
         times *= max(2, int(_SECONDS / max(took, 1e-6)))
-    return times / min(_timed(loop, times) for _ in range(_REPEATS))
+    return times / _least(loop, times, _REPEATS)
+
+
+def _least(loop: Callable[[int], None], times: int, repeats: int) -> float:
+    return min(_timed(loop, times) for _ in range(repeats))
 
 
 def _timed(loop: Callable[[int], None], times: int) -> float:

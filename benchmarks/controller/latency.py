@@ -2,15 +2,18 @@
 
     python -m benchmarks controller [--json FILE] [--repeats N] [--model DIR]
 
-One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time. Weights
-are random at the paper's sizes (our time does not depend on them); other sizes are options. Where CasADi is installed
+One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time, and medians of
+the thread's processor time, which does not count what other processes take. Weights are random at the paper's sizes
+(our time does not depend on them); other sizes are options. Beside each median is how many times the least that this
+core's arithmetic and memory allow it is (`benchmarks.controller.floors`). Where CasADi is installed
 (`pip install "stillwake[bench]"`), its solvers get a trained model's problem on recorded windows, from the same shifted
 plan, and the costs that all reach are compared.
 """
 
 import importlib.util
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,6 +24,7 @@ from rich.table import Table
 
 from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
 from benchmarks.controller.eager import EagerController
+from benchmarks.controller.floors import CoreLimits, Work, measure_core
 from benchmarks.controller.situations import choose_episode
 from contract import model_folder
 from contract.config.controller import MpcConfig
@@ -33,7 +37,9 @@ from contract.recording import dataset
 from contract.results import versions
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
+from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
+from export.program.matrices import matrices
 from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
@@ -44,6 +50,7 @@ from wake.shipped import RECORDING
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _SITUATIONS = 5
+_LOADS = 15
 
 
 def main(
@@ -65,7 +72,7 @@ def main(
     (case,) = control_cases(program, count=1)
     lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
     graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
-    load_ms = [_timed(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(5)]
+    loads = [_both_times(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(_LOADS)]
     eager = EagerController(program, torch.float32)
     whole, small = OnnxController(graphs["float32"], program.sizes), OnnxController(graphs["int8"], program.sizes)
     compiler = host_compiler()
@@ -85,15 +92,18 @@ def main(
     }
     for step in steps.values():
         step()  # warm caches and allocators
-    times: dict[str, list[float]] = {name: [] for name in steps}
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}
     for i in track(range(repeats), "control steps", "steps"):
         for name, step in steps.items():
             if name != "eager_ms" or i % _EAGER_EVERY == 0:
-                times[name].append(_timed(step))
+                times[name].append(_both_times(step))
+    times["onnx_load_ms"] = loads
 
-    figures: dict[str, Any] = {name: float(np.median(values)) for name, values in times.items()}
-    figures["onnx_load_ms"] = float(np.median(load_ms))
-    figures["min"] = {name: min(values) for name, values in times.items()} | {"onnx_load_ms": min(load_ms)}
+    medians = {name: np.median(values, axis=0) for name, values in times.items()}
+    figures: dict[str, Any] = {name: float(wall) for name, (wall, _) in medians.items()}
+    figures["min"] = {name: min(values)[0] for name, values in times.items()}
+    figures["processor"] = {name: float(processor) for name, (_, processor) in medians.items()}
+    figures["floors"] = _floors(program, compiler, figures)
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     if importlib.util.find_spec("casadi") is not None:
@@ -116,6 +126,24 @@ def main(
     save(json_file, figures=figures, facts={"settings": settings, "versions": used})
 
 
+def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
+    """What this core does at most, and what that makes of each median."""
+    core = measure_core(sum(matrix.size for matrix in matrices(program).values()), compiler)
+    return {"core": asdict(core)} | over_floors(core, Work.of(program), figures)
+
+
+def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Each lowering's floor in ms, and how many times that its median is.
+
+    ONNX Runtime computes in float32 with int8 weights too, which it widens once a step; the int8 library reads a byte a
+    weight.
+    """
+    in_float = work.floor_ms(core.float_macs_per_s, 4, core.bytes_per_s)
+    floors = dict.fromkeys(("eager_ms", "onnx_ms", "onnx_int8_ms", "c_ms"), in_float)
+    floors["c_int8_ms"] = work.floor_ms(core.integer_macs_per_s, 1, core.bytes_per_s)
+    return {"floor_ms": floors, "over_floor": {name: figures[name] / floor for name, floor in floors.items()}}
+
+
 def _casadi(model: Path, data: Path) -> dict[str, Any]:
     """What `solvers.compare` finds for a model on a recording."""
     from benchmarks.controller.solvers import compare, recorded_problems
@@ -127,31 +155,42 @@ def _casadi(model: Path, data: Path) -> dict[str, Any]:
     return found | {"episode": episode.name, "weights_sha256": trained.weights_sha256}
 
 
-def _timed(step: Callable[[], object]) -> float:
-    """Wall time in ms."""
-    start = time.perf_counter()
+def _both_times(step: Callable[[], object]) -> tuple[float, float]:
+    """Wall time, and the thread's processor time, in ms."""
+    wall, processor = time.perf_counter(), time.thread_time()
     step()
-    return (time.perf_counter() - start) * 1e3
+    return (time.perf_counter() - wall) * 1e3, (time.thread_time() - processor) * 1e3
 
 
 def _print(figures: dict[str, Any], iterations: int) -> None:
-    table = Table("one control step", "median ms", "min ms", "times faster", "KB")
+    heads = ("median ms", "min ms", "times faster", "processor ms", "times faster", "over the floor", "KB")
+    table = Table("one control step", *heads)
     rows: tuple[tuple[str, str, str | None], ...] = (
         ("eager PyTorch", "eager_ms", None),
         ("ONNX float32", "onnx_ms", "onnx_bytes"),
     )
     rows += (("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"), ("C float32", "c_ms", None))
     rows += (("C int8, integer products", "c_int8_ms", None),)
+    processor = figures["processor"]
     for label, key, size in rows:
         table.add_row(
             label,
             f"{figures[key]:.2f}",
             f"{figures['min'][key]:.2f}",
             f"{figures['eager_ms'] / figures[key]:.1f}",
+            f"{processor[key]:.2f}",
+            f"{processor['eager_ms'] / processor[key]:.1f}",
+            f"{figures['floors']['over_floor'][key]:.1f}",
             "" if size is None else f"{figures[size] / 1024:.0f}",
         )
+    floors = figures["floors"]["floor_ms"]
+    table.add_row("floor, float32 and C int8", f"{floors['c_ms']:.3f}, {floors['c_int8_ms']:.3f}")
     table.add_row(
-        "session load, ONNX float32", f"{figures['onnx_load_ms']:.1f}", f"{figures['min']['onnx_load_ms']:.1f}"
+        "session load, ONNX float32",
+        f"{figures['onnx_load_ms']:.1f}",
+        f"{figures['min']['onnx_load_ms']:.1f}",
+        "",
+        f"{processor['onnx_load_ms']:.1f}",
     )
     console.print(table)
     if "casadi" in figures:

@@ -47,7 +47,7 @@ def loop(path: Path) -> str:
 
 
 def latency(path: Path) -> str:
-    """A row for each lowering: times, what they are of eager PyTorch's, and the graph's size."""
+    """A row for each lowering: times, what they are of eager PyTorch's and of the floor, and the graph's size."""
     found = read(path)
     figures, facts = found["figures"], found["facts"]
     rows = [
@@ -56,6 +56,7 @@ def latency(path: Path) -> str:
             figures[key],
             figures["min"][key],
             *(of["eager_ms"] / of[key] for of in (figures, figures["min"])),
+            *((figures["floors"]["over_floor"][key],) if "floors" in figures else ()),
             None if size is None else figures[size] / 1024,
         )
         for label, key, size in (
@@ -66,7 +67,8 @@ def latency(path: Path) -> str:
             ("C int8, integer products", "c_int8_ms", None),
         )
     ]
-    heads = ("", "median ms", "min ms", "times faster by the median", "by the minimum", "KiB")
+    floors = ("times the floor",) if "floors" in figures else ()
+    heads = ("", "median ms", "min ms", "times faster by the median", "by the minimum", *floors, "KiB")
     by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (figures, figures["min"]))
     workspace = " and ".join(f"{figures[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""{table(heads, rows)}

@@ -1,4 +1,13 @@
-"""Fixed-iteration projected Adam as one Scan over the iterations; the gradient is a function given to it."""
+"""Fixed-iteration projected Adam as one Scan over the iterations; the gradient is a function given to it.
+
+What the moments m and v are divided by does not depend on the data, so the Scan holds
+
+    M = b1 M + g,    V = b2 V + g^2,    a = a - rate_i M / (sqrt(V) + floor_i),
+
+with M = m / (1 - b1), V = v / (1 - b2), and with c_i = sqrt((1 - b2) / (1 - b2^i))
+
+    rate_i = lr (1 - b1) / ((1 - b1^i) c_i),    floor_i = eps / c_i.
+"""
 
 from collections.abc import Callable
 
@@ -13,37 +22,39 @@ from export.to_onnx.graph_builder import Graph
 def lower_adam(
     graph: Graph, program: ControllerProgram, plan: str, free_mask: str, gradient: Callable[[Graph, str], str]
 ) -> str:
-    """The optimised plan (H,), from the shifted plan and the mask of free actions.
+    """The optimised plan (1, H), from the shifted plan (1, H) and the mask of free actions (H,).
 
     Args:
-        gradient: writes dJ/da (H,) at a plan (H,) into the body it is given.
+        gradient: writes dJ/da (1, H) at a plan (1, H) into the body it is given.
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, mpc.iterations + 1)[:, None]
-    # lr / (1 - b1^i) and 1 / sqrt(1 - b2^i), one row an iteration.
-    learning_rates = graph.constant(mpc.learning_rate / (1.0 - beta1**number), "adam_rate")
-    unbias = graph.constant(1.0 / np.sqrt(1.0 - beta2**number), "adam_unbias")
+    # One row an iteration.
+    spread_scale = np.sqrt((1.0 - beta2) / (1.0 - beta2**number))
+    mean_scale = (1.0 - beta1) / (1.0 - beta1**number)
+    rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")
+    floors = graph.constant(ADAM_EPSILON / spread_scale, "adam_floor")
     is_free = graph.op("Greater", free_mask, graph.constant(0.5))
     limit = float32_within(program.action_limit)
     low, high = graph.constant(-limit), graph.constant(limit)
 
     body = graph.body()
-    a, m, v = body.input("plan", (h,)), body.input("m", (h,)), body.input("v", (h,))
-    learning_rate, scale = body.input("rate", (1,)), body.input("unbias", (1,))
+    a, m, v = (body.input(name, (1, h)) for name in ("plan", "m", "v"))
+    rate, floor = body.input("rate", (1,)), body.input("floor", (1,))
     g = gradient(body, a)
-    m_next = _blend(body, m, g, beta1)
-    v_next = _blend(body, v, body.op("Mul", g, g), beta2)
-    spread = body.op("Add", body.op("Mul", body.op("Sqrt", v_next), scale), body.constant(ADAM_EPSILON))
-    moved = body.op("Sub", a, body.op("Div", body.op("Mul", m_next, learning_rate), spread))
-    body.output(body.op("Where", is_free, body.op("Clip", moved, low, high), a), (h,))
-    body.output(m_next, (h,))
-    body.output(v_next, (h,))
+    m_next = _decayed(body, m, g, beta1)
+    v_next = _decayed(body, v, body.op("Mul", g, g), beta2)
+    spread = body.op("Add", body.op("Sqrt", v_next), floor)
+    moved = body.op("Sub", a, body.op("Div", body.op("Mul", m_next, rate), spread))
+    body.output(body.op("Where", is_free, body.op("Clip", moved, low, high), a), (1, h))
+    body.output(m_next, (1, h))
+    body.output(v_next, (1, h))
 
-    zero = graph.constant(np.zeros(h))
-    optimised, _, _ = graph.scan(body, states=[plan, zero, zero], sequences=[learning_rates, unbias])
+    zero = graph.constant(np.zeros((1, h)))
+    optimised, _, _ = graph.scan(body, states=[plan, zero, zero], sequences=[rates, floors])
     return optimised
 
 
-def _blend(body: Graph, old: str, new: str, beta: float) -> str:
-    return body.op("Add", body.op("Mul", old, body.constant(beta)), body.op("Mul", new, body.constant(1.0 - beta)))
+def _decayed(body: Graph, old: str, new: str, beta: float) -> str:
+    return body.op("Add", body.op("Mul", old, body.constant(beta)), new)

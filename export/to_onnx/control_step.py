@@ -37,13 +37,14 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
 
     def gradient(body: Graph, candidate: str) -> str:
         rollout = dynamics.rollout(body, z, candidate)
-        forces, tapes = decoder.forward(body, rollout.latents)
-        local = cost.gradient(body, forces, candidate)
-        through_forces = decoder.adjoint(body, tapes, local.forces)
-        return body.op("Add", local.plan, dynamics.adjoint(body, rollout, through_forces))
+        signed, tapes = decoder.signed_forces(body, rollout.latents)
+        local = cost.gradient(body, signed, candidate)
+        through_forces = decoder.adjoint(body, tapes, local.signed_forces)
+        return dynamics.adjoint(body, rollout, through_forces, local.plan)
 
-    new_plan = lower_adam(graph, program, _shifted(graph, plan, program.mpc.horizon), free, gradient)
-    forces, _ = decoder.forward(graph, dynamics.rollout(graph, z, new_plan).latents)
+    optimised = lower_adam(graph, program, _shifted(graph, plan, program.mpc.horizon), free, gradient)
+    forces = decoder.forces(graph, dynamics.rollout(graph, z, optimised).latents)
+    new_plan = graph.op("Squeeze", optimised, graph.index([0]))
     terms = cost.terms(graph, forces, new_plan)
     for name, value in zip(OUTPUTS, (new_plan, forces, terms, cost.total(graph, terms)), strict=True):
         graph.output(value, shapes[name], name)
@@ -60,10 +61,12 @@ def _previous_action(graph: Graph, program: ControllerProgram, window: str) -> s
 
 
 def _shifted(graph: Graph, plan: str, horizon: int) -> str:
+    """As a row (1, H)."""
     start, end = graph.index([horizon - 1]), graph.index([horizon])
-    return graph.op(
+    shifted = graph.op(
         "Concat",
         graph.op("Slice", plan, graph.index([1]), end),
         graph.op("Slice", plan, start, end),
         axis=0,
     )
+    return graph.op("Unsqueeze", shifted, graph.index([0]))

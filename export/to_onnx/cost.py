@@ -11,9 +11,9 @@ from export.to_onnx.graph_builder import Graph
 
 @dataclass(frozen=True, kw_only=True)
 class CostGradientNames:
-    """dJ/dforces (H, 2), and dJ/da (H,) with the forces held fixed."""
+    """dJ/d(Cd, -Cd, Cl) (H, 3), and dJ/da (1, H) with the forces held fixed."""
 
-    forces: str
+    signed_forces: str
     plan: str
 
 
@@ -50,15 +50,21 @@ class Cost:
         """J, a scalar."""
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
-    def gradient(self, graph: Graph, forces: str, plan: str) -> CostGradientNames:
-        """As `reference.cost.cost_gradient`."""
-        cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
-        spread = graph.op("Sub", _share(graph, cd, "ReduceMax"), _share(graph, cd, "ReduceMin"))
-        d_cd = graph.op("Add", graph.op("Mul", spread, self._weight["drag_fluctuation"]), self._by_drag)
-        steady = graph.op("Mul", _reduce(graph, "ReduceMean", cl), self._by_mean_lift)
-        d_cl = graph.op("Add", graph.op("Mul", graph.op("Sign", cl), self._by_lift), steady)
-        through_plan = graph.op("Sub", graph.op("MatMul", self._curvature, plan), self._pull)
-        return CostGradientNames(forces=graph.op("Concat", d_cd, d_cl, axis=1), plan=through_plan)
+    def gradient(self, graph: Graph, signed_forces: str, plan: str) -> CostGradientNames:
+        """As `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1, H).
+
+        With -Cd beside Cd, the largest value of a column is both ends of the drag's fluctuation,
+        max Cd - min Cd = max Cd + max(-Cd), and all columns take the same nodes.
+        """
+        share = _share_of_maximum(graph, signed_forces)
+        fluctuation = graph.op("Mul", share, self._by_maximum)
+        lift = graph.op("Mul", graph.op("Sign", signed_forces), self._by_sign)
+        mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
+        steady = graph.op("Add", mean, self._by_drag)
+        through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
+        # A row times a matrix: ONNX Runtime takes three times as long for the matrix times a column.
+        through_plan = graph.op("Gemm", plan, self._curvature, self._minus_pull)
+        return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 
     def _prepare(self, graph: Graph) -> None:
         """What the gradient needs of the weights and of the previous action, once a control step.
@@ -82,10 +88,12 @@ class Cost:
         ]
         self._curvature = graph.op("Add", graph.op("Add", weighted[0], weighted[1]), weighted[2])
         rate = graph.op("Mul", self._weight["rate"], self._previous_action)
-        self._pull = graph.op("Mul", graph.constant(2.0 * first, "first"), rate)
-        self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h]))
-        self._by_lift = graph.op("Mul", self._weight["lift"], graph.constant([1.0 / h]))
-        self._by_mean_lift = graph.op("Mul", self._weight["lift_mean"], graph.constant([2.0 / h]))
+        self._minus_pull = graph.op("Mul", graph.constant(-2.0 * first, "first"), rate)
+        # Rows (3,), for Cd, -Cd and Cl.
+        self._by_maximum = graph.op("Mul", self._weight["drag_fluctuation"], graph.constant([1.0, 1.0, 0.0]))
+        self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h, 0.0, 0.0]))
+        self._by_sign = graph.op("Mul", self._weight["lift"], graph.constant([0.0, 0.0, 1.0 / h]))
+        self._by_mean = graph.op("Mul", self._weight["lift_mean"], graph.constant([0.0, 0.0, 2.0 / h]))
 
     def _increments(self, graph: Graph, plan: str) -> str:
         h = self._horizon
@@ -109,7 +117,7 @@ def _square(graph: Graph, x: str) -> str:
     return graph.op("Mul", x, x)
 
 
-def _share(graph: Graph, x: str, kind: str) -> str:
-    # 1 at the extreme value; a tie shares it evenly.
-    ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, kind, x)), to=1)
+def _share_of_maximum(graph: Graph, x: str) -> str:
+    # 1 at a column's largest value; a tie shares it evenly.
+    ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, "ReduceMax", x)), to=1)
     return graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))

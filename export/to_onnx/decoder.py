@@ -1,9 +1,16 @@
-"""The force decoder and its adjoint as ONNX nodes, all H steps of the horizon as one batch of rows."""
+"""The force decoder and its adjoint as ONNX nodes, all H steps of the horizon as one batch of rows.
+
+The forces' scaling is in the last matrix and bias. In a block ELU(y) = max(y, 0) + exp(min(y, 0)) - 1, and its 1 is
+left out of the rows that go from block to block: the biases behind them take it off.
+"""
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.weights import ResidualBlock
+from export.program.weights import Linear, ResidualBlock
 from export.to_onnx.graph_builder import Graph
 from export.to_onnx.weights import NormNames, Store, centred, centred_bias, transposed
 
@@ -24,24 +31,37 @@ class Decoder:
         self._input = store(graph, "decoder.input.weight")
         self._input_bias = graph.constant(weights.input.bias, "decoder.input.bias")
         self._blocks = [_Block(graph, block, i, store) for i, block in enumerate(weights.blocks)]
-        self._output = store(graph, "decoder.output.weight")
-        self._output_bias = graph.constant(weights.output.bias, "decoder.output.bias")
-        self._force_mean = graph.constant(scaling.force_mean, "force_mean")
-        self._force_std = graph.constant(scaling.force_std, "force_std")
+        force_std = graph.constant(np.array(scaling.force_std)[:, None], "force_std")
+        self._output = graph.op("Mul", store(graph, "decoder.output.weight"), force_std)
+        cd, cl = graph.ops("Split", self._output, graph.index([1, 1]), outputs=2, axis=0)
+        minus_cd = graph.op("Mul", cd, graph.constant(-1.0))
+        self._signed_output = graph.op("Concat", cd, minus_cd, cl, axis=0)
+        bias, taped_bias = (
+            _without_ones(weights.output, ones) * np.array(scaling.force_std) + np.array(scaling.force_mean)
+            for ones in (0, len(weights.blocks))
+        )
+        self._output_bias = graph.constant(bias, "decoder.output.bias")
+        self._signed_output_bias = graph.constant(taped_bias[[0, 0, 1]] * [1.0, -1.0, 1.0], "decoder.output.bias")
 
-    def forward(self, graph: Graph, latents: str) -> tuple[str, list[BlockTape]]:
-        """Physical (Cd, Cl), (H, 2), from latents (H, n_z), and the tape for `adjoint`."""
+    def forces(self, graph: Graph, latents: str) -> str:
+        """Physical (Cd, Cl), (H, 2), from latents (H, n_z)."""
+        x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
+        for block in self._blocks:
+            x = block.plain(graph, x)
+        return graph.op("Gemm", x, self._output, self._output_bias, transB=1)
+
+    def signed_forces(self, graph: Graph, latents: str) -> tuple[str, list[BlockTape]]:
+        """(Cd, -Cd, Cl), (H, 3), which `Cost.gradient` takes, and the tape for `adjoint`."""
         x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
         tapes = []
         for block in self._blocks:
-            x, tape = block.forward(graph, x)
+            x, tape = block.taped(graph, x)
             tapes.append(tape)
-        scaled = graph.op("Gemm", x, self._output, self._output_bias, transB=1)
-        return graph.op("Add", graph.op("Mul", scaled, self._force_std), self._force_mean), tapes
+        return graph.op("Gemm", x, self._signed_output, self._signed_output_bias, transB=1), tapes
 
-    def adjoint(self, graph: Graph, tapes: list[BlockTape], d_forces: str) -> str:
-        """dJ/dz (H, n_z) from dJ/d(Cd, Cl) (H, 2)."""
-        d = graph.op("MatMul", graph.op("Mul", d_forces, self._force_std), self._output)
+    def adjoint(self, graph: Graph, tapes: list[BlockTape], d_signed_forces: str) -> str:
+        """dJ/dz (H, n_z) from dJ/d(Cd, -Cd, Cl) (H, 3)."""
+        d = graph.op("MatMul", d_signed_forces, self._signed_output)
         for block, tape in zip(reversed(self._blocks), reversed(tapes), strict=True):
             d = block.adjoint(graph, tape, d)
         return graph.op("MatMul", d, self._input)
@@ -53,21 +73,32 @@ class _Block:
         self._backward = centred(graph, store(graph, f"{name}.linear.weight"))
         self._forward = transposed(graph, self._backward)
         self._bias = graph.constant(centred_bias(block.linear.bias), f"{name}.linear.bias")
+        self._taped_bias = graph.constant(centred_bias(_without_ones(block.linear, number)), f"{name}.linear.bias")
         self._norm = NormNames(graph, block.norm, f"{name}.norm")
-        self._zero, self._one = graph.constant(0.0), graph.constant(1.0)
+        self._zero = graph.constant(0.0)
 
-    def forward(self, graph: Graph, x: str) -> tuple[str, BlockTape]:
-        xhat, inverse_std = self._norm.normalise(graph, graph.op("Gemm", x, self._forward, self._bias))
-        y = graph.op("Add", graph.op("Mul", xhat, self._norm.gain), self._norm.offset)
-        # ELU as max(y, 0) + exp(min(y, 0)) - 1: the exponential is its slope, and faster than the Elu operator
-        # on a whole horizon.
+    def plain(self, graph: Graph, x: str) -> str:
+        """The block's output (H, width)."""
+        y = self._norm.apply(graph, graph.op("Gemm", x, self._forward, self._bias))
+        return graph.op("Add", x, graph.op("Elu", y))
+
+    def taped(self, graph: Graph, x: str) -> tuple[str, BlockTape]:
+        """The block's output, each block so far one too high, and what the adjoint needs."""
+        u = graph.op("Gemm", x, self._forward, self._taped_bias)
+        y, inverse_std = self._norm.with_inverse_std(graph, u)
         slope = graph.op("Exp", graph.op("Min", y, self._zero))
-        elu = graph.op("Add", graph.op("Relu", y), graph.op("Sub", slope, self._one))
+        above = graph.op("Add", graph.op("Add", x, graph.op("Relu", y)), slope)
         factor = graph.op("Mul", graph.op("Mul", slope, self._norm.gain), inverse_std)
-        return graph.op("Add", x, elu), BlockTape(xhat=xhat, slope=factor)
+        # u has mean zero, as its matrix and bias are centred.
+        return above, BlockTape(xhat=graph.op("Mul", u, inverse_std), slope=factor)
 
     def adjoint(self, graph: Graph, tape: BlockTape, d: str) -> str:
         t = graph.op("Mul", d, tape.slope)
         along = graph.op("ReduceMean", graph.op("Mul", t, tape.xhat), graph.index([1]), keepdims=1)
         v = graph.op("Sub", t, graph.op("Mul", tape.xhat, along))
-        return graph.op("Add", d, graph.op("MatMul", v, self._backward))
+        return graph.op("Gemm", v, self._backward, d)
+
+
+def _without_ones(layer: Linear, ones: int) -> Array:
+    """The bias of a layer whose inputs are all so much too high."""
+    return np.asarray(layer.bias - ones * layer.weight.sum(axis=1))

@@ -7,15 +7,16 @@ without which the recursion runs,
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
 Backwards everything leaves but three products. Both layer norms get centred inputs (`weights.centred`), so that
-the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) g r,
+the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) r,
 
-    v = d diag(p) (I - xhat xhat^T / n).
+    v = d diag(g) diag(p) (I - xhat xhat^T / n).
 
-For both layers that goes into the matrix on their narrow side. With d_k the sum of dJ/dz through the forces alone, over
-all steps from k + 1 on, and e_k the rest of the adjoint, which comes through later steps, what is left in the Scan is
+diag(g) is in the constant matrix in front of it, and for both layers the rest goes into the matrix on their narrow
+side. With d_k the sum of dJ/dz through the forces alone, over all steps from k + 1 on, and e_k the rest of the adjoint,
+which comes through later steps, what is left in the Scan is
 
-    e_{k-1} = e_k + (e_k + d_k) B_k W_2 A_k,
-    B = W_3 diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
+    e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k,
+    B = W_3 diag(g_2) diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
 """
 
 from dataclasses import dataclass
@@ -52,31 +53,31 @@ class Dynamics:
         by_state = graph.op("Slice", first, graph.index([0]), graph.index([latent]), graph.index([1]))
         by_action = graph.op("Slice", first, graph.index([latent]), graph.index([latent + 1]), graph.index([1]))
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
-        self._by_action = graph.op("Mul", by_action, per_action)
-        self._by_action_row = transposed(graph, self._by_action)
+        self._by_action_row = transposed(graph, graph.op("Mul", by_action, per_action))
         self._forward = (transposed(graph, by_state), transposed(graph, second))
-        self._backward = second
         self._output = third
         first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
-        # b_1, and what k times b_3 does to the first layer, (H, 1, width).
-        steps = graph.constant(np.arange(self._horizon).reshape(-1, 1, 1), "steps")
+        # b_1, and what k times b_3 does to the first layer, (H, width).
+        steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
         self._norms = (
             NormNames(graph, weights.norm_in, "dynamics.norm_in"),
             NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden"),
         )
-        self._column = graph.index([self._horizon, 1, 1])
+        self._backward = graph.op("Mul", second, self._norms[0].gain)
+        self._output_backward = graph.op("Mul", third, self._norms[1].gain)
+        self._column = graph.index([self._horizon, 1])
 
     def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
-        """Latent states under a plan (H,) in U_inf W, from z (1, n_z)."""
+        """Latent states under a plan (1, H) in U_inf W, from z (1, n_z)."""
         actions = graph.op("Reshape", plan, self._column)
-        drive = graph.op("Add", graph.op("Mul", actions, self._by_action_row), self._bias_by_step)
+        drive = graph.op("Gemm", actions, self._by_action_row, self._bias_by_step)
 
         body = graph.body()
         widths = [norm.width for norm in self._norms]
         state = body.input("s", (1, self._latent))
-        driven = body.input("drive", (1, widths[0]))
+        driven = body.input("drive", (widths[0],))
         u1 = body.op("Gemm", state, self._forward[0], driven)
         h1 = body.op("Elu", self._norms[0].apply(body, u1))
         u2 = body.op("Gemm", h1, self._forward[1], self._hidden_bias)
@@ -91,14 +92,14 @@ class Dynamics:
         latents = graph.op("Add", graph.op("CumSum", changes, graph.index([0])), z)
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
-    def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str) -> str:
-        """dJ/da_k through the latent states, (H,), from dJ/dz_{k+1} through the forces alone, (H, n_z)."""
+    def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
+        """dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and what comes through the plan alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)
         # B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
-        w3_p2_xhat2 = self._mean_products(graph, graph.op("Mul", p2, xhat2), self._output, widths[1])
-        b = graph.op("Sub", graph.op("Mul", p2, self._output), graph.op("Mul", w3_p2_xhat2, xhat2))
+        w3_p2_xhat2 = self._mean_products(graph, graph.op("Mul", p2, xhat2), self._output_backward, widths[1])
+        b = graph.op("Sub", graph.op("Mul", p2, self._output_backward), graph.op("Mul", w3_p2_xhat2, xhat2))
         w1_xhat1 = self._mean_products(graph, xhat1, self._forward[0], widths[0])
         a = graph.op("Mul", graph.op("Sub", self._forward[0], graph.op("Mul", w1_xhat1, xhat1)), p1)
         d = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
@@ -117,7 +118,8 @@ class Dynamics:
         t = graph.op("Mul", d1s, p1)
         t_xhat1 = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
         v = graph.op("Sub", t, graph.op("Mul", t_xhat1, xhat1))
-        return graph.op("Reshape", graph.op("MatMul", v, self._by_action), graph.index([h]))
+        rows = graph.op("Reshape", v, graph.index([h, widths[0]]))
+        return graph.op("Gemm", self._by_action_row, rows, through_plan, transB=1)
 
     def _mean_products(self, graph: Graph, rows: str, matrix: str, width: int) -> str:
         """Products of rows (H, 1, n) with those of a matrix (n_z, n), averaged over n: (H, n_z, 1)."""
@@ -125,12 +127,11 @@ class Dynamics:
         return graph.op("Unsqueeze", graph.op("Gemm", flat, matrix, transB=1, alpha=1.0 / width), graph.index([2]))
 
     def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
-        norm = self._norms[layer]
-        xhat, inverse_std = norm.normalise(graph, rollout.before[layer])
+        xhat, inverse_std = self._norms[layer].normalise(graph, rollout.before[layer])
         # ELU' from ELU itself: 1 above zero, exp(x) = elu + 1 below.
         zero, one = graph.constant(0.0), graph.constant(1.0)
         slope = graph.op("Add", graph.op("Min", rollout.after[layer], zero), one)
-        return xhat, graph.op("Mul", graph.op("Mul", slope, norm.gain), inverse_std)
+        return xhat, graph.op("Mul", slope, inverse_std)
 
 
 def _biases(graph: Graph, first: Linear, second: Linear, third: Linear) -> tuple[str, str, str]:

@@ -109,3 +109,10 @@ class NormNames:
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std
+
+    def with_inverse_std(self, graph: Graph, x: str) -> tuple[str, str]:
+        """LN(x) over the last axis, and r."""
+        y, _, inverse_std = graph.ops(
+            "LayerNormalization", x, self.gain, self.offset, outputs=3, epsilon=LAYER_NORM_EPSILON
+        )
+        return y, inverse_std
