@@ -2,7 +2,8 @@
 
     python -m benchmarks mcu [--json FILE]
 
-The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Weights of the others are random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
+The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Weights of the others are
+random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
 """
 
 from collections.abc import Iterator

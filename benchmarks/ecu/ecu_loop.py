@@ -34,8 +34,8 @@ from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.mcu.build import COMMON
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
-from stillwake.releases import open_release
 from stillwake.c_release import library_folder
+from stillwake.releases import open_release
 from stillwake.terminal import progress_bar
 from wake.plants import open_plant
 

@@ -212,9 +212,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     return {
         "sw_decoder_rows": packed(first.values),
         "sw_decoder_adjoint_rows": packed(first.values.T),
-        "sw_decoder_channel": _channels(
-            first.scales.astype(np.float64) / latent / unit, weights.input.bias / unit
-        ),
+        "sw_decoder_channel": _channels(first.scales.astype(np.float64) / latent / unit, weights.input.bias / unit),
         "sw_decoder_scale": _integers(_scales(first) / first.scales.max() * (2**31 - 1)),
         # C's sw_scaled halves, with a factor of 2^31.
         "sw_decoder_largest": np.array(2.0 * first.scales.max()),
@@ -232,7 +230,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, if it cannot overflow."""
+    """Of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, or coarser."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

@@ -48,9 +48,7 @@ def test_dot_products_are_in_the_program(tmp_path, shared_builds, sources_and_ro
     found = []
     for flags in (PLAIN, DOT_PRODUCTS):
         path = tmp_path / "library.o"
-        shared_builds.compile_c(
-            sources_and_rows[0], path, compiler=COMPILER, flags=("-O2", "-ffp-contract=on", *flags)
-        )
+        shared_builds.compile_c(sources_and_rows[0], path, compiler=COMPILER, flags=("-O2", "-ffp-contract=on", *flags))
         words = np.frombuffer(path.read_bytes()[: path.stat().st_size // 4 * 4], dtype="<u4")
         found.append(int(np.sum((words & 0xFFC0F400) == 0x4F80E000)))
     assert found[0] == 0
