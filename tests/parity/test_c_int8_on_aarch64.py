@@ -127,6 +127,7 @@ def test_dot_products_are_where_they_may_be(program):
 @pytest.mark.skipif(EMULATOR is None, reason="qemu-aarch64 (Debian's qemu-user) is not installed")
 def test_answers_are_the_hosts(program, library):
     """To the bit where the host fuses products, too; else within what unfused roundings move an action by."""
+    assert EMULATOR is not None
     done = subprocess.run([EMULATOR, "-cpu", "max", program[1]], capture_output=True, check=True)
     horizon, window = library.sizes.horizon, library.sizes.window
     found = np.frombuffer(done.stdout, dtype="<f4").reshape(len(library.rows) - window + 1, -1)[:, :horizon]
