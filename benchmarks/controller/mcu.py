@@ -1,10 +1,12 @@
-"""The C library on an emulated Cortex-M7 at several sizes: memory, instructions, modelled time.
+"""The C library on an emulated Cortex-M7 at several sizes: memory, instructions, modelled time; and the release's ECU.
 
     python -m benchmarks mcu [--json FILE]
 
-Weights are random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
+The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Weights of the others are
+random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
 """
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -12,13 +14,22 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, console, save, track
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Pressure
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
+from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.controller.c_folder import Rows, read_recorded, read_sources
 from contract.results import versions
 from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
+from firmware_sim.mcu.ecu_measure import measure_ecu
 from firmware_sim.mcu.measure import measure
+from stillwake.c_release import library_folder
 
 # Dynamics' width, decoder's width, iterations, precision.
 CASES = (
@@ -27,9 +38,11 @@ CASES = (
     (128, 64, 5, "int8"),
     (128, 64, 3, "int8"),
     (96, 64, 5, "int8"),
+    (96, 64, 3, "int8"),
     (64, 32, 5, "int8"),
 )
 _ROWS = 4
+_PERIODS = 300
 
 
 def main(json_file: JsonFile = None) -> None:
@@ -45,8 +58,45 @@ def main(json_file: JsonFile = None) -> None:
         sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
         rows.append({**sizes, **asdict(measure(sources, series))})
     _print(rows)
+    release = _release()
+    console.print(release)
     facts = {"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")}
-    save(json_file, figures=rows, facts=facts)
+    save(json_file, figures=rows, facts={**facts, "release": release})
+
+
+def _release() -> dict[str, Any]:
+    """The shipped bundle's ECU, in control on its recorded pressures over and over."""
+    config = load_config()
+    with library_folder(None) as folder:
+        sources, rows = read_sources(folder), read_recorded(folder)
+    found = measure_ecu(sources, _periods(config, rows, _PERIODS))
+    return {
+        "modelled_ms_480": found.modelled_ms["480"],
+        "modelled_ms_300": found.modelled_ms["300"],
+        "flash_kib": found.flash_bytes / 1024,
+        "ram_kib": found.ram_bytes / 1024,
+        "stack_b": found.stack_bytes,
+        "instructions": found.instructions,
+        "instruction_spread": found.instruction_spread,
+        "steps": found.steps,
+        "in_control": found.in_control,
+    }
+
+
+def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list[Frame]]]:
+    """A frame of pressures a control period; the wish for control rises in the second one."""
+    pressure = message_set(config.bus).pressure
+    sender = E2eSender(pressure.spec)
+    for k in range(count):
+        cp = rows[k % len(rows), :-1]
+        message = Pressure(
+            pressure_pa=tuple((config.operating_point.dynamic_pressure * cp).tolist()),
+            valid=(True,) * len(cp),
+            enable_request=k > 0,
+            age_ns=0,
+        )
+        now_ns = (k + 1) * config.period_ns
+        yield now_ns, [sender.frame(pressure.emit(message), now_ns=now_ns)]
 
 
 def _print(rows: list[dict[str, Any]]) -> None:

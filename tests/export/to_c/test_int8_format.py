@@ -77,11 +77,11 @@ def every_integer(reach: int, one: int) -> tuple[np.ndarray, np.ndarray]:
     return integers, integers / one - reach
 
 
-def test_elu_is_off_by_one_and_a_third_at_most(apply):
+def test_elu_is_off_by_one_and_a_half_at_most(apply):
     """Half an integer for the point, half for the straight line (h^2 / 8 max |f''|), half for the sum: at worst 1.5."""
     integers, x = every_integer(ELU_RANGE, ELU_ARGUMENT_ONE)
     exact = ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x)
-    assert np.abs(apply(ELU, integers) - exact).max() < 1.3
+    assert np.abs(apply(ELU, integers) - exact).max() < 1.5
 
 
 def test_the_logistic_function_is_off_by_5e_5_at_most(apply):

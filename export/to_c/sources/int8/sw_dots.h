@@ -25,6 +25,8 @@
 #else
 #if defined(__AVX2__) && __STDC_HOSTED__ /* compilers' own headers for it want a C library */
 #include "sw_dots_avx2.h"
+#elif defined(__ARM_FEATURE_DOTPROD) && defined(__aarch64__)
+#include "sw_dots_neon.h"
 #else
 #include "sw_dots_plain.h"
 #endif

@@ -16,7 +16,7 @@ static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step
 }
 
 /* ELU(y) in integers of 1 / SW_ELU_ONE, from y in integers of 1 / SW_ELU_ARGUMENT_ONE plus SW_ELU_START: a straight
- * line between points 1 / 32 apart, which is off by 1.3 integers at most. From -8 on downwards and from 8 on upwards it
+ * line between points 1 / 32 apart, which is off by 1.5 integers at most. From -8 on downwards and from 8 on upwards it
  * stays.
  */
 static inline int16_t sw_elu(int32_t y)

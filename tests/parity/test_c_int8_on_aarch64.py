@@ -1,0 +1,141 @@
+"""The int8 library on an emulated AArch64 processor: the host's answers to the bit, by every kind of product."""
+
+import platform
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.controller.c_folder import Rows, float_literal, library_sources
+from contract.controller.compiler import zig_compiler
+from contract.controller.host_library import CController
+from contract.controller.interface import Sizes
+from export.program.random_program import random_program, random_window
+from export.release.lowering import int8_library
+
+EMULATOR = shutil.which("qemu-aarch64") or shutil.which("qemu-aarch64-static")
+COMPILER = zig_compiler()
+# No C library: to build one for each processor would take minutes.
+BARE = ("-target", "aarch64-linux-none", "-ffreestanding", "-nostdlib", "-static", "-Wl,-e,begin")
+PLAIN = (*BARE, "-mcpu=cortex_a72")
+DOT_PRODUCTS = (*BARE, "-mcpu=cortex_a76")
+
+NATIVE = ("-march=native",)
+
+PROGRAM = """
+#include "stillwake.h"
+
+static const float rows[ROWS][SW_COLUMNS] = {VALUES};
+static sw_input input;
+static sw_output output;
+static sw_workspace workspace;
+
+void *memset(void *to, int value, size_t count);
+void *memcpy(void *restrict to, const void *restrict from, size_t count);
+void begin(void);
+
+void *memset(void *to, int value, size_t count)
+{
+    volatile unsigned char *target = to;
+    for (size_t i = 0; i < count; i++) target[i] = (unsigned char)value;
+    return to;
+}
+
+void *memcpy(void *restrict to, const void *restrict from, size_t count)
+{
+    volatile unsigned char *target = to;
+    const unsigned char *source = from;
+    for (size_t i = 0; i < count; i++) target[i] = source[i];
+    return to;
+}
+
+/* Linux: write (64) and exit (93). */
+static long call(long number, long a, const void *b, size_t c)
+{
+    register long x8 __asm__("x8") = number;
+    register long x0 __asm__("x0") = a;
+    register const void *x1 __asm__("x1") = b;
+    register size_t x2 __asm__("x2") = c;
+    __asm__ volatile("svc #0" : "+r"(x0) : "r"(x8), "r"(x1), "r"(x2) : "memory");
+    return x0;
+}
+
+void begin(void)
+{
+    sw_input_reset(&input);
+    for (int i = 0; i < ROWS; i++) {
+        sw_input_push(&input, rows[i], rows[i][SW_SENSORS]);
+        if (i + 1 < SW_WINDOW) continue;
+        (void)sw_control_step(&workspace, &input, &output);
+        for (int k = 0; k < SW_HORIZON; k++) input.plan[k] = output.plan[k];
+        (void)call(64, 1, &output, sizeof output);
+    }
+    (void)call(93, 0, &output, 0);
+    for (;;) continue;
+}
+"""
+
+pytestmark = [
+    pytest.mark.compiler,
+    pytest.mark.skipif(COMPILER is None, reason="ziglang (extra mcu) is not installed"),
+]
+
+
+@dataclass(frozen=True)
+class Library:
+    sources: dict[str, bytes]
+    sizes: Sizes
+    rows: Rows
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    """A net whose layers are no whole tiles, and rows of which some drive activations to the ends of 16 bits."""
+    model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
+    program = random_program(1, model=model, mpc=MpcConfig(horizon=7))
+    rng = np.random.default_rng(0)
+    windows = [random_window(program, rng) for _ in range(4)]
+    rows = np.concatenate([*windows, 8.0 * windows[0]]).astype(np.float32)
+    return Library(int8_library(program, windows), program.sizes, rows)
+
+
+@pytest.fixture(scope="module", params=[PLAIN, DOT_PRODUCTS], ids=["plain", "dot products"])
+def program(request, library, tmp_path_factory, shared_builds) -> tuple[bool, Path]:
+    """Whether it may use the dot-product instructions, and the program."""
+    values = ", ".join("{" + ", ".join(map(float_literal, row)) + "}" for row in library.rows)
+    main = PROGRAM.replace("ROWS", str(len(library.rows))).replace("VALUES", values)
+    path = tmp_path_factory.mktemp("aarch64") / "program"
+    flags = ("-O2", "-ffp-contract=on", *request.param)
+    contents = library_sources(library.sources) | {"main.c": main.encode()}
+    shared_builds.compile_c(contents, path, compiler=COMPILER, flags=flags)
+    return request.param is DOT_PRODUCTS, path
+
+
+def test_dot_products_are_where_they_may_be(program):
+    """SDOT by element: 0100 1111 10.. .... 1110 .0.. .... ...."""
+    may, path = program
+    content = path.read_bytes()
+    words = np.frombuffer(content[: len(content) // 4 * 4], dtype="<u4")
+    assert np.any((words & 0xFFC0F400) == 0x4F80E000) == may
+
+
+@pytest.mark.skipif(EMULATOR is None, reason="qemu-aarch64 (Debian's qemu-user) is not installed")
+def test_answers_are_the_hosts(program, library):
+    """To the bit where the host fuses products, too; else within what unfused roundings move an action by."""
+    assert EMULATOR is not None
+    done = subprocess.run([EMULATOR, "-cpu", "max", program[1]], capture_output=True, check=True)
+    horizon, window = library.sizes.horizon, library.sizes.window
+    found = np.frombuffer(done.stdout, dtype="<f4").reshape(len(library.rows) - window + 1, -1)[:, :horizon]
+    host = CController(library.sources, library.sizes, compiler=COMPILER, flags=("-O2", "-ffp-contract=on", *NATIVE))
+    plan, expected = np.zeros(horizon), []
+    for end in range(window, len(library.rows) + 1):
+        plan = host.control_step(library.rows[end - window : end].astype(np.float64), plan, np.ones(horizon)).plan
+        expected.append(plan)
+    processor = Path("/proc/cpuinfo")
+    fuses = platform.machine() == "aarch64" or (processor.exists() and " fma " in processor.read_text())
+    np.testing.assert_allclose(found, np.array(expected), rtol=0, atol=0 if fuses else 2.5e-5)
