@@ -20,7 +20,7 @@ from benchmarks.ecu.in_c.variants import VARIANTS
 
 CHECKED: Final = {"quick to doubt": ("",), "classic": ("sw_codec_classic.c", "sw_e2e.c", "sw_receiver.c")}
 """Variants that have all code between them, and which files are checked: all, or those that differ."""
-_LINE: Final = re.compile(r"^(?P<file>[\w.]+): misra-c2012-(?P<rule>[\d.]+)$", re.MULTILINE)
+_LINE: Final = re.compile(r"^(?P<file>[\w.]+):\d+:\d+: misra-c2012-(?P<rule>[\d.]+)$", re.MULTILINE)
 
 Deviations = Counter[tuple[str, str]]
 """How often a file, by name, deviates from a rule, by number."""
@@ -61,7 +61,7 @@ def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
-        options = ("--addon=misra", "--std=c99", "--enable=style", "--template={file}: {id}")
+        options = ("--addon=misra", "--std=c99", "--enable=style", "--template={file}:{line}:{column}: {id}")
         done = subprocess.run([program, *options, *chosen], cwd=folder, capture_output=True, text=True, check=False)
     checked = done.stdout.count("Checking ")
     if checked < len(chosen) or "internalError" in done.stderr or "Bailing out" in done.stderr:
