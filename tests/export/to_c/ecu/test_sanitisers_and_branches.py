@@ -13,6 +13,7 @@ pytestmark = [
     pytest.mark.skipif(not branch_coverage.is_possible(), reason="gcc, or gcovr (extra dev), is not installed"),
 ]
 SANITISERS = ("-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow", "-fno-sanitize-recover=all", "-g1")
+PERIODS = 1_500
 NAMES = ("quick to doubt", "late actuator, long windows", "classic, impatient")
 
 
@@ -20,7 +21,9 @@ NAMES = ("quick to doubt", "late actuator, long windows", "classic, impatient")
 def recordings():
     """Hostile periods of each variant, most of them near an edge."""
     layouts = {name: Layout(sources(VARIANTS[name])) for name in VARIANTS}
-    return {name: [campaign.recording(name, "1", 1_000, layout)] for name, layout in layouts.items()}
+    return {
+        name: [campaign.recording(name, seed, PERIODS, layout) for seed in "13"] for name, layout in layouts.items()
+    }
 
 
 def replayed(program, compared, content, tmp_path):
@@ -34,23 +37,18 @@ def test_sanitisers_find_nothing_in_hostile_periods(recordings, name, tmp_path):
     program, compared = branch_coverage.replay_program(name, tmp_path, SANITISERS)
     done = replayed(program, compared, recordings[name][0], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "1000 periods\n"
+    assert done.stdout == f"{PERIODS} periods\n"
 
 
 @pytest.mark.parametrize(
     ("file", "old", "new", "complaint"),
     [
         ("sw_memory.c", "k + 1 < SW_WINDOW; k++", "k < SW_WINDOW; k++", "out of bounds"),
-        (
-            "sw_timing.c",
-            "if (now_ns < 0 || now_ns > SW_LATEST_NS || (timing",
-            "if ((timing",
-            "signed integer overflow",
-        ),
+        ("sw_fail_safe.c", "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "(1ull << SW_LOSS_WINDOW) - 1u", "shift exponent 64"),
     ],
 )
 def test_a_fault_that_is_planted_is_found_by_them(recordings, file, old, new, complaint, tmp_path):
-    name = "not planning ahead"
+    name = "late actuator, long windows"
     contents = sources(VARIANTS[name])
     assert contents[file].count(old.encode()) == 1
     contents[file] = contents[file].replace(old.encode(), new.encode())
