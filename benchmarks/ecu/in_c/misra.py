@@ -1,7 +1,7 @@
 """Deviations of the ECU's C from MISRA C:2012, by cppcheck's addon: what it prints is read, not how it ends.
 
-`export/to_c/sources/ecu/misra.toml` lists those that stay, a rule and its files with the reason. The addon has the rules'
-numbers, not their texts, which are sold; it checks most of those that a machine can check.
+`export/to_c/sources/ecu/misra.toml` lists those that stay, a rule and its files with the reason. The addon has the
+rules' numbers, not their texts, which are sold; it checks most of those that a machine can check.
 """
 
 import re
@@ -74,14 +74,14 @@ def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
 def listed() -> dict[tuple[str, str], str]:
     """The deviations that stay, each with its reason."""
     text = files("export.to_c").joinpath("sources", "ecu", "misra.toml").read_text(encoding="utf-8")
-    return {
-        (file, item["rule"]): item["reason"] for item in tomllib.loads(text)["deviation"] for file in item["files"]
-    }
+    return {(file, item["rule"]): item["reason"] for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 
 
 def unlisted(deviations: Deviations) -> list[str]:
     """What is found and not listed, or listed and no longer found."""
     known = listed()
     new = [f"{file}: rule {rule} is not listed" for file, rule in deviations if (file, rule) not in known]
-    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in known if (file, rule) not in deviations]
+    gone = [
+        f"{file}: rule {rule} is listed and does not occur" for file, rule in known if (file, rule) not in deviations
+    ]
     return sorted(new + gone)

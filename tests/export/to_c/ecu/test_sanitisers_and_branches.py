@@ -12,7 +12,11 @@ pytestmark = [
     pytest.mark.compiler,
     pytest.mark.skipif(not branch_coverage.is_possible(), reason="gcc, or gcovr (extra dev), is not installed"),
 ]
-SANITISERS = ("-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow", "-fno-sanitize-recover=all", "-g1")
+SANITISERS = (
+    "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow",
+    "-fno-sanitize-recover=all",
+    "-g1",
+)
 PERIODS = 1_500
 NAMES = ("quick to doubt", "late actuator, long windows", "classic, impatient")
 
