@@ -58,7 +58,9 @@ MEASUREMENTS: Final = {
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
-    "ecu-c": Measurement("ecu.in_c.main", "the ECU in C beside the Python ECU, to the bit; mutants, branches, MISRA", "an hour"),
+    "ecu-c": Measurement(
+        "ecu.in_c.main", "the ECU in C beside Python's, to the bit; mutants, branches", "half an hour"
+    ),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"

@@ -8,14 +8,18 @@ from pathlib import Path
 from random import Random
 from typing import Any, Final
 
+import numpy as np
+
 from benchmarks.ecu.in_c.edges import Edges
 from benchmarks.ecu.in_c.library import Layout, Library, sources
-from benchmarks.ecu.in_c.python_twin import Period, PythonTwin
+from benchmarks.ecu.in_c.python_twin import Answers, Period, PythonTwin
 from benchmarks.ecu.in_c.traffic import Traffic
 from benchmarks.ecu.in_c.variants import VARIANTS
 
 MOVED: Final = 0.3
 """Periods that start from a state near an edge, in stretches with an odd seed."""
+NEARLY_ALL: Final = 0.8
+"""The same in recordings, which are to be sharp and short."""
 MOVED_SEEDS: Final = tuple("13579")
 CHUNK: Final = 1_000
 """Periods that are recorded before C lives through them."""
@@ -76,20 +80,30 @@ def recorded(
     modes: Counter[str] | None = None,
     edges: Edges | None = None,
     rng: Random | None = None,
+    moved: float = MOVED,
 ) -> Any:
     """So many periods lived through by the Python ECU, as an array of `twin_period`; `edges` moves it now and then."""
     room = twin.layout.periods(count)
     for place, period in zip(room, islice(periods, count), strict=True):
-        if edges is not None and rng is not None and rng.random() < MOVED:
+        if edges is not None and rng is not None and rng.random() < moved:
             state = twin.power_on if period.restarts else twin.ecu.state
             frames = period.frames if rng.random() < 0.5 else []
-            moved = replace(period, loads=edges.near(state, period.now_ns), frames=frames)
-            twin.live_through(moved, place)
+            answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.9 else spoilt(period.answers, rng)
+            near = replace(period, loads=edges.near(state, period.now_ns), frames=frames, answers=answers)
+            twin.live_through(near, place)
         else:
             twin.live_through(period, place)
         if modes is not None:
             modes[twin.ecu.state.fail_safe.mode.name] += 1
     return room
+
+
+def spoilt(answers: Answers, rng: Random) -> Answers:
+    """With a number in plan or forecast that is none."""
+    plan, forces = answers.plan.copy(), answers.forces.copy()
+    place = rng.choice((plan, forces[:, 0], forces[:, 1]))
+    place[rng.randrange(len(place))] = rng.choice((np.nan, np.inf, -np.inf))
+    return replace(answers, plan=plan, forces=forces)
 
 
 def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = CHUNK) -> Stretch:
@@ -112,8 +126,8 @@ def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = 
 
 
 def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
-    """A stretch as bytes, for another process."""
+    """Periods as bytes, for other programs; with an odd seed, nearly all of them are near an edge."""
     twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
-    room = recorded(twin, traffic(name, seed, twin.horizon), steps, edges=edges, rng=rng)
+    room = recorded(twin, traffic(name, seed, twin.horizon), steps, edges=edges, rng=rng, moved=NEARLY_ALL)
     return bytes(layout.ffi.buffer(room))

@@ -87,7 +87,9 @@ class Edges:
 
     def _timing(self, state: EcuState, now_ns: int) -> EcuState:
         rng, ecu, period = self._rng, self._config.ecu, self._config.period_ns
-        elapsed = rng.choice((period, period // 2, 3 * period // 2, 0, 1, (ecu.hold_periods + ecu.decay_periods) * period))
+        elapsed = rng.choice(
+            (period, period // 2, 3 * period // 2, 0, 1, (ecu.hold_periods + ecu.decay_periods) * period)
+        )
         step_ns = max(-1, min(LATEST_NS, now_ns - elapsed - rng.randrange(-2, 3)))
         changed = replace(
             state.timing,

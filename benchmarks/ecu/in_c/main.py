@@ -141,7 +141,11 @@ def sharpness(folder: Path) -> dict[str, Any]:
                 "branches_missed": coverage.missed,
             }
         tried = mutants.tried(recordings, scratch)
-        found |= {"mutants": tried.mutants, "survivors": len(tried.survivors), "survivors_unexplained": tried.unexplained}
+        found |= {
+            "mutants": tried.mutants,
+            "survivors": len(tried.survivors),
+            "survivors_unexplained": tried.unexplained,
+        }
         if misra.is_possible():
             deviations = misra.found()
             found |= {
@@ -162,16 +166,16 @@ def _recordings(name: str) -> Iterator[bytes]:
 def _is_found(item: Any, scratch: Path) -> bool:
     contents = item.into(sources(VARIANTS[item.variant]))
     library = Library(contents, scratch / f"planted_{PLANTED.index(item)}.so")
-    return any(
-        campaign.stretch(library, item.variant, seed, TRIED).mismatch is not None for seed in SEEDS
-    )
+    return any(campaign.stretch(library, item.variant, seed, TRIED).mismatch is not None for seed in SEEDS)
 
 
 def _modes(figures: dict[str, Any]) -> Table:
     table = Table("mode", "periods", box=None, pad_edge=False)
     for name, count in figures["modes"].items():
         table.add_row(name, str(count))
-    table.caption = f"{figures['steps']} periods in {len(VARIANTS)} kinds of vehicles, {figures['mismatches']} mismatches"
+    table.caption = (
+        f"{figures['steps']} periods in {len(VARIANTS)} kinds of vehicles, {figures['mismatches']} mismatches"
+    )
     return table
 
 
@@ -184,5 +188,3 @@ def _table(figures: dict[str, Any]) -> Table:
     if "misra_deviations" in figures:
         table.add_row("deviations from MISRA C", f"{figures['misra_deviations']} of {figures['misra_rules']} rules")
     return table
-
-

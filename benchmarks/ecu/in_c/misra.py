@@ -1,7 +1,7 @@
 """Deviations of the ECU's C from MISRA C:2012, by cppcheck's addon: what it prints is read, not how it ends.
 
-`export/to_c/sources/ecu/misra.toml` lists those that stay, a rule and its files with the reason. The addon has the rules'
-numbers, not their texts, which are sold; it checks most of those that a machine can check.
+`export/to_c/sources/ecu/misra.toml` lists those that stay, a rule and its files with the reason. The addon has the
+rules' numbers, not their texts, which are sold; it checks most of those that a machine can check.
 """
 
 import re
@@ -20,7 +20,7 @@ from benchmarks.ecu.in_c.variants import VARIANTS
 
 CHECKED: Final = {"quick to doubt": ("",), "classic": ("sw_codec_classic.c", "sw_e2e.c", "sw_receiver.c")}
 """Variants that have all code between them, and which files are checked: all, or those that differ."""
-_LINE: Final = re.compile(r"^(?P<file>[\w.]+): misra-c2012-(?P<rule>[\d.]+)$", re.MULTILINE)
+_LINE: Final = re.compile(r"^(?P<file>[\w.]+):\d+:\d+: misra-c2012-(?P<rule>[\d.]+)$", re.MULTILINE)
 
 Deviations = Counter[tuple[str, str]]
 """How often a file, by name, deviates from a rule, by number."""
@@ -61,7 +61,7 @@ def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
-        options = ("--addon=misra", "--std=c99", "--enable=style", "--template={file}: {id}")
+        options = ("--addon=misra", "--std=c99", "--enable=style", "--template={file}:{line}:{column}: {id}")
         done = subprocess.run([program, *options, *chosen], cwd=folder, capture_output=True, text=True, check=False)
     checked = done.stdout.count("Checking ")
     if checked < len(chosen) or "internalError" in done.stderr or "Bailing out" in done.stderr:
@@ -74,14 +74,14 @@ def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
 def listed() -> dict[tuple[str, str], str]:
     """The deviations that stay, each with its reason."""
     text = files("export.to_c").joinpath("sources", "ecu", "misra.toml").read_text(encoding="utf-8")
-    return {
-        (file, item["rule"]): item["reason"] for item in tomllib.loads(text)["deviation"] for file in item["files"]
-    }
+    return {(file, item["rule"]): item["reason"] for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 
 
 def unlisted(deviations: Deviations) -> list[str]:
     """What is found and not listed, or listed and no longer found."""
     known = listed()
     new = [f"{file}: rule {rule} is not listed" for file, rule in deviations if (file, rule) not in known]
-    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in known if (file, rule) not in deviations]
+    gone = [
+        f"{file}: rule {rule} is listed and does not occur" for file, rule in known if (file, rule) not in deviations
+    ]
     return sorted(new + gone)

@@ -39,7 +39,8 @@ _TYPES: Final = {
     "typedef short int16_t; typedef unsigned short uint16_t;\ntypedef int int32_t; typedef unsigned int uint32_t;\n"
     "typedef long int64_t; typedef unsigned long uint64_t;\n"
     "#define INT64_C(x) x##L\n#define UINT64_C(x) x##UL\n#define UINT32_C(x) x##U\n#define INT32_C(x) x\n"
-    "#define UINT32_MAX 4294967295U\n#define UINT64_MAX 18446744073709551615UL\n#define INT64_MAX 9223372036854775807L\n"
+    "#define UINT32_MAX 4294967295U\n#define UINT64_MAX 18446744073709551615UL\n"
+    "#define INT64_MAX 9223372036854775807L\n"
     "#define INT32_MAX 2147483647\n#define UINT16_MAX 65535\n#define UINT8_MAX 255\n"
     "#define INT64_MIN (-INT64_MAX - 1L)\n",
     "stddef.h": "typedef unsigned long size_t;\n#define NULL ((void *)0)\n",
@@ -102,14 +103,21 @@ def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
 def unexplained(texts: Iterable[str]) -> list[str]:
     """Survivors that no explanation fits, and explanations that fit none."""
     listed = tomllib.loads(files("benchmarks.ecu.in_c").joinpath("survivors.toml").read_text(encoding="utf-8"))
-    patterns = [(item["file"], re.compile(item["mutant"])) for item in listed["survivor"]]
-    fits = {text: [place for place, (file, fit) in enumerate(patterns) if text.startswith(f"{file}:") and fit.search(text)] for text in texts}
+    patterns = [(item["file"], re.compile(item["mutant"])) for item in listed.get("survivor", [])]
+    fits = {
+        text: [place for place, (file, fit) in enumerate(patterns) if text.startswith(f"{file}:") and fit.search(text)]
+        for text in texts
+    }
     used = {place for places in fits.values() for place in places}
-    idle = [f"no survivor fits: {file}: {fit.pattern}" for place, (file, fit) in enumerate(patterns) if place not in used]
+    idle = [
+        f"no survivor fits: {file}: {fit.pattern}" for place, (file, fit) in enumerate(patterns) if place not in used
+    ]
     return [text for text, places in fits.items() if not places] + idle
 
 
-def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None) -> Mutation:
+def build(
+    name: str, folder: Path, chosen: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None
+) -> Mutation:
     """Compile a variant with all mutants of some files in it."""
     contents = sources(VARIANTS[name]) if contents is None else contents
     changed, mutants = all_mutated({file: plain(contents, file) for file in chosen})
@@ -131,7 +139,9 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
 
 
-def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int], *, slice_of: int = 100) -> list[int]:
+def survivors(
+    mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int], *, slice_of: int = 100
+) -> list[int]:
     """The numbers that no recording notices; 0, no mutant, must be among them if it was asked for.
 
     Args:

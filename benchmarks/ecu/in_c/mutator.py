@@ -72,7 +72,7 @@ def mutated(name: str, preprocessed: str, first: int) -> Mutated:
     return Mutated(text, generator.mutants)
 
 
-class _Generator(c_generator.CGenerator):
+class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has no types
     """Writes C with the mutants of one file in it."""
 
     def __init__(self, file: str, first: int) -> None:
@@ -126,17 +126,17 @@ class _Generator(c_generator.CGenerator):
 
     def visit_UnaryOp(self, n: Any) -> str:
         if n.op == "sizeof":
-            return self._plain.visit(n)
+            return str(self._plain.visit(n))
         if n.op == "&":
             # An address is of what stands there; an index within may still be wrong.
             return f"&{self.visit(n.expr)}" if isinstance(n.expr, c_ast.ID) else f"&({self.visit(n.expr)})"
-        text = super().visit_UnaryOp(n)
+        text = str(super().visit_UnaryOp(n))
         if self._acts(n) and n.op in ("!", "-", "~"):
             return self._either(n, self._plain.visit(n), [f"({self._plain.visit(n.expr)})"], text)
         return text
 
     def visit_Constant(self, n: Any) -> str:
-        text = super().visit_Constant(n)
+        text = str(super().visit_Constant(n))
         if not self._acts(n) or n.type in ("string", "char"):
             return text
         others = [f"({text} + 1)", f"({text} - 1)"]
@@ -225,7 +225,7 @@ class _Generator(c_generator.CGenerator):
         kind = n.type.type if isinstance(n.type, c_ast.TypeDecl) else None
         if isinstance(kind, c_ast.Struct) and kind.decls:
             self._structs[n.name] = [item.name for item in kind.decls]
-        return self._plain.visit_Typedef(n)
+        return str(self._plain.visit_Typedef(n))
 
     def visit_Decl(self, n: Any, no_type: bool = False) -> str:
         if n.init is None or not isinstance(n.init, c_ast.InitList):

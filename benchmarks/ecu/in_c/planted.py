@@ -30,7 +30,8 @@ class Planted(NamedTuple):
 PLANTED: Final = (
     Planted(
         "pressures of the oldest age are refused", "as shipped", "sw_gate.c",
-        "elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns", "elapsed_ns(pressure_ns, now_ns) < (uint64_t)oldest_ns",
+        "elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns",
+        "elapsed_ns(pressure_ns, now_ns) < (uint64_t)oldest_ns",
     ),
     Planted(
         "a counter begins again one too early", "as shipped", "sw_ecu.c",

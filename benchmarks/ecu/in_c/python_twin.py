@@ -114,9 +114,7 @@ class PythonTwin:
         if period.loads is not None:
             self.ecu.restore(period.loads)
         self.networks.prepare(period.answers)
-        sent = self.ecu.step(
-            period.now_ns, period.frames, period.health, fault=period.fault, updating=period.updating
-        )
+        sent = self.ecu.step(period.now_ns, period.frames, period.health, fault=period.fault, updating=period.updating)
         self._expect(sent, place.response)
 
     def _tell(self, period: Period, place: Any) -> None:

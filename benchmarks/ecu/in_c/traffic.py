@@ -113,7 +113,8 @@ class Traffic:
         rng = self._rng
         if rng.random() < 0.004 + odd / 50:
             self._lie = rng.choice(LIES) if not self._lie or rng.random() < 0.3 else ""
-            self._liars = tuple(rng.sample(range(4), 2))
+            one, other = rng.sample(range(4), 2)
+            self._liars = (one, other)
             self._stuck = self._numbers.normal(0.0, 0.2, 4)
         phase = 0.19 * self._number + np.arange(4.0)
         found: Array = 0.2 * np.sin(phase) - 0.1 + self._numbers.normal(0.0, 0.3 * DEVIATION, 4)
@@ -164,7 +165,9 @@ class Traffic:
         fate = events.pressure
         if fate == "foreign":
             step = rng.randrange(2, self._profile.counter_period)
-            self._inbox.append(self._stamped(self._protected(data, self._counter + step), now_ns, events.queued_ns, odd))
+            self._inbox.append(
+                self._stamped(self._protected(data, self._counter + step), now_ns, events.queued_ns, odd)
+            )
             fate = "pass"
         for item in self._path.carried(Delivered(frame, None), fate, self._number, Random(events.chance)):
             self._inbox.append(self._stamped(item.frame, now_ns, events.queued_ns, odd))
@@ -197,7 +200,10 @@ class Traffic:
         if rng.random() < 0.02:
             kind = "ecu"
         is_fd = rng.random() < 0.5
-        frame_id, data = rng.randrange(MAX_FRAME_ID + 1), rng.randbytes(rng.choice(FD_LENGTHS if is_fd else CLASSIC_LENGTHS))
+        frame_id, data = (
+            rng.randrange(MAX_FRAME_ID + 1),
+            rng.randbytes(rng.choice(FD_LENGTHS if is_fd else CLASSIC_LENGTHS)),
+        )
         if kind in ("extended", "long", "ours"):
             frame_id = rng.choice(self._messages.specs).frame_id
         if kind == "classic ours":
@@ -225,10 +231,12 @@ class Traffic:
             return data + bytes(64 - len(data))
         return data
 
-    def _age_health(self, off: bool, odd: float, *, unseen: bool) -> None:  # noqa: FBT001
+    def _age_health(self, off: bool, odd: float, *, unseen: bool) -> None:
         rng, health = self._rng, self._health
         state = BusState.BUS_OFF if off and not unseen else BusState.ERROR_ACTIVE
-        errors = [rng.choice(_LARGE) if rng.random() < odd / 20 else old for old in (health.tx_errors, health.rx_errors)]
+        errors = [
+            rng.choice(_LARGE) if rng.random() < odd / 20 else old for old in (health.tx_errors, health.rx_errors)
+        ]
         count = rng.choice(_LARGE) if rng.random() < odd / 200 else min(health.bus_off + off, _LARGE[-1])
         self._health = BusHealth(state=state, bus_off=count, tx_errors=errors[0], rx_errors=errors[1])
 

@@ -1,8 +1,50 @@
-/* Lives through the periods of a file again, for sanitisers and for coverage: twin_replay [compared] periods. */
+/* Lives through the periods of a file again, for sanitisers and for coverage: twin_replay compared periods.
+ *
+ * Before that, what no period leads to, because another part has refused it already.
+ */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "sw_ecu_parts.h"
 #include "twin.h"
+
+static int is_shut(sw_gated gated, int why)
+{
+    return gated.flow_m2_per_s == 0.0 && !gated.enable && gated.interventions == why;
+}
+
+/* The gate by itself: it does not trust that plans are finite, nor that a wrong clock is a fault. */
+static int gate_is_sound(void)
+{
+    const double wrong[] = {NAN, INFINITY, -INFINITY};
+    int sound = 1;
+    for (int i = 0; i < 3; i++) sound &= is_shut(sw_gate(wrong[i], 1, 0.0, 1, 0, 1, 1, 1), SW_GATED_NOT_FINITE);
+    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 5, 1, 5, 5), SW_GATED_CLOCK);
+    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 6, 1, 5, 5), SW_GATED_CLOCK);
+    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 0, 0, 0, 5), SW_GATED_STALE);
+    return sound;
+}
+
+/* The codec and the protection by themselves: pressures with a time before 0, which no clock gives, are stale. */
+static int reception_is_sound(void)
+{
+    sw_receiver receiver;
+    sw_received received;
+    sw_frame frame;
+    memset(&receiver, 0, sizeof receiver);
+    memset(&frame, 0, sizeof frame);
+    receiver.stream = SW_NODATA;
+    frame.id = SW_PRESSURE_ID;
+    frame.length = SW_PRESSURE_BYTES;
+    frame.timestamp_ns = -1;
+    for (int i = 0; i < 2 * SW_E2E_WINDOW; i++) {
+        sw_e2e_protect(frame.data, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID, (uint8_t)(i % SW_E2E_COUNTERS));
+        sw_reception(&received, &receiver, &frame, 1, 0);
+    }
+    return receiver.stream == SW_VALID && !received.usable && received.unusable_because == SW_REASON_STALE;
+}
 
 int main(int argc, char **argv)
 {
@@ -11,6 +53,10 @@ int main(int argc, char **argv)
     static twin_response found;
     static uint8_t compared[sizeof(twin_response)];
     long number = 0;
+    if (!gate_is_sound() || !reception_is_sound()) {
+        fprintf(stderr, "the gate or the reception by itself\n");
+        return EXIT_FAILURE;
+    }
     FILE *file = argc == 3 ? fopen(argv[1], "rb") : NULL;
     if (file == NULL || fread(compared, sizeof compared, 1, file) != 1) return EXIT_FAILURE;
     fclose(file);

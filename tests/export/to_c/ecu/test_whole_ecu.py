@@ -180,9 +180,7 @@ class BothEcus(RuleBasedStateMachine):
         answers = self._answers(plan)
         self._step(
             [self._frame(pressure._replace(enable_request=True, valid=(True,) * 4, age_ns=0), 0)],
-            answers=Answers(
-                plan=answers.plan, forces=answers.forces, estimates=answers.estimates, is_planned=good
-            ),
+            answers=Answers(plan=answers.plan, forces=answers.forces, estimates=answers.estimates, is_planned=good),
         )
 
     @rule(now_ns=st.sampled_from(EDGES))
