@@ -4,12 +4,15 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from contract.arrays import Array
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle, load
 from stillwake.releases import open_release
@@ -20,20 +23,26 @@ if TYPE_CHECKING:
     from export.release.gated import Gated
 
 
-def ecu_files(bundle: Path, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
-    """The ECU for a release, or nothing where C cannot have it.
+def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
+    """The ECU for a release with its examples, or nothing where C cannot have it.
 
     Args:
         bundle: just written.
+        rows: recorded, of which an example plays the pressures, (n, S+1).
         config: of the vehicle.
         notice: called with a line for what the ECU does without, or for why there is none.
     """
-    from export.to_c.library import ecu_sources
+    from export.to_c.estimator import estimator_files
+    from export.to_c.library import ecu_sources, example_sources
+    from firmware_sim.ecu.c_examples import PLAYED, played_pressures
     from firmware_sim.ecu.c_settings import ecu_settings
 
     try:
         release = load(bundle)
-        return ecu_sources() | {ECU_SETTINGS: ecu_settings(release, _without_check(release, config, notice))}
+        used = _without_check(release, config, notice)
+        found = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
+        found |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
+        return found | {PLAYED: played_pressures(rows, used)}
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")
         return {}
@@ -66,7 +75,7 @@ def write_shipped_library(
         release,
         folder,
         recording=recording(),
-        ecu=lambda: ecu_files(BUNDLE, config=config, notice=notice),
+        ecu=partial(ecu_files, BUNDLE, config=config, notice=notice),
         phase=phase,
     )
 
@@ -84,9 +93,15 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """The settings, without the check of the sensors for a release that has no estimator; as the ECU in Python."""
-    check = config.ecu.sensor_check
-    if release.manifest.sensor_estimator is not None or not check.enabled:
+    """The settings, without the check of the sensors where C cannot have it; without an estimator nor has Python."""
+    check, manifest = config.ecu.sensor_check, release.manifest
+    if not check.enabled:
         return config
-    notice("the ECU in C does not check the sensors: the release has no estimator (--sensors)")
+    if manifest.sensor_estimator is None:
+        why = "the release has no estimator (--sensors)"
+    elif manifest.precision != "int8":
+        why = "its estimator needs the integer products of an int8 library (--precision int8)"
+    else:
+        return config
+    notice(f"the ECU in C does not check the sensors: {why}")
     return replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))

@@ -70,8 +70,6 @@ VARIANTS: Final = (
     Variant(name="96_64_no_slope", widths=(96, 64), slope_weight=0.0),
     Variant(name="96_48", widths=(96, 48)),
     Variant(name="64_32", widths=(64, 32)),
-    Variant(name="64_32_no_slope", widths=(64, 32), slope_weight=0.0),
-    Variant(name="48_24", widths=(48, 24)),
 )
 _SPANS: Final = Spans(lead_in=10.0, controlled=100.0, settle=40.0)
 

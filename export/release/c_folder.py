@@ -34,4 +34,9 @@ def write_c_release(
 
 def recorded_rows(windows: Sequence[Array]) -> str:
     """The rows that consecutive windows are made of, one a line, in the digits of float32."""
-    return rows_text(np.concatenate([windows[0], *(window[-1:] for window in windows[1:])]))
+    return rows_text(rows_of(windows))
+
+
+def rows_of(windows: Sequence[Array]) -> Array:
+    """The rows that consecutive windows (L, S+1) are made of, (n, S+1)."""
+    return np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])

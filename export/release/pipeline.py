@@ -33,7 +33,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
 from export.release.bundle import Vehicle, write_release
-from export.release.c_folder import write_c_release
+from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import Lowered, lower
 
@@ -110,7 +110,7 @@ def export_all(
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
-    ecu: Callable[[Path], Mapping[str, bytes]] | None = None,
+    ecu: Callable[[Path, Array], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
@@ -125,7 +125,8 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
-        ecu: from the bundle just written to the files of the ECU for the C library's folder; without, it has none.
+        ecu: from the bundle just written, and the rows (n, S+1) that go beside the C library, to the files of the ECU
+            for its folder; without, it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -164,7 +165,7 @@ def export_all(
         estimator=estimator,
     )
     if c_folder is not None:
-        write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output))
+        write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output, rows_of(windows)))
     return gated
 
 
@@ -174,7 +175,7 @@ def export_library(
     c_folder: Path,
     *,
     recording: Path,
-    ecu: Callable[[], Mapping[str, bytes]] | None = None,
+    ecu: Callable[[Array], Mapping[str, bytes]] | None = None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
     """Write the C library of a release that there is, from the model that it was exported from.
@@ -183,7 +184,8 @@ def export_library(
         model: directory written by `train`.
         release: with the settings of its controller.
         recording: data set that the model was fitted to.
-        ecu: the files of the ECU for the library's folder; without, it has none.
+        ecu: from the rows (n, S+1) that go beside the library to the files of the ECU for its folder; without, it has
+            none.
         phase: called with each of `PHASES` when it begins.
 
     Raises:
@@ -209,7 +211,7 @@ def export_library(
         )
     gated = gate(lowered, windows)
     phase("write")
-    write_c_release(c_folder, gated, windows, None if ecu is None else ecu())
+    write_c_release(c_folder, gated, windows, None if ecu is None else ecu(rows_of(windows)))
     return gated
 
 

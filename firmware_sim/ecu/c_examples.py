@@ -4,7 +4,7 @@ from typing import Final
 
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure
+from can_bridge.wire.messages import SENSORS, Pressure
 from contract.arrays import Array
 from contract.config.tree import Config
 
@@ -19,18 +19,17 @@ def played_pressures(rows: Array, config: Config) -> bytes:
     """`pressures.h`: a protected pressure frame for each of the first `MOST_PERIODS` rows.
 
     Args:
-        rows: recorded pressures Cp at the sensors of the bus, then other columns, (n, S + any).
-
-    Raises:
-        ValueError: a pressure that the wire cannot carry.
+        rows: recorded pressures Cp at the sensors of the bus, then other columns, (n, S + any); limited to what the
+            wire carries.
     """
-    message = message_set(config.bus).pressure
+    messages = message_set(config.bus)
+    message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
     lines = []
-    for period, row in enumerate(rows[:MOST_PERIODS, :4].tolist()):
+    for period, row in enumerate(rows[:MOST_PERIODS, :SENSORS].tolist()):
         pressure = Pressure(
-            pressure_pa=tuple(cp * dynamic_pressure for cp in row),
-            valid=(True,) * 4,
+            pressure_pa=tuple(min(max(cp * dynamic_pressure, -limit_pa), limit_pa) for cp in row),
+            valid=(True,) * SENSORS,
             enable_request=period >= ASKED_FROM,
             age_ns=0,
         )

@@ -72,9 +72,14 @@ class Lab:
 def open_lab(release: Config, parts: Path) -> Lab:
     """A lab whose folder is named after the configuration and the recording.
 
-    Sensors are the paper's choice, and nothing disturbs them: what the release does otherwise is a part of its own.
+    Sensors are the paper's choice, nothing disturbs them, and the trained networks serve: what the release does
+    otherwise is a part of its own.
     """
-    config = replace(release, train=replace(release.train, selection="shap", sensor_noise=0.0))
+    config = replace(
+        release,
+        model=replace(release.model, slim_dynamics_width=None, slim_decoder_width=None),
+        train=replace(release.train, selection="shap", sensor_noise=0.0),
+    )
     tree = to_tree(config)
     text = json.dumps({name: tree[name] for name in ("model", "train", "mpc")}, sort_keys=True) + digest()
     folder = parts / hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -22,6 +22,7 @@ from train.distil import distil, encode_all
 from train.distil_predictor import distil_predictor
 from train.evaluate import evaluate, evaluate_latents, latent_error, rollout_starts
 from train.fit import fit_joint, seeded
+from train.lessons import teach
 from train.model import Encoder, WakeModel
 from train.pipeline import train_all
 from train.rows import Rows, prepare
@@ -185,8 +186,11 @@ def width(lab: Lab, dynamics: int, decoder: int) -> dict[str, Any]:
     began = time.process_time()
     trained = lab.model()
     slimmed = replace(lab.config.model, slim_dynamics_width=dynamics, slim_decoder_width=decoder)
-    student_networks = distil_predictor(trained.teacher, training_rows(), replace(lab.config, model=slimmed))
-    rows = test_rows().with_sensors(sensors.TRUCK.indices(trained.sensors))
+    chosen = sensors.TRUCK.indices(trained.sensors)
+    latents = encode_all(trained.slim, training_rows().with_sensors(chosen))
+    lessons = teach(trained.teacher, latents, training_rows(), trained.scaling, lab.config)
+    student_networks = distil_predictor(lessons, slimmed, lab.config.train)
+    rows = test_rows().with_sensors(chosen)
     found = evaluate(trained.slim, student_networks, rows).as_tree()
     narrow = replace(trained, config=replace(trained.config, model=slimmed), predictor=student_networks)
     model_store.save(lab.variant(f"{dynamics}_{decoder}"), narrow)

@@ -17,6 +17,7 @@ from contract.errors import BundleManifestError
 from contract.release import bundle
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
+from contract.sensors import TRUCK
 from stillwake.shipped import BUNDLE
 from tests.examples import examples
 
@@ -75,15 +76,17 @@ def leaves(tree: dict[str, Any], above: str = "") -> list[str]:
     return names
 
 
-def test_the_shipped_manifest_reads_and_has_no_positions():
+def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
     manifest = read((BUNDLE / MANIFEST).read_bytes())
     assert SHIPPED["schema"] == "stillwake-bundle/4"
-    assert manifest.sensor_positions is None
+    assert manifest.sensor_positions == tuple(
+        (float(x), float(y)) for x, y in TRUCK.positions[TRUCK.indices(manifest.sensors)]
+    )
     assert read(sealed(SHIPPED)) == manifest
 
 
 UNKNOWING = {name: value for name, value in SHIPPED.items() if name != "sensor_estimator"}
-FORMER = UNKNOWING | {"schema": "stillwake-bundle/3"}
+FORMER = UNKNOWING | {"schema": "stillwake-bundle/3", "sensor_positions": None}
 OLD = {name: value for name, value in UNKNOWING.items() if name != "sensor_positions"} | {
     "schema": "stillwake-bundle/2"
 }
@@ -92,7 +95,7 @@ OLD = {name: value for name, value in UNKNOWING.items() if name != "sensor_posit
 
 def test_a_manifest_of_the_old_schema_means_the_same():
     for body in (FORMER, OLD):
-        assert read(sealed(body)) == replace(read(sealed(SHIPPED)), sensor_estimator=None)
+        assert read(sealed(body)) == replace(read(sealed(SHIPPED)), sensor_estimator=None, sensor_positions=None)
 
 
 def test_the_old_schema_knows_no_positions():
@@ -136,7 +139,7 @@ def test_a_scaling_is_a_list_of_finite_numbers(name, value):
         ("sensors", None, "sensors"),
         ("sensors", "abcd", "sensors"),
         ("scaling.force_mean", {"": None}, "must not be a table"),
-        ("sensors", [], "sensors: none is named"),
+        ("sensors", [], "sensor_positions has 4 places: must have 0"),
         ("sensors", ["a", "b", "c", "c"], "'c': named twice"),
         ("sensors", ["a", "b", "c", "d\x1b[2J"], r"sensor 'd\x1b[2J': must be"),
         ("sensors", ["a", "b", "c", "d" * 101], "must be 1 to 100 printable characters"),
@@ -236,6 +239,10 @@ def test_positions_are_one_pair_a_sensor(positions):
     body = json.loads(encode(placed(PLACES), {CONTROLLER: "0" * 64}, "0" * 64))
     body["sensor_positions"] = positions
     assert "sensor_positions" in refusal(sealed(body))
+
+
+def test_a_manifest_without_positions_needs_sensors_too():
+    assert "sensors: none is named" in refusal(sealed({**SHIPPED, "sensors": [], "sensor_positions": None}))
 
 
 def test_positions_are_finite():

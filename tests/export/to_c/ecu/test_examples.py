@@ -1,4 +1,4 @@
-"""The example programs around the ECU in C: under SysTick on QEMU's Cortex-M7, and on Linux against a bus that is played.
+"""The example programs around the ECU in C: under SysTick on QEMU's Cortex-M7, and on Linux against a played bus.
 
 QEMU takes 2 ns an instruction: a core of 480 MHz that issues about one a cycle.
 """
@@ -26,14 +26,16 @@ from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
+from contract.controller.c_folder import write_folder
 from contract.controller.compiler import host_compiler, zig_compiler
 from contract.release.bundle import load
 from export.program.random_program import random_program, random_windows
 from export.release.lowering import int8_library
-from export.to_c.library import example_sources
+from export.to_c.folder_files import documents
+from export.to_c.library import ecu_sources, example_sources
 from firmware_sim.ecu.c_examples import ASKED_FROM, PLAYED, played_pressures
 from firmware_sim.ecu.c_settings import HEADER, ecu_settings
-from tests.export.to_c.ecu.wire_parts import FRAMES, INTERFACE, SOURCES, vehicle
+from tests.export.to_c.ecu.wire_parts import FRAMES, vehicle
 
 QEMU = shutil.which("qemu-system-arm") or ""
 CORTEX_M7 = (
@@ -50,23 +52,26 @@ def built_for(request) -> tuple[Config, MessageSet]:
     return config, message_set(config.bus)
 
 
+def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
+    return {name: text for name, text in folder.items() if name not in names}
+
+
 @pytest.fixture(scope="session")
-def folder(built_for, random_release) -> dict[str, bytes]:
-    """What `export --c` writes, flat: the tests' compiler takes no folders in folders."""
+def exported(built_for, random_release) -> dict[str, bytes]:
+    """The files that `export --c` writes, but for recorded rows."""
     config, _ = built_for
     program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8))
     windows = random_windows(program, 20)
-    assert (SOURCES / INTERFACE).is_file()
-    ecu = {item.name: item.read_bytes() for item in SOURCES.iterdir() if item.suffix in (".c", ".h")}
-    rows = np.concatenate(windows)
-    examples = example_sources() | {PLAYED: played_pressures(rows, config)}
-    others = {name: text for name, text in int8_library(program, windows).items() if name != "replay.c"}
-    settings = {HEADER: ecu_settings(load(random_release), config)}
-    return others | ecu | settings | {Path(name).name: text for name, text in examples.items()}
+    library = int8_library(program, windows) | ecu_sources() | {HEADER: ecu_settings(load(random_release), config)}
+    played = {PLAYED: played_pressures(np.concatenate(windows), config)}
+    return library | example_sources() | played | documents(library)
 
 
-def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
-    return {name: text for name, text in folder.items() if name not in names}
+@pytest.fixture(scope="session")
+def folder(exported) -> dict[str, bytes]:
+    """The same flat and without documents: the tests' compiler takes no folders in folders."""
+    taken = {name: text for name, text in exported.items() if name.endswith((".c", ".h", ".ld"))}
+    return without({Path(name).name: text for name, text in taken.items()}, "replay.c")
 
 
 @pytest.fixture(scope="session")
@@ -134,7 +139,7 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
 
 
 def expected_mode(period: int, window: int) -> Mode:
-    """The wish rises with period ASKED_FROM; the window is full when as many usable frames and the bridged first came."""
+    """The wish rises with period ASKED_FROM; the first frame, of a stream not trusted yet, leaves no row."""
     if period < ASKED_FROM:
         return Mode.OFF
     return Mode.WARMUP if period < window else Mode.CONTROL
@@ -153,37 +158,39 @@ def test_a_core_too_slow_for_the_period_is_noticed(image):
 
 BUS = rb"""
 /* In place of a CAN interface: a socket that the test holds the other end of. Times of arrival are the kernel's. */
-#define _GNU_SOURCE
-#include <net/if.h>
 #include <stdlib.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
-int socket(int domain, int type, int protocol)
+int __wrap_socket(int domain, int type, int protocol);
+int __wrap_bind(int fd, const struct sockaddr *address, socklen_t size);
+int __wrap_ioctl(int fd, unsigned long request, ...);
+int __wrap_setsockopt(int fd, int level, int name, const void *value, socklen_t size);
+int __real_setsockopt(int fd, int level, int name, const void *value, socklen_t size);
+
+int __wrap_socket(int domain, int type, int protocol)
 {
     (void)domain, (void)type, (void)protocol;
-    return getenv("BUS") == NULL ? -1 : atoi(getenv("BUS"));
+    return atoi(getenv("BUS"));
 }
 
-int setsockopt(int fd, int level, int name, const void *value, socklen_t size)
-{
-    return level == SOL_SOCKET ? (int)syscall(SYS_setsockopt, fd, level, name, value, size) : 0;
-}
-
-int ioctl(int fd, unsigned long request, ...)
-{
-    (void)fd;
-    return request == SIOCGIFINDEX ? 0 : -1;
-}
-
-int bind(int fd, const struct sockaddr *address, socklen_t size)
+int __wrap_bind(int fd, const struct sockaddr *address, socklen_t size)
 {
     (void)fd, (void)address, (void)size;
     return 0;
 }
+
+int __wrap_ioctl(int fd, unsigned long request, ...)
+{
+    (void)fd, (void)request;
+    return 0;
+}
+
+int __wrap_setsockopt(int fd, int level, int name, const void *value, socklen_t size)
+{
+    return level == SOL_SOCKET ? __real_setsockopt(fd, level, name, value, size) : 0;
+}
 """
+WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
 FD_FRAME, CLASSIC_FRAME = struct.Struct("=IB3x64s"), struct.Struct("=IB3x8s")
 """`struct canfd_frame` and `struct can_frame` of Linux."""
 BUS_OFF = CLASSIC_FRAME.pack(0x20000000 | 0x40, 8, bytes(8))
@@ -198,10 +205,10 @@ def linux_program(folder, tmp_path_factory, shared_builds) -> Callable[..., Path
     contents = without(folder, "systick.c", "pressures.h", "mps2_an500.ld")
     place = tmp_path_factory.mktemp("socketcan")
 
-    def build(name: str, **others: bytes) -> Path:
+    def build(name: str, *flags: str, **others: bytes) -> Path:
         path = place / name
         given = contents | {f"{other}.c": text for other, text in others.items()}
-        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off"))
+        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off", *flags))
         return path
 
     return build
@@ -217,13 +224,13 @@ def test_without_an_interface_the_linux_program_says_so(linux_program):
 
 
 class Vehicle:
-    """The other end of the socket: sends pressures, hears commands, lets its wish fall in a fault."""
+    """The other end of the socket: sends pressures, hears commands, lets its wish fall and rise in a fault."""
 
     def __init__(self, bus: socket.socket, config: Config, messages: MessageSet) -> None:
         self._bus, self._config, self._messages = bus, config, messages
         self._sender = E2eSender(messages.pressure.spec)
         self._receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
-        self._wish = False
+        self._wish, self._due = False, time.monotonic()
         self.commands: list[JetCommand] = []
 
     def until(self, holds: Callable[[JetCommand], bool], most_s: float = 60.0) -> None:
@@ -237,10 +244,12 @@ class Vehicle:
             frame = self._sender.frame(self._messages.pressure.emit(pressure), now_ns=0)
             form = FD_FRAME if frame.is_fd else CLASSIC_FRAME
             self._bus.send(form.pack(frame.frame_id, len(frame.data), frame.data))
-            time.sleep(self._config.period_ns * 1e-9)
+            self._due += self._config.period_ns * 1e-9
+            time.sleep(max(0.0, self._due - time.monotonic()))
             self.hear()
             if self.commands:
-                self._wish = self.commands[-1].mode is not Mode.FAULT
+                # A fault ends with a wish that rises.
+                self._wish = self.commands[-1].mode is not Mode.FAULT or len(self.commands) % 40 >= 20
 
     def hear(self) -> None:
         """Every frame that has come is one of ours, sound and in sequence."""
@@ -266,7 +275,7 @@ class Vehicle:
 @pytest.mark.processes
 def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program, built_for):
     config, messages = built_for
-    program = linux_program("ecu_on_a_socket", bus=BUS)
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     ours.setblocking(False)
     environment = os.environ | {"BUS": str(theirs.fileno())}
@@ -291,3 +300,22 @@ def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program
     last = lived.commands[-3:]
     assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
     assert all(command.next_period == config.ecu.plan_ahead for command in lived.commands)
+
+
+@pytest.mark.compiler
+@pytest.mark.slow  # builds the folder as a stranger would
+def test_the_lines_in_their_heads_and_cmake_build_them(exported, built_for, tmp_path):
+    config, _ = built_for
+    if config.bus.frames != "fd":
+        pytest.skip("one of the sets shows it")
+    write_folder(tmp_path / "c", exported)
+    heads = [exported[f"examples/{name}.c"].decode().split("*/")[0] for name in ("main_socketcan", "systick")]
+    lines = [re.sub(r"\\\n \*", "", head) for head in heads]
+    builds = [re.findall(r"^ \*     (.*-o \S+)$", text, flags=re.MULTILINE) for text in lines]
+    assert [len(found) for found in builds] == [1, 1]
+    commands = [builds[0][0], *(["cmake -B build && cmake --build build"] if shutil.which("cmake") else [])]
+    if zig_compiler() is not None:
+        commands.append(builds[1][0].replace("python", sys.executable, 1))
+    for command in commands:
+        done = subprocess.run(command, shell=True, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
+        assert (done.returncode, "warning" in done.stderr) == (0, False), done.stderr

@@ -72,8 +72,10 @@ def vehicle(frames: Literal["fd", "classic"]) -> Config:
     return replace(config, bus=replace(config.bus, frames=frames), ecu=ecu)
 
 
-def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., None]) -> Parts:
-    """The parts for one vehicle with a release."""
+def built(
+    release: Path, folder: Path, config: Config, compile_c: Callable[..., None], sources: Sequence[str] = PARTS
+) -> Parts:
+    """The parts of these sources for one vehicle with a release."""
     bundle = load(release)
     library = c_library(random_program(0, model=MODEL, mpc=MPC))
     contents = {name: text for name, text in library.items() if name.endswith(".h")}
@@ -84,7 +86,9 @@ def built(release: Path, folder: Path, config: Config, compile_c: Callable[..., 
     if compiler == ["gcc"]:
         flags += ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
     path = folder / "parts.so"
-    compile_c(contents | {name: (SOURCES / name).read_bytes() for name in PARTS}, path, compiler=compiler, flags=flags)
+    compile_c(
+        contents | {name: (SOURCES / name).read_bytes() for name in sources}, path, compiler=compiler, flags=flags
+    )
     ffi = cffi.FFI()
     ffi.cdef(declarations(contents, folder, compiler))
     return Parts(lib=ffi.dlopen(str(path)), ffi=ffi, config=config, messages=message_set(config.bus), bundle=bundle)
