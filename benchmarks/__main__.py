@@ -48,6 +48,9 @@ MEASUREMENTS: Final = {
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C, CasADi's solvers"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
+    "parallel-in-time": Measurement(
+        "controller.parallel_in_time", "whether a roll-out could be computed as a batch", "a minute"
+    ),
     "rounding": Measurement("controller.rounding", "what int8 weights change of a plan, to nearest and with feedback"),
     "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),

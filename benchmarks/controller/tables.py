@@ -19,6 +19,7 @@ def tables(results: Path) -> dict[str, str]:
         "casadi": casadi(results / "controller.json"),
         "rounding": rounding(results / "rounding.json"),
         "mcu": mcu(results / "mcu.json"),
+        "parallel_in_time": parallel_in_time(results / "parallel_in_time.json"),
         **truncation_tables.tables(results),
     }
 
@@ -76,6 +77,27 @@ def latency(path: Path) -> str:
 The C library, compiled with `{facts["settings"]["c_flags"]}` by
 {facts["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
 {by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum."""
+
+
+def parallel_in_time(path: Path) -> str:
+    """Errors of a roll-out after so many sweeps over the horizon, and what its parts take."""
+    found = read(path)
+    shown, tolerance = (1, 2, 3, 4, 6), found["facts"]["tolerance"]
+    rows = [
+        (
+            row["jacobian"],
+            *(f"{row['largest'][sweeps]:.0e}" for sweeps in shown),
+            "over 8" if row["sweeps"] is None else row["sweeps"],
+        )
+        for row in found["figures"]["convergence"]
+    ]
+    heads = ("Jacobian", *(f"after {sweeps}" for sweeps in shown), f"sweeps to {tolerance:g}")
+    names = ("dynamics_width", "iterations", "step", "rollout", "evaluation", "sweep", "jacobians", "most_times_faster")
+    parts = ("one f for the horizon", "a sweep", "the Jacobians", "times faster at most")
+    of_times = ("dynamics width", "iterations", "control step, us", "a roll-out", *parts)
+    return f"""{table(heads, rows)}
+
+{table(of_times, [tuple(row[name] for name in names) for row in found["figures"]["times"]])}"""
 
 
 def casadi(path: Path) -> str:

@@ -67,6 +67,9 @@ class Dynamics:
         )
         self._backward = graph.op("Mul", second, self._norms[0].gain)
         self._output_backward = graph.op("Mul", third, self._norms[1].gain)
+        # Their transposes over n, for means of products over a layer's width n.
+        self._output_backward_means = _per_width(graph, self._output_backward, self._norms[1])
+        self._forward_means = _per_width(graph, self._forward[0], self._norms[0])
         self._column = graph.index([self._horizon, 1])
 
     def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
@@ -98,9 +101,9 @@ class Dynamics:
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)
         # B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
-        w3_p2_xhat2 = self._mean_products(graph, graph.op("Mul", p2, xhat2), self._output_backward, widths[1])
+        w3_p2_xhat2 = self._products(graph, graph.op("Mul", p2, xhat2), self._output_backward_means)
         b = graph.op("Sub", graph.op("Mul", p2, self._output_backward), graph.op("Mul", w3_p2_xhat2, xhat2))
-        w1_xhat1 = self._mean_products(graph, xhat1, self._forward[0], widths[0])
+        w1_xhat1 = self._products(graph, xhat1, self._forward_means)
         a = graph.op("Mul", graph.op("Sub", self._forward[0], graph.op("Mul", w1_xhat1, xhat1)), p1)
         d = graph.op("CumSum", through_forces, graph.index([0]), reverse=1)
         d_b = graph.op("MatMul", graph.op("Unsqueeze", d, graph.index([1])), b)
@@ -121,10 +124,9 @@ class Dynamics:
         rows = graph.op("Reshape", v, graph.index([h, widths[0]]))
         return graph.op("Gemm", self._by_action_row, rows, through_plan, transB=1)
 
-    def _mean_products(self, graph: Graph, rows: str, matrix: str, width: int) -> str:
-        """Products of rows (H, 1, n) with those of a matrix (n_z, n), averaged over n: (H, n_z, 1)."""
-        flat = graph.op("Reshape", rows, graph.index([self._horizon, width]))
-        return graph.op("Unsqueeze", graph.op("Gemm", flat, matrix, transB=1, alpha=1.0 / width), graph.index([2]))
+    def _products(self, graph: Graph, rows: str, columns: str) -> str:
+        """Rows (H, 1, n) times a matrix (n, n_z), as (H, n_z, 1)."""
+        return graph.op("Reshape", graph.op("MatMul", rows, columns), graph.index([self._horizon, self._latent, 1]))
 
     def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
         xhat, inverse_std = self._norms[layer].normalise(graph, rollout.before[layer])
@@ -132,6 +134,10 @@ class Dynamics:
         zero, one = graph.constant(0.0), graph.constant(1.0)
         slope = graph.op("Add", graph.op("Min", rollout.after[layer], zero), one)
         return xhat, graph.op("Mul", slope, inverse_std)
+
+
+def _per_width(graph: Graph, matrix: str, norm: NormNames) -> str:
+    return transposed(graph, graph.op("Mul", matrix, graph.constant(1.0 / norm.width)))
 
 
 def _biases(graph: Graph, first: Linear, second: Linear, third: Linear) -> tuple[str, str, str]:
