@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.ecu.in_c.edges import Edges
 from benchmarks.ecu.in_c.library import Layout, Library, sources
 from benchmarks.ecu.in_c.python_twin import Answers, Period, PythonTwin
-from benchmarks.ecu.in_c.traffic import Traffic
+from benchmarks.ecu.in_c.traffic import EDGES, Traffic
 from benchmarks.ecu.in_c.variants import VARIANTS
 
 MOVED: Final = 0.3
@@ -98,6 +98,14 @@ def recorded(
     return room
 
 
+def _begun_anew(periods: Iterator[Period]) -> Iterator[Period]:
+    """In front of them, an ECU that is switched on at each time where something could change, and steps once more."""
+    for now_ns in EDGES:
+        for restarts in (True, False):
+            yield replace(next(periods), now_ns=now_ns, restarts=restarts, frames=[])
+    yield from periods
+
+
 def spoilt(answers: Answers, rng: Random) -> Answers:
     """With a number in plan or forecast that is none."""
     plan, forces = answers.plan.copy(), answers.forces.copy()
@@ -129,5 +137,6 @@ def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
     """Periods as bytes, for other programs; with an odd seed, nearly all of them are near an edge."""
     twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
-    room = recorded(twin, traffic(name, seed, twin.horizon), steps, edges=edges, rng=rng, moved=NEARLY_ALL)
+    periods = _begun_anew(traffic(name, seed, twin.horizon))
+    room = recorded(twin, periods, steps, edges=edges, rng=rng, moved=NEARLY_ALL)
     return bytes(layout.ffi.buffer(room))
