@@ -88,7 +88,7 @@ def recorded(
         if edges is not None and rng is not None and rng.random() < moved:
             state = twin.power_on if period.restarts else twin.ecu.state
             frames = period.frames if rng.random() < 0.5 else []
-            answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.9 else spoilt(period.answers, rng)
+            answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.7 else spoilt(period.answers, rng)
             near = replace(period, loads=edges.near(state, period.now_ns), frames=frames, answers=answers)
             twin.live_through(near, place)
         else:

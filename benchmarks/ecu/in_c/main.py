@@ -51,7 +51,7 @@ def main(
     console.print(_modes(figures))
     for line in figures["first_mismatches"]:
         console.print(line)
-    figures |= sharpness(folder)
+    figures |= sharpness()
     console.print(_table(figures))
     save(
         json_file,
@@ -123,7 +123,7 @@ def _summed(found: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def sharpness(folder: Path) -> dict[str, Any]:
+def sharpness() -> dict[str, Any]:
     """Planted faults, branches, mutants and deviations from MISRA C."""
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -154,7 +154,6 @@ def sharpness(folder: Path) -> dict[str, Any]:
                 "misra_rules": len({rule for _, rule in deviations}),
                 "misra_unlisted": misra.unlisted(deviations),
             }
-    del folder
     return found
 
 
