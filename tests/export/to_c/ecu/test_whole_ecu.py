@@ -1,6 +1,7 @@
 """The ECU in C and the Python ECU side by side: the same frames, times and answers of the networks, to the bit."""
 
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -213,7 +214,7 @@ class BothEcus(RuleBasedStateMachine):
 
 @pytest.mark.parametrize("name", ["quick to doubt", "late actuator, long windows"])
 def test_both_ecus_make_the_same_of_whatever_comes(library, name):
-    machine = type("Both", (BothEcus,), {"library": library(name), "name": name})
+    machine: Any = type("Both", (BothEcus,), {"library": library(name), "name": name})
     test = machine.TestCase
     test.settings = examples(40, stateful_step_count=30, deadline=None)
     test().runTest()
