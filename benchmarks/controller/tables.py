@@ -118,25 +118,6 @@ def casadi(path: Path) -> str:
 {table(heads, [(*row, of["gap"], of["gap_worst"]) for *row, of in rows])}"""
 
 
-def mcu_release(path: Path) -> str:
-    """What the whole ECU of the release needs on the emulated core."""
-    found = read(path)
-    of = found["facts"]["release"]
-    rows = [
-        ("longest step in control at 480 MHz, modelled", f"{of['modelled_ms_480']:.2f} ms"),
-        ("the same at 300 MHz", f"{of['modelled_ms_300']:.2f} ms"),
-        ("flash", f"{of['flash_kib']:.1f} KiB"),
-        ("RAM, the stack with it", f"{of['ram_kib']:.1f} KiB"),
-        ("stack", f"{of['stack_b']} B"),
-        ("instructions of the longest step in control", f"{of['instructions'] / 1e6:.3f} M"),
-        ("less the shortest one's", of["instruction_spread"]),
-    ]
-    return f"""{table(("the whole ECU of the release, on a Cortex-M7", ""), rows)}
-
-Measured on {found["date"]} over {of["steps"]} control periods with recorded pressures, {of["in_control"]} of them in
-control: `python -m benchmarks mcu --json results/mcu.json`."""
-
-
 def mcu(path: Path) -> str:
     """Work, memory and time of each size on the emulated cores."""
     found = read(path)

@@ -5,7 +5,12 @@ import shutil
 
 import pytest
 
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.codec import emit_pressure
+from can_bridge.wire.message_specs import PRESSURE
+from can_bridge.wire.messages import Pressure
 from contract.config.loading import load_config
+from contract.controller.c_folder import read_recorded, read_sources
 from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
 from stillwake import c_release
@@ -32,6 +37,35 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path):
     again = cli("export", "--c", tmp_path / "c")
     assert again.code != 0
     assert "--overwrite" in again.err
+    fits_a_cortex_m7(tmp_path / "c")
+
+
+def fits_a_cortex_m7(folder):
+    """The whole ECU, on an emulated core: counts are exact, so a tenth of room is enough for another compiler.
+
+    What was promised is more: 12 ms at 480 MHz, 144 KiB of flash, 64 KiB of RAM, 1 KiB of stack.
+    """
+    pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
+    pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
+    from firmware_sim.mcu.ecu_measure import measure_ecu
+
+    config, sender = load_config(), E2eSender(PRESSURE)
+    rows = read_recorded(folder)[:, :-1]
+    periods = []
+    for k in range(36):
+        pascal = config.operating_point.dynamic_pressure * rows[k]
+        message = Pressure(
+            pressure_pa=tuple(pascal.tolist()), valid=(True,) * len(pascal), enable_request=k > 0, age_ns=0
+        )
+        now_ns = (k + 1) * config.period_ns
+        periods.append((now_ns, [sender.frame(emit_pressure(message), now_ns=now_ns)]))
+    found = measure_ecu(read_sources(folder), periods)
+    assert found.in_control > 0
+    assert found.modelled_ms["480"] <= 7.7
+    assert found.flash_bytes <= 117 * 1024
+    assert found.ram_bytes <= 41 * 1024
+    assert found.stack_bytes <= 820
+    assert found.instruction_spread <= 60_000  # the library's doubles, whose work depends on the numbers
 
 
 @pytest.mark.parametrize(
