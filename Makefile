@@ -79,11 +79,16 @@ full: test
 	$(BIN)/stillwake export data/stillwake_data/model runs/long --set mpc.iterations=15 --overwrite
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --json results/controller.json
-	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 \
+	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 --iterations 5 \
 		--json results/controller_narrow.json
 	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
 	$(BIN)/python -m benchmarks truncation --json results/truncation.json
-	$(BIN)/python -m benchmarks mcu --json results/mcu.json
+	$(BIN)/python -m benchmarks parallel-in-time --json results/parallel_in_time.json
+	$(BIN)/python -m benchmarks roads --json results/roads.json
+	$(BIN)/python -m benchmarks distilled --json results/distilled.json
+	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json
+	$(BIN)/python -m benchmarks ecu-c --steps 1000000 --json results/ecu_c.json
+	$(BIN)/python -m benchmarks ecu-loop --json results/ecu_loop.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks bus --json results/bus.json
 	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json

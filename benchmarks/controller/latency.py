@@ -3,7 +3,7 @@
     python -m benchmarks controller [--json FILE] [--repeats N] [--model DIR]
 
 One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time, and medians of
-the thread's processor time, which does not count what other processes take. Weights are random at the paper's sizes
+the thread's processor time, which does not count what other processes take. Weights are random at the release's sizes
 (our time does not depend on them); other sizes are options. Beside each median is how many times the least that this
 core's arithmetic and memory allow it is (`benchmarks.controller.floors`). Where CasADi is installed
 (`pip install "stillwake[bench]"`), its solvers get a trained model's problem on recorded windows, from the same shifted
@@ -60,10 +60,10 @@ def main(
         Path, typer.Option("--model", help="Trained model for CasADi's problems; default: the shipped one.")
     ] = MODEL,
     data: Annotated[Path, typer.Option("--dataset", help="Recording for them.")] = RECORDING,
-    dynamics_width: int = 256,
-    decoder_width: int = 128,
+    dynamics_width: int = 64,
+    decoder_width: int = 32,
     horizon: int = 25,
-    iterations: int = 5,
+    iterations: int = 3,
 ) -> None:
     """Time the control step and print a table."""
     torch.set_num_threads(1)
