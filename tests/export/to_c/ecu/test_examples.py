@@ -5,6 +5,7 @@ QEMU takes 2 ns an instruction: a core of 480 MHz that issues about one a cycle.
 
 import os
 import re
+import select
 import shutil
 import signal
 import socket
@@ -300,6 +301,38 @@ def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program
     last = lived.commands[-3:]
     assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
     assert all(command.next_period == config.ecu.plan_ahead for command in lived.commands)
+
+
+@pytest.mark.processes
+def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_program):
+    """Nobody reads: after some frames a send would wait, and the program with it, even at its end."""
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    # So that few frames fill it.
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    environment = os.environ | {"BUS": str(theirs.fileno())}
+    with (
+        ours,
+        theirs,
+        subprocess.Popen(
+            [program, "can0"], env=environment, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE
+        ) as running,
+    ):
+        try:
+            is_full(theirs)
+            running.send_signal(signal.SIGTERM)
+            assert running.wait(timeout=60) == 0
+        finally:
+            running.kill()
+
+
+def is_full(bus: socket.socket, most_s: float = 60.0) -> None:
+    """Return when this end takes nothing more."""
+    poller, end = select.poll(), time.monotonic() + most_s
+    poller.register(bus, select.POLLOUT)
+    while poller.poll(0):
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 @pytest.mark.compiler
