@@ -2,6 +2,8 @@
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
+#include <float.h>
+
 #include "sw_ecu.h"
 
 /* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no
@@ -9,6 +11,28 @@
  */
 #ifdef __clang__
 #pragma STDC FP_CONTRACT OFF
+#endif
+
+/* The gate tells what is no number, and a compiler that may assume there is none leaves the question out. */
+#if defined(__FAST_MATH__)
+#error "the ECU's checks need IEEE arithmetic: compile without -ffast-math"
+#endif
+#if defined(__FINITE_MATH_ONLY__)
+#if __FINITE_MATH_ONLY__ > 0
+#error "the ECU's checks need numbers that are none: compile without -ffinite-math-only"
+#endif
+#endif
+
+/* Each operation must round to the type it is of. */
+#if defined(FLT_EVAL_METHOD)
+#if FLT_EVAL_METHOD != 0
+#error "FLT_EVAL_METHOD: must be 0, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
+#endif
+#endif
+#if defined(DBL_MANT_DIG)
+#if DBL_MANT_DIG != 53
+#error "double: must have 64 bits; some compilers for microcontrollers need an option for it"
+#endif
 #endif
 
 #ifdef __cplusplus
