@@ -2,8 +2,6 @@
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
-#include <float.h>
-
 #include "sw_ecu.h"
 
 /* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no
@@ -23,14 +21,14 @@
 #endif
 #endif
 
-/* Each operation must round to the type it is of. */
-#if defined(FLT_EVAL_METHOD)
-#if FLT_EVAL_METHOD != 0
-#error "FLT_EVAL_METHOD: must be 0, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
+/* Each operation must round to the type it is of. GCC and Clang say so before any header is read. */
+#if defined(__FLT_EVAL_METHOD__)
+#if __FLT_EVAL_METHOD__ != 0
+#error "FLT_EVAL_METHOD must be 0, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
 #endif
 #endif
-#if defined(DBL_MANT_DIG)
-#if DBL_MANT_DIG != 53
+#if defined(__DBL_MANT_DIG__)
+#if __DBL_MANT_DIG__ != 53
 #error "double: must have 64 bits; some compilers for microcontrollers need an option for it"
 #endif
 #endif
