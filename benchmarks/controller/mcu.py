@@ -1,35 +1,48 @@
 """The C library on an emulated Cortex-M7 at several sizes: memory, instructions, modelled time; and the release's ECU.
 
-    python -m benchmarks mcu [--json FILE]
+    python -m benchmarks mcu [--json FILE] [--windows N]
 
-The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Weights of the others are
-random (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library.
+The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Whether the work of its
+control step depends on the data is looked at on recorded and on random windows, half of each. The other rows have
+random weights (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library. Those of the
+Cortex-M4F run on the emulated Cortex-M7, which knows all of its instructions, and are modelled as what they are.
 """
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
+from contract import model_folder
+from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.c_folder import Rows, read_recorded, read_sources
+from contract.recording import dataset
+from contract.release.bundle import load as load_bundle
 from contract.results import versions
+from export.program.from_training import program_of
 from export.program.random_program import random_program, random_window
+from export.program.recorded_windows import recorded_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
+from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
 from firmware_sim.mcu.ecu_measure import measure_ecu
+from firmware_sim.mcu.instruction_spread import instruction_spread
 from firmware_sim.mcu.measure import measure
 from stillwake.c_release import library_folder
+from stillwake.shipped import BUNDLE
+from wake.shipped import RECORDING
 
 # Dynamics' width, decoder's width, iterations, precision.
 CASES = (
@@ -40,36 +53,49 @@ CASES = (
     (96, 64, 5, "int8"),
     (96, 64, 3, "int8"),
     (64, 32, 5, "int8"),
+    (64, 32, 3, "int8"),
 )
+SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
+"""On the Cortex-M4F."""
+Case = tuple[int, int, int, str]
 _ROWS = 4
 _PERIODS = 300
 
 
-def main(json_file: JsonFile = None) -> None:
+def main(
+    json_file: JsonFile = None,
+    windows: Annotated[int, typer.Option(min=2, help="On which the work of the release's step is compared.")] = 200,
+) -> None:
     """Measure every size and print a table."""
-    rows = []
-    for dynamics, decoder, iterations, precision in track(CASES, "sizes", "sizes"):
-        model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
-        program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
-        rng = np.random.default_rng(0)
-        windows = [random_window(program, rng) for _ in range(20)]
-        sources = c_library(program) if precision == "float32" else int8_library(program, windows)
-        series = np.concatenate(windows[:2])[: program.window + _ROWS - 1].astype(np.float32)
-        sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
-        rows.append({**sizes, **asdict(measure(sources, series))})
-    _print(rows)
-    release = _release()
+    rows = [_measured(case, CORTEX_M7) for case in track(CASES, "sizes on a Cortex-M7", "sizes")]
+    smaller = [_measured(case, CORTEX_M4F) for case in track(SMALLER, "sizes on a Cortex-M4F", "sizes")]
+    _print(rows, "480")
+    _print(smaller, "170")
+    release = _release(windows)
     console.print(release)
     facts = {"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")}
-    save(json_file, figures=rows, facts={**facts, "release": release})
+    save(json_file, figures={"release": release, "sizes": rows, "cortex_m4f": smaller}, facts=facts)
 
 
-def _release() -> dict[str, Any]:
+def _measured(case: Case, core: Core) -> dict[str, Any]:
+    dynamics, decoder, iterations, precision = case
+    model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
+    program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
+    rng = np.random.default_rng(0)
+    windows = [random_window(program, rng) for _ in range(20)]
+    sources = c_library(program) if precision == "float32" else int8_library(program, windows)
+    series = np.concatenate(windows[:2])[: program.window + _ROWS - 1].astype(np.float32)
+    sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
+    return {**sizes, **asdict(measure(sources, series, core=core))}
+
+
+def _release(windows: int) -> dict[str, Any]:
     """The shipped bundle's ECU, in control on its recorded pressures over and over."""
     config = load_config()
     with library_folder(None) as folder:
         sources, rows = read_sources(folder), read_recorded(folder)
     found = measure_ecu(sources, _periods(config, rows, _PERIODS))
+    spread = instruction_spread(sources, track(_windows(windows), "windows of the release", "windows"))
     return {
         "modelled_ms_480": found.modelled_ms["480"],
         "modelled_ms_300": found.modelled_ms["300"],
@@ -80,7 +106,22 @@ def _release() -> dict[str, Any]:
         "instruction_spread": found.instruction_spread,
         "steps": found.steps,
         "in_control": found.in_control,
+        "control_step": asdict(spread),
+        "bundle": load_bundle(BUNDLE).manifest.name,
     }
+
+
+def _windows(count: int) -> list[Array]:
+    """Recorded ones of all kinds of forcing, evenly spread, and as many random ones of the same size."""
+    program = program_of(model_folder.read(MODEL), load_config().mpc)
+    episodes = dataset.read(RECORDING)
+    found: list[Array] = []
+    share = -(-count // (2 * len(episodes.episodes)))
+    for item in episodes.episodes:
+        found += recorded_windows(program, item, len(item) - program.window, episodes.layout)[:: len(item) // share]
+    rng = np.random.default_rng(0)
+    recorded = found[: count // 2]
+    return recorded + [random_window(program, rng) for _ in range(count - len(recorded))]
 
 
 def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list[Frame]]]:
@@ -99,9 +140,17 @@ def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list
         yield now_ns, [sender.frame(pressure.emit(message), now_ns=now_ns)]
 
 
-def _print(rows: list[dict[str, Any]]) -> None:
+def _print(rows: list[dict[str, Any]], clock: str) -> None:
     table = Table(
-        "size", "M MAC", "flash KiB", "RAM KiB", "stack B", "M instr.", "ms, 1 a cycle", "ms, modelled", "=host"
+        "size",
+        "M MAC",
+        "flash KiB",
+        "RAM KiB",
+        "stack B",
+        "M instr.",
+        f"ms at {clock} MHz, 1 a cycle",
+        "modelled",
+        "=host",
     )
     for row in rows:
         table.add_row(
@@ -111,8 +160,8 @@ def _print(rows: list[dict[str, Any]]) -> None:
             f"{row['ram_bytes'] / 1024:.0f}",
             str(row["stack_bytes"]),
             f"{row['instructions'] / 1e6:.1f}",
-            f"{row['one_per_cycle_ms']['480']:.1f}",
-            f"{row['modelled_ms']['480']:.1f}",
+            f"{row['one_per_cycle_ms'][clock]:.1f}",
+            f"{row['modelled_ms'][clock]:.1f}",
             str(row["identical"]),
         )
     console.print(table)

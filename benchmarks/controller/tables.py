@@ -1,7 +1,7 @@
 """The tables of the controller: its lowerings' times, int8 weights, the loop with each, the emulated Cortex-M7."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
 from benchmarks.controller import truncation_tables
@@ -19,6 +19,7 @@ def tables(results: Path) -> dict[str, str]:
         "casadi": casadi(results / "controller.json"),
         "rounding": rounding(results / "rounding.json"),
         "mcu": mcu(results / "mcu.json"),
+        "mcu_release": mcu_release(results / "mcu.json"),
         "parallel_in_time": parallel_in_time(results / "parallel_in_time.json"),
         **truncation_tables.tables(results),
     }
@@ -117,24 +118,81 @@ def casadi(path: Path) -> str:
 {table(heads, [(*row, of["gap"], of["gap_worst"]) for *row, of in rows])}"""
 
 
-def mcu(path: Path) -> str:
-    """Work, memory and time of each size on the emulated core."""
+def mcu_release(path: Path) -> str:
+    """What the whole ECU of the release needs on the emulated core."""
     found = read(path)
+    of = found["facts"]["release"]
     rows = [
-        (
-            f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}",
-            row["multiply_accumulates"] / 1e6,
-            row["flash_bytes"] / 1024,
-            row["ram_bytes"] / 1024,
-            row["stack_bytes"],
-            row["instructions"] / 1e6,
-            *(row[kind][clock] for clock in ("480", "300") for kind in ("one_per_cycle_ms", "modelled_ms")),
-            "yes" if row["identical"] else "no",
-        )
-        for row in found["figures"]
+        ("longest step in control at 480 MHz, modelled", f"{of['modelled_ms_480']:.2f} ms"),
+        ("the same at 300 MHz", f"{of['modelled_ms_300']:.2f} ms"),
+        ("flash", f"{of['flash_kib']:.1f} KiB"),
+        ("RAM, the stack with it", f"{of['ram_kib']:.1f} KiB"),
+        ("stack", f"{of['stack_b']} B"),
+        ("instructions of the longest step in control", f"{of['instructions'] / 1e6:.3f} M"),
+        ("less the shortest one's", of["instruction_spread"]),
     ]
-    heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
-    times = tuple(f"ms at {clock} MHz, {kind}" for clock in (480, 300) for kind in ("1 a cycle", "modelled"))
-    return f"""Measured on {found["date"]}; random weights, {found["facts"]["horizon"]} steps of horizon.
+    return f"""{table(("the whole ECU of the release, on a Cortex-M7", ""), rows)}
 
-{table((*heads, *times, "= host to the bit"), rows)}"""
+Measured on {found["date"]} over {of["steps"]} control periods with recorded pressures, {of["in_control"]} of them in
+control: `python -m benchmarks mcu --json results/mcu.json`."""
+
+
+def mcu(path: Path) -> str:
+    """Work, memory and time of each size on the emulated cores."""
+    found = read(path)
+    figures = found["figures"]
+    horizon = found["facts"]["horizon"]
+    return f"""Measured on {found["date"]}: the control step alone, random weights, {horizon} steps of horizon.
+
+Cortex-M7:
+
+{_sizes(figures["sizes"], ("480", "300"))}
+
+Cortex-M4F:
+
+{_sizes(figures["cortex_m4f"], ("170",))}"""
+
+
+def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
+    heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
+    times = tuple(f"ms at {clock} MHz, {kind}" for clock in clocks for kind in ("1 a cycle", "modelled"))
+    return table(
+        (*heads, *times, "= host to the bit"),
+        [
+            (
+                f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}",
+                row["multiply_accumulates"] / 1e6,
+                row["flash_bytes"] / 1024,
+                row["ram_bytes"] / 1024,
+                row["stack_bytes"],
+                row["instructions"] / 1e6,
+                *(row[kind][clock] for clock in clocks for kind in ("one_per_cycle_ms", "modelled_ms")),
+                "yes" if row["identical"] else "no",
+            )
+            for row in rows
+        ],
+    )
+
+
+def mcu_release(path: Path) -> str:
+    """The whole ECU of the shipped release on the emulated Cortex-M7."""
+    found = read(path)
+    row = found["figures"]["release"]
+    step = row["control_step"]
+    alike = step["windows"] - step["unlike"]
+    return table(
+        (f"{row['bundle']}, whole ECU, {found['facts']['horizon']} steps of horizon", ""),
+        [
+            ("longest step at 480 MHz, modelled", f"{row['modelled_ms_480']:.2f} ms"),
+            ("longest step at 300 MHz, modelled", f"{row['modelled_ms_300']:.2f} ms"),
+            ("instructions of the longest step", f"{row['instructions']:,}"),
+            ("flash: code, weights, tables", f"{row['flash_kib']:.1f} KiB"),
+            ("RAM: state, workspace, hot weights, stack", f"{row['ram_kib']:.1f} KiB"),
+            ("stack, deepest", f"{row['stack_b']} B"),
+            ("instructions, longest less shortest step under control", f"{row['instruction_spread']:,}"),
+            (
+                f"control step alone, over {step['windows']:,} recorded and random windows",
+                f"{step['fewest']:,} to {step['most']:,} instructions; {alike:,} windows take the same number",
+            ),
+        ],
+    )

@@ -1,9 +1,11 @@
-"""The tables of the ECU's sensor check."""
+"""The tables of the ECU: its sensor check, its twin in C, the loop with each."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
+
+_MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
 def tables(results: Path) -> dict[str, str]:
@@ -12,7 +14,60 @@ def tables(results: Path) -> dict[str, str]:
     return {
         "sensor_check_alarms": alarms(figures["false_alarms"]),
         "sensor_check_faults": faults(figures["faults"]),
+        "ecu_c": twin(results / "ecu_c.json"),
+        "ecu_loop": loops(results / "ecu_loop.json"),
     }
+
+
+def twin(path: Path) -> str:
+    """The comparison of the ECU in C with its twin, and how sharp it is."""
+    found = read(path)
+    of, facts = found["figures"], found["facts"]
+    rows = [
+        ("random control periods through both", of["steps"]),
+        ("of them with a difference", of["mismatches"]),
+        ("planted faults that are found", f"{of['planted_found']} of {of['planted']}"),
+        ("branches that are taken", f"{of['branch_coverage_percent']} % of {of['branches']}"),
+        ("mutants that no period notices", f"{of['survivors']} of {of['mutants']}"),
+        ("of them without an explanation", len(of["survivors_unexplained"])),
+        ("deviations from MISRA C:2012, all listed", f"{of['misra_deviations']} of {of['misra_rules']} rules"),
+    ]
+    return f"""{table(("", "figure"), rows)}
+
+Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
+{facts["compiler"]}."""
+
+
+def loops(path: Path) -> str:
+    """The wake driven by each ECU, and what differs between the emulated core and this machine."""
+    found = read(path)
+    rows = [
+        (
+            row["kind"],
+            "none claimed" if row["reduction_percent"] is None else f"{row['reduction_percent']:.2f} %",
+            row["abs_Cl_controlled"],
+            f"{row['periods_in_control']} of {row['periods_requested']}",
+            *(None if row["ecu"][name] is None else f"{row['ecu'][name]:.2f}" for name in _MODELLED),
+            f"{row['largest_command_difference']:.2g}",
+        )
+        for row in found["figures"]
+    ]
+    core = next(row for row in found["figures"] if row["kind"] == "cortex-m7")
+    times = ("modelled ms, median", "most")
+    heads = (
+        "ECU",
+        "less drag",
+        "mean abs Cl",
+        "periods in control",
+        *times,
+        "largest difference of a command from C's",
+    )
+    frames = f"{core['differing_frames']} of {core['frames_compared']} frames"
+    states = f"{core['differing_states']} of {core['steps_compared']} states"
+    return f"""{table(heads, rows)}
+
+Measured on {found["date"]}. The emulated core beside this machine, with the same contraction:
+{frames} and {states} differ."""
 
 
 def alarms(rows: list[dict[str, Any]]) -> str:

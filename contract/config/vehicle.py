@@ -117,7 +117,7 @@ class SensorCheckConfig(Settings, section="ecu.sensor_check"):
     """How much further a sensor is from the estimate by the others than these are from each other, from which on it is
     set aside. Sound sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """The same for averages over two shedding cycles, in which small biases and drifts show. Sound sensors reach 14."""
+    """The same for averages over two shedding cycles, in which small biases and drifts show. Sound sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """How much better the pressures agree with two of them exchanged, from which on the wiring is in doubt. Sound
     sensors reach 0.9."""

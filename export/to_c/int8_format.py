@@ -125,7 +125,8 @@ def elu_points() -> npt.NDArray[np.uint32]:
     """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it; up to the largest int16."""
 
     def elu(x: Array) -> Array:
-        return np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
+        held: Array = np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
+        return held
 
     return _points(elu, ELU_RANGE)
 

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.ecu.in_c.edges import Edges
 from benchmarks.ecu.in_c.library import Layout, Library, sources
 from benchmarks.ecu.in_c.python_twin import Answers, Period, PythonTwin
-from benchmarks.ecu.in_c.traffic import Traffic
+from benchmarks.ecu.in_c.traffic import EDGES, Traffic
 from benchmarks.ecu.in_c.variants import VARIANTS
 
 MOVED: Final = 0.3
@@ -88,7 +88,7 @@ def recorded(
         if edges is not None and rng is not None and rng.random() < moved:
             state = twin.power_on if period.restarts else twin.ecu.state
             frames = period.frames if rng.random() < 0.5 else []
-            answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.9 else spoilt(period.answers, rng)
+            answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.7 else spoilt(period.answers, rng)
             near = replace(period, loads=edges.near(state, period.now_ns), frames=frames, answers=answers)
             twin.live_through(near, place)
         else:
@@ -96,6 +96,14 @@ def recorded(
         if modes is not None:
             modes[twin.ecu.state.fail_safe.mode.name] += 1
     return room
+
+
+def _begun_anew(periods: Iterator[Period]) -> Iterator[Period]:
+    """In front of them, an ECU that is switched on at each time where something could change, and steps once more."""
+    for now_ns in EDGES:
+        for restarts in (True, False):
+            yield replace(next(periods), now_ns=now_ns, restarts=restarts, frames=[])
+    yield from periods
 
 
 def spoilt(answers: Answers, rng: Random) -> Answers:
@@ -129,5 +137,6 @@ def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
     """Periods as bytes, for other programs; with an odd seed, nearly all of them are near an edge."""
     twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
-    room = recorded(twin, traffic(name, seed, twin.horizon), steps, edges=edges, rng=rng, moved=NEARLY_ALL)
+    periods = _begun_anew(traffic(name, seed, twin.horizon))
+    room = recorded(twin, periods, steps, edges=edges, rng=rng, moved=NEARLY_ALL)
     return bytes(layout.ffi.buffer(room))

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.command_line import track
+from benchmarks.ecu.in_c import gate_cases
 from benchmarks.ecu.in_c.library import Layout, sources
 from benchmarks.ecu.in_c.mutator import Mutant, all_mutated
 from benchmarks.ecu.in_c.variants import VARIANTS
@@ -32,6 +33,8 @@ TRAPPED: Final = (
 """Without a sanitiser's run-time library: what C does not define ends the process."""
 FUEL: Final = 100_000
 """Turns of loops in a period; sound code takes some thousands."""
+CALLS: Final = 4_000
+"""Of the gate by itself."""
 SECONDS: Final = 60
 """Of computing, after which a mutant counts as one that does not end."""
 _TYPES: Final = {
@@ -57,11 +60,13 @@ class Mutation:
         library: all of them, compiled.
         layout: of its periods.
         mutants: by number.
+        calls: of the gate by itself.
     """
 
     library: Path
     layout: Layout
     mutants: Sequence[Mutant]
+    calls: list[gate_cases.Case]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +129,10 @@ def build(
     library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
     compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
     layout = Layout(contents)
+    layout.ffi.cdef(gate_cases.DECLARATION)
     layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
-    return Mutation(library=library, layout=layout, mutants=mutants)
+    calls = gate_cases.cases(VARIANTS[name], CALLS)
+    return Mutation(library=library, layout=layout, mutants=mutants, calls=calls)
 
 
 def plain(contents: Mapping[str, bytes], file: str) -> str:
@@ -153,10 +160,10 @@ def survivors(
     size = ffi.sizeof("twin_period")
     c = ffi.dlopen(str(mutation.library))
     arrays = [(ffi.from_buffer("twin_period[]", item), len(item) // size) for item in recordings]
-    return [number for number in numbers if _survives(c, mutation.layout, arrays, number, slice_of)]
+    return [number for number in numbers if _survives(c, mutation, arrays, number, slice_of)]
 
 
-def _survives(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+def _survives(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
     child = os.fork()
     if child:
         return os.waitpid(child, 0)[1] == 0
@@ -166,17 +173,20 @@ def _survives(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number:
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
         for name in (signal.SIGILL, signal.SIGSEGV, signal.SIGFPE, signal.SIGBUS, signal.SIGABRT, signal.SIGXCPU):
             signal.signal(name, signal.SIG_DFL)
-        os._exit(0 if _goes_unnoticed(c, layout, arrays, number, slice_of) else 1)
+        os._exit(0 if _goes_unnoticed(c, mutation, arrays, number, slice_of) else 1)
     finally:
         os._exit(2)
 
 
-def _goes_unnoticed(c: Any, layout: Layout, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+    layout = mutation.layout
     ffi = layout.ffi
     room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
     ecu = ffi.cast("sw_ecu *", room)
     c.sw_mutant = number
     c.sw_mutate()
+    if not gate_cases.is_passed(c, mutation.calls):
+        return False
     for array, count in arrays:
         for start in range(0, count, slice_of):
             part = min(slice_of, count - start)

@@ -9,6 +9,7 @@ from benchmarks.ecu.in_c.library import Layout
 from benchmarks.ecu.in_c.variants import bundle_of
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.config.tree import Config
@@ -97,6 +98,7 @@ class PythonTwin:
         bundle = bundle_of(config)
         self.horizon, self.window = bundle.manifest.mpc.horizon, bundle.manifest.window
         self.config, self.layout = config, layout
+        self._pressure_id = message_set(config.bus).pressure.spec.frame_id
         self.networks = Networks(silent(self.horizon))
         self.ecu = Ecu(bundle, self.networks, config)
         figures = bundle.manifest.sensor_estimator
@@ -125,6 +127,8 @@ class PythonTwin:
         place.count = len(period.frames)
         for item, frame in zip(place.frames, period.frames, strict=False):
             fill_frame(item, frame)
+        for item in (place.not_first, place.frames[len(period.frames)]):
+            item.id = self._pressure_id
         told = place.answers
         told.is_planned = answers.is_planned
         copy(ffi, told.plan, answers.plan.astype(np.float32))

@@ -48,7 +48,7 @@ def sources_and_rows(program: ControllerProgram, precision: str) -> tuple[dict[s
 
 
 def of_an_ecu(iterations: int, core: Core = CORTEX_M7) -> mcu.Measurement:
-    """The release's size: 96-wide dynamics, 64-wide decoder, 25 steps, int8."""
+    """A size above the release's 64/32: 96-wide dynamics, 64-wide decoder, 25 steps, int8."""
     model = ModelConfig(dynamics_width=96, decoder_width=64)
     program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
     return mcu.measure(*sources_and_rows(program, "int8"), core=core)

@@ -20,7 +20,8 @@ typedef struct {
     uint8_t loads;    /* it starts from `before`, whatever was */
     sw_surroundings surroundings;
     int32_t count;
-    sw_frame frames[TWIN_FRAMES];
+    sw_frame not_first; /* none that came, but looks like it; so does the one behind the last */
+    sw_frame frames[TWIN_FRAMES + 1];
     twin_answers answers;
     sw_ecu_state before;
 } twin_stimulus;

@@ -114,7 +114,7 @@ def built(
     compiler = ["gcc"] if shutil.which("gcc") else host_compiler()
     used = [flag for flag in flags if compiler == ["gcc"] or "sanitize" not in flag]
     root = files("export.to_c").joinpath("sources/ecu")
-    contents = headers() | generated
+    contents = headers() | dict(generated)
     path = folder / "sensors.so"
     compile_c(
         contents | {name: root.joinpath(name).read_bytes() for name in names},

@@ -87,7 +87,8 @@ def test_it_computes_the_same_bits_with_vector_instructions(estimator, tmp_path,
 def test_a_view_without_anything_to_say_has_the_biases_estimate(tmp_path, shared_builds, onnx_estimator):
     """All hidden activations are 0: there is no largest one to scale by."""
     silent = replace(
-        NETWORK, layers=[(weight, np.full_like(bias, -1e3)) for weight, bias in NETWORK.layers[:2]] + NETWORK.layers[2:]
+        NETWORK,
+        layers=[(weight, np.full_like(bias, -1e3)) for weight, bias in NETWORK.layers[:2]] + [*NETWORK.layers[2:]],
     )
     parts = built(estimator_files(graph(silent)), FILES, tmp_path, shared_builds.compile_c)
     expected = NETWORK.mean[:4] + NETWORK.std[:4] * NETWORK.layers[2][1]

@@ -1,6 +1,8 @@
 """The ECU in C and the Python ECU side by side: the same frames, times and answers of the networks, to the bit."""
 
+from collections import Counter
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 from benchmarks.ecu.in_c import campaign
 from benchmarks.ecu.in_c.edges import Edges
-from benchmarks.ecu.in_c.library import Library, sources
+from benchmarks.ecu.in_c.library import Layout, Library, sources
 from benchmarks.ecu.in_c.planted import PLANTED
 from benchmarks.ecu.in_c.python_twin import Answers, Period, PythonTwin
 from benchmarks.ecu.in_c.traffic import EDGES, FAULTS, Traffic
@@ -60,14 +62,10 @@ def test_the_traffic_reaches_every_mode_and_keeps_control_for_long():
 
 
 def _layout(name):
-    from benchmarks.ecu.in_c.library import Layout
-
     return Layout(sources(VARIANTS[name]))
 
 
 def _modes_of(twin, name, seed):
-    from collections import Counter
-
     modes = Counter[str]()
     rng = Random(seed)
     edges = Edges(VARIANTS[name], rng) if seed == "1" else None
@@ -94,10 +92,10 @@ def test_a_fault_that_is_planted_in_c_is_found(planted, tmp_path):
 def test_a_mismatch_says_where_it_is_and_happens_again(tmp_path):
     planted = PLANTED[1]
     broken = Library(planted.into(sources(VARIANTS[planted.variant])), tmp_path / "broken.so")
-    first, again = (campaign.stretch(broken, planted.variant, "0", 400).mismatch for _ in range(2))
+    first, again = (campaign.stretch(broken, planted.variant, "1", 400).mismatch for _ in range(2))
     assert first == again
     assert first is not None
-    assert any(text.startswith("frames[0].data: [") and "in Python" in text and "in C" in text for text in first.fields)
+    assert first.fields == ("state.command_counter: 0 in Python, 1 in C",)
 
 
 # --- by hypothesis ---
@@ -105,7 +103,7 @@ def test_a_mismatch_says_where_it_is_and_happens_again(tmp_path):
 NUMBERS = st.one_of(
     st.floats(width=32),
     st.sampled_from([float("nan"), float("inf"), -float("inf"), 0.0, -0.0, 3.4e38, -3.4e38, 0.15, -0.15]),
-    st.floats(-0.2, 0.2, width=32),
+    st.floats(-0.25, 0.25, width=32),
 )
 PRESSURES = st.builds(
     Pressure,
@@ -131,7 +129,6 @@ class BothEcus(RuleBasedStateMachine):
         config = VARIANTS[self.name]
         self.twin = PythonTwin(config, self.library.layout)
         self.message = message_set(config.bus).pressure
-        self.room = self.library.layout.periods(1)
         self.now_ns, self.counter, self.restarts = 10**12, 0, True
         self.edges = Edges(config, Random(seed))
         self.numbers = np.random.default_rng(seed)
@@ -140,9 +137,10 @@ class BothEcus(RuleBasedStateMachine):
         answers = others.pop("answers", None) or self._answers([0.01] * 5)
         period = Period(now_ns=self.now_ns, frames=frames, answers=answers, restarts=self.restarts, **others)
         self.restarts = False
-        self.twin.live_through(period, self.room[0])
-        same = self.library.run(self.room, 1)
-        assert same == 1, self.library.layout.differences(self.room[0].response, self.library.found[0])
+        room = self.library.layout.periods(1)
+        self.twin.live_through(period, room[0])
+        same = self.library.run(room, 1)
+        assert same == 1, self.library.layout.differences(room[0].response, self.library.found[0])
 
     def _answers(self, plan):
         estimates = self.numbers.normal(0.0, 0.1, (34, 4)).astype(np.float32).astype(np.float64)
@@ -213,9 +211,9 @@ class BothEcus(RuleBasedStateMachine):
 
 @pytest.mark.parametrize("name", ["quick to doubt", "late actuator, long windows"])
 def test_both_ecus_make_the_same_of_whatever_comes(library, name):
-    machine = type("Both", (BothEcus,), {"library": library(name), "name": name})
+    machine: Any = type("Both", (BothEcus,), {"library": library(name), "name": name})
     test = machine.TestCase
-    test.settings = examples(40, stateful_step_count=30, deadline=None)
+    test.settings = examples(30, stateful_step_count=30, deadline=None)
     test().runTest()
 
 

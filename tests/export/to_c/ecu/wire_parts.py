@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import cffi  # type: ignore[import-untyped]
+import cffi
 
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet, message_set

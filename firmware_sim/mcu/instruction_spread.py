@@ -1,0 +1,65 @@
+"""Whether a control step's work depends on its data: instructions over many windows, each on the emulated core."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import McuError
+from firmware_sim.mcu.build import compile_for_cortex_m7
+from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.emulator import Machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstructionSpread:
+    """Instructions of a control step over many windows.
+
+    Attributes:
+        windows: how many.
+        fewest, most: instructions, those that a condition skips counted as run.
+        unlike: windows whose count is not the most frequent one.
+    """
+
+    windows: int
+    fewest: int
+    most: int
+    unlike: int
+
+
+def instruction_spread(
+    sources: Mapping[str, bytes], windows: Iterable[Array], *, done: Callable[[int], None] = lambda count: None
+) -> InstructionSpread:
+    """Run a control step on each window, from the plan that the one before left.
+
+    Args:
+        sources: a library's files by name.
+        windows: (L, S+1) each.
+        done: called with the number of windows that have run.
+
+    Raises:
+        McuError: the library does not compile or run, or there is no window.
+    """
+    machine = Machine(read_elf(compile_for_cortex_m7(sources)))
+    counter = machine.block_counter()
+    machine.call("mcu_reset")
+    counts = []
+    for number, window in enumerate(windows, start=1):
+        # The step moves the window on by a row, so it is written a row behind.
+        machine.write("mcu_input", np.concatenate([window[:1], window[:-1]]).astype("<f4").tobytes())
+        machine.write("mcu_row", window[-1].astype("<f4").tobytes())
+        counter.start()
+        if machine.call("mcu_step") != 0:
+            raise McuError(f"window {number}: a number is not finite")
+        counts.append(counter.total()[0])
+        done(number)
+    if not counts:
+        raise McuError("no windows to run")
+    found, often = np.unique(counts, return_counts=True)
+    return InstructionSpread(
+        windows=len(counts),
+        fewest=int(found.min()),
+        most=int(found.max()),
+        unlike=int(len(counts) - often.max()),
+    )

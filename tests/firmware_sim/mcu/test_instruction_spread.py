@@ -1,0 +1,60 @@
+"""The work of a control step does not depend on its data, and a library whose work does is found."""
+
+from typing import Final
+
+import numpy as np
+import pytest
+
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.errors import McuError
+from export.program.random_program import random_program, random_window
+from export.release.lowering import int8_library
+
+pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
+pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
+
+from firmware_sim.mcu.instruction_spread import instruction_spread
+
+pytestmark = pytest.mark.mcu
+
+END: Final = b"    return finite ? SW_OK : SW_NOT_FINITE;"
+PROGRAM: Final = random_program(
+    0,
+    model=ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8),
+    mpc=MpcConfig(horizon=6, iterations=2),
+)
+
+
+def windows(count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    return [random_window(PROGRAM, rng) for _ in range(count)]
+
+
+@pytest.fixture(scope="module")
+def sources() -> dict[str, bytes]:
+    return int8_library(PROGRAM, windows(4))
+
+
+def test_the_work_does_not_depend_on_the_data(sources):
+    """What conditions skip counts as run, so that the comparisons of the cost do not show."""
+    found = instruction_spread(sources, windows(60))
+    assert found.windows == 60
+    assert found.fewest > 10_000
+    assert (found.most - found.fewest, found.unlike) == (0, 0)
+
+
+def test_work_that_does_is_found(sources):
+    loop = (
+        b"    if (input->window[0][0] > -0.3f) {\n        for (volatile int i = 0; i < 50; i++) {\n        }\n    }\n"
+    )
+    step = sources["sw_control_step.c"]
+    assert END in step
+    found = instruction_spread(sources | {"sw_control_step.c": step.replace(END, loop + END)}, windows(40))
+    assert found.most - found.fewest >= 50
+    assert 0 < found.unlike < 40
+
+
+def test_no_windows_are_refused(sources):
+    with pytest.raises(McuError, match="no windows"):
+        instruction_spread(sources, [])
