@@ -21,10 +21,12 @@
 #endif
 #endif
 
-/* Each operation must round to the type it is of. GCC and Clang say so before any header is read. */
+/* Each operation must round to the type it is of, which 0 says, and 16 where there are types of 16 bits. GCC and Clang
+ * say so before any header is read.
+ */
 #if defined(__FLT_EVAL_METHOD__)
-#if __FLT_EVAL_METHOD__ != 0
-#error "FLT_EVAL_METHOD must be 0, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
+#if __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
+#error "FLT_EVAL_METHOD must be 0 or 16, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
 #endif
 #endif
 #if defined(__DBL_MANT_DIG__)
