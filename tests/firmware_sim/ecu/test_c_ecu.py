@@ -209,6 +209,20 @@ def test_padding_of_its_surroundings_does_not_reach_its_state(c, sources):
     assert c.saved() == other.saved()
 
 
+def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, python):
+    """As its header says: the same memory for both, and NULL without frames."""
+    ffi = c.structs.ffi
+    for now_ns, frames in Feed().periods(INTO_CONTROL + 4, lost=(3, INTO_CONTROL + 1)):
+        place = ffi.new("sw_frame[]", max(2, len(frames)))
+        ffi.memmove(place, c.structs.frames(frames), len(frames) * ffi.sizeof("sw_frame"))
+        if frames:
+            assert c.lib.sw_ecu_step(c.ecu, now_ns, place, len(frames), place) == 2
+        else:
+            assert c.lib.sw_ecu_step(c.ecu, now_ns, ffi.NULL, 0, place) == 2
+        assert [c.structs.frame(item) for item in place[0:2]] == python.step(now_ns, frames)
+    assert c.trace.mode is Mode.CONTROL
+
+
 UNFIT = {
     "no question whether a number is one": "-ffinite-math-only",
     "double of 32 bits": "-D__DBL_MANT_DIG__=24",
