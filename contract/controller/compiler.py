@@ -23,8 +23,9 @@ def host_compiler() -> list[str]:
     Raises:
         LibraryError: there is none.
     """
-    if os.environ.get("CC"):
-        return os.environ["CC"].split()
+    named = os.environ.get("CC", "").split()
+    if named:
+        return named
     for name in ("cc", "gcc", "clang"):
         found = shutil.which(name)
         if found:

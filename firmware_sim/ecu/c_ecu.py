@@ -29,6 +29,7 @@ from firmware_sim.ecu.library_controller import check_program
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 """Flags with which the ECU decides to the bit as the one in Python: GCC reads no pragma against contraction."""
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
+_UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 ESTIMATOR: Final = "sw_estimator_settings.h"
 """Generated for a release with a sensor estimator."""
@@ -122,7 +123,7 @@ class CEcu(CEcuState):
                 sizes = self._library.sw_ecu_state_bytes(), self._library.sw_ecu_bytes()
                 self._run = self._library.sw_ecu_step
             except (OSError, AttributeError) as error:
-                raise LibraryError(f"the compiled library does not load: {error}") from error
+                raise LibraryError(f"the compiled library does not load: {_why(error)}; export it anew") from error
         expected = structs.size("sw_ecu_state")
         if sizes[0] != expected:
             raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, and {expected} by its header")
@@ -161,6 +162,12 @@ class CEcu(CEcuState):
         received = self.structs.frames(frames)
         count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)
         return [self.structs.frame(self._answers[i]) for i in range(count)]
+
+
+def _why(error: Exception) -> str:
+    """In one line: cffi's message names the file, twice, and what else it tried."""
+    symbol = _UNDEFINED.search(str(error))
+    return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
 
 def bundle_hash_of(sources: Mapping[str, bytes]) -> int:

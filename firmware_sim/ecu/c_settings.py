@@ -28,18 +28,22 @@ from contract.release.bundle import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.sensor_check import MOVING, NOISE_ALLOWED, SCORE_PERIODS
+from firmware_sim.ecu.timing import LATEST_NS
 
 HEADER: Final = ECU_SETTINGS
 _MOST: Final = {
     "ecu.loss_window": 64,
     "ecu.deadline_window": 32,
     "bus.e2e.window": 255,
-    "ecu.deadline_misses": 2**30,
-    "ecu.hold_periods": 2**30,
-    "ecu.decay_periods": 2**30,
-    "ecu.rearm_frames": 2**30,
+    "ecu.deadline_misses": 2**29,
+    "ecu.hold_periods": 2**29,
+    "ecu.decay_periods": 2**29,
+    "ecu.rearm_frames": 2**29,
+    "ecu.sensor_check.doubt_periods": 2**29,
+    "ecu.sensor_check.flat_periods": 2**29,
 }
-"""Most periods that the C ECU's state has room for, and that two of can be added."""
+"""Most periods that the C ECU's state has room for; those that are added have room in an int together."""
+_MOST_FROZEN: Final = 15
 _LONGEST_PERIOD_NS: Final = 2**53
 """Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
 
@@ -71,8 +75,14 @@ def _check(config: Config) -> None:
             raise ConfigError(f"{name} = {value}: the ECU in C takes at most {most}")
     if config.period_ns > _LONGEST_PERIOD_NS:
         raise ConfigError(f"a control period of {config.period_ns} ns: the ECU in C takes at most {_LONGEST_PERIOD_NS}")
-    if not config.ecu.frozen_actions < 16:
-        raise ConfigError(f"ecu.delay_steps = {config.ecu.delay_steps}: the ECU in C takes at most 14")
+    if config.ecu.frozen_actions > _MOST_FROZEN:
+        most = _MOST_FROZEN - config.ecu.plan_ahead
+        raise ConfigError(f"ecu.delay_steps = {config.ecu.delay_steps}: the ECU in C takes at most {most}")
+    held_ns = GateLimits.from_config(config).held_age_ns
+    if held_ns > LATEST_NS:
+        raise ConfigError(
+            f"ecu.hold_periods and ecu.decay_periods come to {held_ns} ns: the ECU in C takes at most {LATEST_NS}"
+        )
 
 
 def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:

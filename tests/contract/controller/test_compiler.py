@@ -36,6 +36,9 @@ def test_without_a_compiler_the_error_names_the_remedy():
 def test_the_environment_comes_first(monkeypatch):
     monkeypatch.setenv("CC", "ccache gcc-14")
     assert host_compiler() == ["ccache", "gcc-14"]
+    monkeypatch.setenv("CC", "  ")
+    with pytest.raises(LibraryError, match="no C compiler"):
+        host_compiler()
 
 
 def test_a_program_is_compiled_and_runs(tmp_path, compiler):

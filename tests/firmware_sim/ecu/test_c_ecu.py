@@ -16,6 +16,7 @@ from contract.controller.host_library import CController
 from contract.controller.interface import Sizes
 from contract.errors import ConfigError, LibraryError
 from firmware_sim.ecu.c_ecu import CEcu, ecu_sources
+from firmware_sim.ecu.c_settings import ecu_settings
 from firmware_sim.ecu.c_structs import differing
 from firmware_sim.ecu.ecu import Ecu
 from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Exported, Feed, exported
@@ -153,6 +154,36 @@ def test_what_c_cannot_do_is_refused(release):
     with pytest.raises(ConfigError, match=r"ecu\.loss_window"):
         long = replace(CONFIG.ecu, loss_window=65)
         ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=long))
+    with pytest.raises(ConfigError, match=r"ecu\.sensor_check\.doubt_periods"):
+        check = replace(CONFIG.ecu.sensor_check, doubt_periods=2**30)
+        ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)))
+
+
+@pytest.mark.parametrize(("plan_ahead", "most"), [(True, 14), (False, 15)])
+def test_the_longest_delay_is_named_as_it_is(release, plan_ahead, most):
+    manifest = release.bundle.manifest
+    longer = replace(release.bundle, manifest=replace(manifest, mpc=replace(manifest.mpc, horizon=25)))
+
+    def settings(delay_steps: int) -> bytes:
+        ecu = replace(CONFIG.ecu, plan_ahead=plan_ahead, delay_steps=delay_steps)
+        return ecu_settings(longer, replace(CONFIG, ecu=ecu))
+
+    assert b"#define SW_FROZEN_ACTIONS 15\n" in settings(most)
+    with pytest.raises(ConfigError, match=f"takes at most {most}$"):
+        settings(most + 1)
+
+
+def test_the_largest_settings_that_are_taken_compile(release):
+    """Sums of them have room in C's types; warnings are errors. One more is refused."""
+    most = 2**29
+    largest = replace(
+        CONFIG.ecu, hold_periods=most, decay_periods=most, rearm_frames=most, loss_window=64, deadline_window=32
+    )
+    c = CEcu(ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=largest)), flags=FLAGS)
+    for now_ns, frames in Feed().periods(3):
+        c.step(now_ns, frames)
+    with pytest.raises(ConfigError, match=r"ecu\.hold_periods = 536870913"):
+        ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=replace(largest, hold_periods=most + 1)))
 
 
 def test_the_check_is_off_where_the_release_has_no_estimator(release):
@@ -161,8 +192,50 @@ def test_the_check_is_off_where_the_release_has_no_estimator(release):
 
 
 def test_a_header_without_its_sources_does_not_load(sources):
-    with pytest.raises(LibraryError, match="does not load"):
+    with pytest.raises(LibraryError) as raised:
         CEcu({name: text for name, text in sources.items() if name != "sw_gate.c"}, flags=FLAGS)
+    assert str(raised.value) == "the compiled library does not load: its sources lack sw_gate; export it anew"
+
+
+def test_padding_of_its_surroundings_does_not_reach_its_state(c, sources):
+    """States are compared as bytes, and padding of what the caller assigns may hold anything."""
+    ffi, other = c.structs.ffi, CEcu(sources, flags=FLAGS)
+    ffi.buffer(ffi.addressof(c.ecu.surroundings))[:] = b"\xff" * ffi.sizeof("sw_surroundings")
+    for now_ns, frames in Feed().periods(2):
+        c.step(now_ns, frames)
+        other.step(now_ns, frames)
+    # What is not padding was written anew.
+    assert c.ecu.surroundings.health.rx_errors == 0
+    assert c.saved() == other.saved()
+
+
+def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, python):
+    """As its header says: the same memory for both, and NULL without frames."""
+    ffi = c.structs.ffi
+    for now_ns, frames in Feed().periods(INTO_CONTROL + 4, lost=(3, INTO_CONTROL + 1)):
+        place = ffi.new("sw_frame[]", max(2, len(frames)))
+        ffi.memmove(place, c.structs.frames(frames), len(frames) * ffi.sizeof("sw_frame"))
+        if frames:
+            assert c.lib.sw_ecu_step(c.ecu, now_ns, place, len(frames), place) == 2
+        else:
+            assert c.lib.sw_ecu_step(c.ecu, now_ns, ffi.NULL, 0, place) == 2
+        assert [c.structs.frame(item) for item in place[0:2]] == python.step(now_ns, frames)
+    assert c.trace.mode is Mode.CONTROL
+
+
+UNFIT = {
+    "no question whether a number is one": "-ffinite-math-only",
+    "double of 32 bits": "-D__DBL_MANT_DIG__=24",
+    "more digits than the type has": "-D__FLT_EVAL_METHOD__=2",
+}
+
+
+@pytest.mark.parametrize("flag", UNFIT.values(), ids=UNFIT)
+def test_arithmetic_in_which_its_decisions_would_differ_is_refused(sources, flag):
+    name = flag.removeprefix("-D").partition("=")[0]
+    undefined = (f"-U{name}",) if flag.startswith("-D") else ()
+    with pytest.raises(LibraryError, match="#error"):
+        CEcu(sources, flags=(*FLAGS, *undefined, flag))
 
 
 def test_frames_that_are_no_pressures_go_past_it(c, python):

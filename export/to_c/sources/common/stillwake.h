@@ -2,8 +2,8 @@
  *
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
  * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
- * the work of a step does not depend on the data. Compile the sources as C; C++ may include this header. sw_settings.h, generated, has the sizes and the hash of the trained
- * program.
+ * the work of a step does not depend on the data. Compile the sources as C; C++ may include this header. sw_settings.h,
+ * generated, has the sizes and the hash of the trained program.
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H

@@ -69,6 +69,15 @@ static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
     return (uint8_t)(off ? SW_REASON_BUS_OFF : SW_REASON_NONE);
 }
 
+/* Member by member: a copy of the whole would take padding along, and states are compared as bytes. */
+static void remember_health(sw_bus_health *health, const sw_bus_health *now)
+{
+    health->is_bus_off = now->is_bus_off;
+    health->bus_off = now->bus_off;
+    health->tx_errors = now->tx_errors;
+    health->rx_errors = now->rx_errors;
+}
+
 static uint8_t first_of(const uint8_t *reasons, int count)
 {
     uint8_t first = SW_REASON_NONE;
@@ -246,7 +255,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     const int32_t steps = steps_of(passed.flow_m2_per_s);
     const double action = (double)steps * SW_FLOW_RESOLUTION / SW_FLOW_SCALE; /* that the command leads to */
     sw_memory_commanded(&state->memory, action);
-    state->health = ecu->surroundings.health;
+    remember_health(&state->health, &ecu->surroundings.health);
     ecu->trace.action = action;
     ecu->trace.interventions = passed.interventions;
 

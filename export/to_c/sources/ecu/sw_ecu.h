@@ -40,7 +40,7 @@ extern "C" {
 
 /* A CAN frame; bytes beyond `length` are not read. */
 typedef struct {
-    int64_t timestamp_ns; /* when it was received, or handed over to be sent */
+    int64_t timestamp_ns; /* when it was received, or handed over to be sent; of the same clock as now_ns */
     uint32_t id;
     uint8_t is_extended; /* 29 bits of identifier */
     uint8_t is_fd;
@@ -92,7 +92,7 @@ typedef struct {
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* What the surroundings tell the ECU; the caller writes it before a step, and it stays. */
+/* What the surroundings tell the ECU; the caller writes it before a step, never while one runs, and it stays. */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
@@ -194,11 +194,14 @@ typedef struct {
     sw_ecu_work work;
 } sw_ecu;
 
-/* Power-on: nothing received, nothing sent, jets shut, the release's cost weights. */
+/* Power-on: nothing received, nothing sent, jets shut, the release's cost weights. Memory of zeros is no substitute: it
+ * would hold a wish for control that was seen low, and a sensor set aside.
+ */
 void sw_ecu_init(sw_ecu *ecu);
 
-/* One control period. frames_in has everything received since the last step, oldest first. Writes the frames to be sent
- * and returns how many.
+/* One control period that begins at now_ns. frames_in has everything received since the last step, oldest first; with a
+ * count of 0 it may be NULL. Writes the frames to be sent, over frames_in if that is the same memory, and returns how
+ * many. A step that takes longer than a period is seen in the next one, by that one's time.
  */
 int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT]);
 

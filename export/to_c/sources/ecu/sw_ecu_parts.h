@@ -11,6 +11,30 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
+/* The gate tells what is no number, and a compiler that may assume there is none leaves the question out. */
+#if defined(__FAST_MATH__)
+#error "the ECU's checks need IEEE arithmetic: compile without -ffast-math"
+#endif
+#if defined(__FINITE_MATH_ONLY__)
+#if __FINITE_MATH_ONLY__ > 0
+#error "the ECU's checks need numbers that are none: compile without -ffinite-math-only"
+#endif
+#endif
+
+/* Each operation must round to the type it is of, which 0 says, and 16 where there are types of 16 bits. GCC and Clang
+ * say so before any header is read.
+ */
+#if defined(__FLT_EVAL_METHOD__)
+#if __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
+#error "FLT_EVAL_METHOD must be 0 or 16, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
+#endif
+#endif
+#if defined(__DBL_MANT_DIG__)
+#if __DBL_MANT_DIG__ != 53
+#error "double: must have 64 bits; some compilers for microcontrollers need an option for it"
+#endif
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif

@@ -158,7 +158,8 @@ static int receive(int bus)
     return count;
 }
 
-/* A full queue is the bus's affair, and the next period's frames are newer; -1 if the interface fails. */
+/* Without waiting: a full queue is the bus's affair, and the next period's frames are newer; -1 if the interface fails.
+ */
 static int send_frames(int bus, const sw_frame *frames, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -169,7 +170,8 @@ static int send_frames(int bus, const sw_frame *frames, int count)
         frame.len = frames[i].length;
         frame.flags = frames[i].is_fd ? CANFD_BRS : 0;
         memcpy(frame.data, frames[i].data, sizeof frame.data);
-        if (write(bus, &frame, size) != (ssize_t)size && errno != ENOBUFS && errno != EAGAIN && errno != EINTR) return -1;
+        const ssize_t taken = send(bus, &frame, size, MSG_DONTWAIT);
+        if (taken != (ssize_t)size && errno != ENOBUFS && errno != EAGAIN && errno != EINTR) return -1;
     }
     return 0;
 }

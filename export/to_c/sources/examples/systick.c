@@ -129,10 +129,14 @@ static void start_clock(void)
     SYSTICK_CONTROL = 7; /* the core's clock, an interrupt, on */
 }
 
-/* Returns the number of the period that has begun. */
+/* Returns the number of the period that has begun. Between the look and the sleep no interrupt may be served, or it would
+ * be slept through; one that is pending ends the sleep all the same.
+ */
 static uint32_t next_period(uint32_t done)
 {
-    while (periods == done) __asm__ volatile("wfi");
+    __asm__ volatile("cpsid i" ::: "memory");
+    while (periods == done) __asm__ volatile("wfi\n cpsie i\n isb\n cpsid i" ::: "memory");
+    __asm__ volatile("cpsie i" ::: "memory");
     return periods;
 }
 

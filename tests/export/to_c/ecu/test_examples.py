@@ -5,6 +5,7 @@ QEMU takes 2 ns an instruction: a core of 480 MHz that issues about one a cycle.
 
 import os
 import re
+import select
 import shutil
 import signal
 import socket
@@ -156,6 +157,55 @@ def test_a_core_too_slow_for_the_period_is_noticed(image):
     assert figures["longest_us"] > 20_000
 
 
+LATER_AND_LATER = rb"""
+/* In place of the ECU: each step ends some instructions nearer to SysTick's next interrupt, and a few behind it. */
+#include "sw_ecu.h"
+
+static uint32_t more;
+
+void sw_ecu_init(sw_ecu *ecu) { (void)ecu; }
+
+int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT])
+{
+    const volatile uint32_t *ticks_left = (const volatile uint32_t *)0xe000e018u;
+    (void)ecu, (void)now_ns, (void)frames_in, (void)count;
+    for (int i = 0; i < SW_FRAMES_OUT; i++) frames_out[i].length = 0;
+    while (*ticks_left > 60u) {
+    }
+    for (uint32_t k = 0; k < more; k++) __asm__ volatile("nop");
+    more = (more + 1u) % 700u;
+    return SW_FRAMES_OUT;
+}
+"""
+SHORT_PERIOD_NS, MANY_PERIODS = 40_000, 1500
+
+
+@pytest.mark.mcu
+@needs_qemu
+def test_no_interrupt_is_slept_through_whenever_a_step_ends(folder, built_for, tmp_path, shared_builds):
+    """One that came between the look at the period and the sleep would cost a whole period."""
+    config, messages = built_for
+    compiler = zig_compiler()
+    if compiler is None:
+        pytest.skip("ziglang (extra mcu) is not installed")
+    period = f"#define SW_PERIOD_NS INT64_C({config.period_ns})".encode()
+    assert period in folder[HEADER]
+    length = messages.pressure.spec.length
+    contents = {name: text for name, text in folder.items() if name.endswith((".h", ".ld"))} | {
+        "systick.c": folder["systick.c"],
+        "step.c": LATER_AND_LATER,
+        HEADER: folder[HEADER].replace(period, f"#define SW_PERIOD_NS INT64_C({SHORT_PERIOD_NS})".encode()),
+        "pressures.h": (
+            f'#include "sw_ecu.h"\n#define PRESSURE_PERIODS {MANY_PERIODS}u\n'
+            f"static const uint8_t pressures[PRESSURE_PERIODS][{length}];\n"
+        ).encode(),
+    }
+    path = tmp_path / "ecu.elf"
+    shared_builds.compile_c(contents, path, compiler=compiler, flags=CORTEX_M7)
+    status, _, figures = emulated(path, shift=1)
+    assert (status, figures["steps"], figures["left_out"]) == (0, MANY_PERIODS, 0)
+
+
 BUS = rb"""
 /* In place of a CAN interface: a socket that the test holds the other end of. Times of arrival are the kernel's. */
 #include <stdlib.h>
@@ -300,6 +350,38 @@ def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program
     last = lived.commands[-3:]
     assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
     assert all(command.next_period == config.ecu.plan_ahead for command in lived.commands)
+
+
+@pytest.mark.processes
+def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_program):
+    """Nobody reads: after some frames a send would wait, and the program with it, even at its end."""
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    # So that few frames fill it.
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    environment = os.environ | {"BUS": str(theirs.fileno())}
+    with (
+        ours,
+        theirs,
+        subprocess.Popen(
+            [program, "can0"], env=environment, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE
+        ) as running,
+    ):
+        try:
+            is_full(theirs)
+            running.send_signal(signal.SIGTERM)
+            assert running.wait(timeout=60) == 0
+        finally:
+            running.kill()
+
+
+def is_full(bus: socket.socket, most_s: float = 60.0) -> None:
+    """Return when this end takes nothing more."""
+    poller, end = select.poll(), time.monotonic() + most_s
+    poller.register(bus, select.POLLOUT)
+    while poller.poll(0):
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 @pytest.mark.compiler
