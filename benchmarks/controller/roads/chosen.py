@@ -18,13 +18,14 @@ REACH: Final = 5.1e-3
 """Iterations times learning rate of the release: how far a control step may move an action."""
 RELEASE: Final = Road(name="Adam", rule=adam, rate=REACH / 3, iterations=3)
 IN_THE_LOOP: Final = (
-    ("Adam", 3),
-    ("fixed Gauss-Newton", 1),
-    ("fixed Gauss-Newton", 2),
-    ("Gauss-Newton", 1),
     ("Adam", 1),
     ("Adam", 2),
+    ("Adam", 3),
     ("Adam, learned start", 1),
+    ("fixed Gauss-Newton", 1),
+    ("fixed Gauss-Newton, half the step", 1),
+    ("fixed Gauss-Newton, half the step", 2),
+    ("Gauss-Newton", 1),
 )
 """Names and iterations of the roads that close the loop."""
 
@@ -50,7 +51,8 @@ def chosen_roads(curvature: Array, proposal: Proposal) -> Sequence[Road]:
         *(of_adam(f"Adam, {blocks} blocks", n, Blocked(blocks)) for blocks in (5, 8, 13) for n in (2, 3)),
         *(newton("tridiagonal", n, Newton(30.0, "none"), 1.0) for n in (1, 2)),
         *(newton("Gauss-Newton", n, Newton(1.0, "exact"), 0.5) for n in (1, 2)),
-        *(newton("fixed Gauss-Newton", n, Newton(1.0, curvature), 1.0) for n in (1, 2, 3)),
+        *(newton("fixed Gauss-Newton", n, Newton(1.0, curvature), 1.0) for n in (1, 2)),
+        *(newton("fixed Gauss-Newton, half the step", n, Newton(1.0, curvature), 0.5) for n in (1, 2)),
         *(
             Road(name="Adam, learned start", rule=adam, rate=REACH / n, iterations=n, proposal=proposal)
             for n in (1, 2, 3)

@@ -80,9 +80,10 @@ def main(
     proposal = learn(Sequences.of(program, first, 12, 50), RELEASE, weight_sets=12, passes=4, seed=seed)
     curvature = average_curvature(Sequences.of(program, first, 3, LEAD + 30, _SETTLED), weights)
     roads = chosen_roads(curvature, proposal)
-    rows = measured(Sequences.of(program, second, stretches, LEAD + 4 * _EVERY, _SETTLED), roads, weights)
     folder = parts / trained.weights_sha256[:12]
     folder.mkdir(parents=True, exist_ok=True)
+    given = Sequences.of(program, second, stretches, LEAD + 4 * _EVERY, _SETTLED)
+    rows = part(folder / f"gaps_{stretches}_{seed}.json", partial(measured, given, roads, weights))
     for row, road in zip(rows, roads, strict=True):
         row["multiply_accumulates"] = road.multiply_accumulates(program)
         row["modelled_ms_480"] = modelled_cycles(road, program, cycles) / 480e3
