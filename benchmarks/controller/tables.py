@@ -5,6 +5,7 @@ from typing import Final
 
 from benchmarks.common.markdown import read, table
 from benchmarks.controller import truncation_tables
+from benchmarks.controller.roads import tables as road_tables
 
 _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
@@ -21,6 +22,7 @@ def tables(results: Path) -> dict[str, str]:
         "mcu": mcu(results / "mcu.json"),
         "parallel_in_time": parallel_in_time(results / "parallel_in_time.json"),
         **truncation_tables.tables(results),
+        **road_tables.tables(results),
     }
 
 
