@@ -21,7 +21,7 @@ IN_THE_LOOP: Final = (
     ("Adam", 1),
     ("Adam", 2),
     ("Adam", 3),
-    ("Adam, learned start", 1),
+    ("Adam, 13 blocks", 2),
     ("fixed Gauss-Newton", 1),
     ("fixed Gauss-Newton, half the step", 1),
     ("fixed Gauss-Newton, half the step", 2),
