@@ -42,6 +42,7 @@ BEGINNINGS = (
     "wake.pictures.drawing.save_figure",
     "can_bridge.tools.raw_bus.open_bus",
     "firmware_sim.ecu.daemon.service.serve",
+    "firmware_sim.latency.running.recorded",
 )
 """Where the work of a command begins."""
 

@@ -94,8 +94,7 @@ def latency(
 
     Without --set bus.interface the bus is udp_multicast, in a group of its
     own. With --both and no --library the C library is one with random weights
-    of the release's size, as the shipped bundle has none: its time is the
-    same, its commands mean nothing.
+    of the release's size: its time is the same, its commands mean nothing.
 
     Exit status 3: the budget is broken.
     """

@@ -34,7 +34,7 @@ def write_stand_in(folder: Path, release: Bundle, config: Config) -> StandIn:
     Args:
         folder: of both.
         release: whose window, sensors, horizon, iterations, precision and vehicle it takes over.
-        config: whose `model` gives the widths of the networks.
+        config: whose `model` gives the widths of the networks that are deployed.
 
     Raises:
         LibraryError, ExportError, StillwakeError: it cannot be made or written.
@@ -45,7 +45,7 @@ def write_stand_in(folder: Path, release: Bundle, config: Config) -> StandIn:
     from export.release.lowering import lower
 
     manifest = release.manifest
-    model = replace(config.model, window=manifest.window)
+    model = replace(config.model.slim, window=manifest.window)
     program = random_program(
         SEED, model=model, mpc=manifest.mpc, action_limit=manifest.action_limit, sensors=manifest.sensors
     )
