@@ -136,8 +136,10 @@ def test_training_accepts_what_was_made_of_logs(place: Place, cli: Cli) -> None:
     made, settings = place.folder / "my.h5", place.folder / "my.toml"
     assert cli("dataset", "check", made).code == 0
     settings.write_text(cli("dataset", "show", made, "--settings").out)
-    small = ("train.epochs=1", "train.finish.epochs=1", "train.stream_epochs=1", "model.latent=2", "model.lstm_width=4")
-    small += ("train.predictor_lessons=64", "train.predictor_epochs=1")
+    small = (
+        *("train.epochs=1", "train.finish.epochs=1", "train.stream_epochs=1", "model.latent=2", "model.lstm_width=4"),
+        *("train.predictor_lessons=64", "train.predictor_epochs=1"),
+    )
     words = [word for one in small for word in ("--set", one)]
     trained = cli("train", place.folder / "model", "--dataset", made, "--config", settings, *words)
     assert trained.code == 0, trained.err
