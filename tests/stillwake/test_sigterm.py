@@ -97,6 +97,20 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return {name: text.encode() for name, text in texts.items()}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled(tmp_path_factory) -> None:
+    """The plant's kernels, before the first signal: one that comes amid numba's callbacks makes them say so."""
+    words = ["run", "out", "--lead-in", "0.2", "--controlled", "0.2", "--settle", "0", "--no-averages"]
+    subprocess.run(
+        [sys.executable, "-m", "stillwake", *words],
+        cwd=tmp_path_factory.mktemp("compiled"),
+        env={**os.environ, "PYTHONPATH": f"{HOME}:{HOME / 'data'}"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        check=False,
+    )
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_sigterm_ends_it_with_one_line_no_file_and_no_process(
     name: str, tmp_path: Path, inputs: dict[str, bytes]
