@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -17,8 +16,7 @@ from rich.table import Table
 from contract.atomic import replacing
 from contract.config.listing import as_toml, sections
 from contract.config.loading import Loaded
-from contract.config.tree import Config
-from contract.errors import ConfigError
+from contract.errors import ConfigError, LibraryError
 from contract.release.bundle import Bundle
 from contract.results import versions, write_result
 from stillwake.outputs import Overwrite, check_json, check_output
@@ -93,8 +91,8 @@ def latency(
     does. Every time counts from the instant that was scheduled.
 
     Without --set bus.interface the bus is udp_multicast, in a group of its
-    own. With --both and no --library the C library is one with random weights
-    of the release's size: its time is the same, its commands mean nothing.
+    own. With --both and no --library the C library is made from the shipped
+    model; that of another bundle must be named.
 
     Exit status 3: the budget is broken.
     """
@@ -108,8 +106,7 @@ def latency(
     release = open_release(bundle, trust)
     with ExitStack() as stack, replacing(output) as folder:
         folder.mkdir()
-        workplace = Path(stack.enter_context(TemporaryDirectory(prefix="stillwake-latency-")))
-        subjects = _subjects(release, bundle, trust, library, both=both, workplace=workplace, config=loaded.config)
+        subjects = _subjects(release, bundle, trust, library, both=both, stack=stack)
         runs = measured(subjects, loaded, folder, periods=periods, window=release.manifest.window)
         found = [[] if limits is None else verdicts(limits, run.counts, run.latencies) for run in runs]
         write_report(folder, runs, found)
@@ -235,9 +232,13 @@ def _subjects(
     library: Path | None,
     *,
     both: bool,
-    workplace: Path,
-    config: Config,
+    stack: ExitStack,
 ) -> list[Subject]:
+    """What is to be timed; a library that is made for it lasts as long as the stack.
+
+    Raises:
+        LibraryError: both are wanted of a bundle of one's own, and its library was not named.
+    """
     path, _ = locate(bundle, trust)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute(), key=trust)
@@ -246,11 +247,13 @@ def _subjects(
         return [onnx, c] if both else [c]
     if not both:
         return [onnx]
-    from stillwake.commands.bench.stand_in import write_stand_in
+    if bundle is not None:
+        raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
+    from stillwake.c_release import library_folder
 
-    made = write_stand_in(workplace, release, config)
-    about = f"C library of random weights, of the size of {release.manifest.name}"
-    return [onnx, Subject(name="c", about=about, bundle=made.bundle, key=None, library=made.library)]
+    console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
+    made = stack.enter_context(library_folder(None))
+    return [onnx, replace(onnx, name="c", about=f"{name}, C library", library=made)]
 
 
 def _print(run: "Measured", verdicts: "Sequence[Verdict]") -> None:

@@ -12,11 +12,8 @@ import pytest
 
 from contract.config.loading import load
 from contract.errors import ConfigError
-from contract.release import bundle as bundles
-from firmware_sim.ecu.library_controller import open_library
 from firmware_sim.latency.budget import read_budget
 from stillwake.commands.bench.latency import Subject, ecu_command, vehicle_command, with_bus
-from stillwake.commands.bench.stand_in import write_stand_in
 
 EXAMPLE = Path(__file__).parents[4] / "examples" / "latency_budget.toml"
 
@@ -72,27 +69,19 @@ def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch, argum
     assert list(tmp_path.iterdir()) == []
 
 
+def test_both_of_a_bundle_of_ones_own_need_its_library(cli, short_release, tmp_path):
+    found = cli("bench", "latency", tmp_path / "report", "--both", "--bundle", short_release)
+    assert found.code == 1
+    assert "--both: name the bundle's C library with --library" in found.err
+    assert not (tmp_path / "report").exists()
+
+
 def test_a_report_is_not_replaced_unasked(cli, tmp_path):
     (tmp_path / "report.md").write_text("mine")
     found = cli("bench", "latency", tmp_path)
     assert found.code == 1
     assert "--overwrite" in found.err
     assert (tmp_path / "report.md").read_text() == "mine"
-
-
-@pytest.mark.compiler
-def test_the_stand_in_is_a_bundle_with_its_own_library(short_release, tmp_path):
-    release = bundles.load(short_release)
-    small = ["model.latent=3", "model.lstm_width=8", "model.dynamics_width=16", "model.decoder_width=8"]
-    made = write_stand_in(tmp_path, release, load(overrides=small).config)
-    found = bundles.load(made.bundle)
-    assert (found.manifest.window, found.manifest.mpc, found.manifest.sensors) == (
-        release.manifest.window,
-        release.manifest.mpc,
-        release.manifest.sensors,
-    )
-    # Refused unless the library's header names the bundle's own program.
-    assert "C99 int8" in open_library(made.library, found).description
 
 
 @pytest.mark.processes
