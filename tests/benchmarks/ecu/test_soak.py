@@ -1,5 +1,7 @@
 """The soak adds up where nothing is wrong, and finds what was planted."""
 
+import gc
+import mmap
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -115,15 +117,20 @@ def test_a_frame_that_nobody_took_is_missed(release: Bundle, monkeypatch: pytest
 
 @pytest.mark.slow
 def test_memory_that_grows_is_found(release: Bundle, monkeypatch: pytest.MonkeyPatch) -> None:
-    """400 periods that keep 0.4 MB each: more than earlier tests left for use again."""
-    kept: list[Array] = []
+    """400 periods that keep 1 MB each, in maps of their own: what earlier tests freed is not used for them, and what
+    they left to be freed goes first.
+    """
+    kept: list[mmap.mmap] = []
     honest = Ecu.step
 
     def hoards(ecu: Ecu, *arguments: Any) -> list[Frame]:
-        kept.append(np.ones(400_000 // 8))
+        pages = mmap.mmap(-1, 1_000_000)
+        pages.write(b"\x01" * 1_000_000)
+        kept.append(pages)
         return honest(ecu, *arguments)
 
     monkeypatch.setattr(Ecu, "step", hoards)
+    gc.collect()
     found = soaked(release, 400, most_growth_mb=20.0)
     assert any("memory grew by" in line for line in found.failures)
 

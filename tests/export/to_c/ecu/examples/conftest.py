@@ -1,0 +1,47 @@
+"""The folder of a random release with its examples, for either set of messages."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from can_bridge.wire.message_sets import MessageSet, message_set
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
+from contract.release.bundle import load
+from export.program.random_program import random_program, random_windows
+from export.release.lowering import int8_library
+from export.to_c.folder_files import documents
+from export.to_c.library import ecu_sources, example_sources
+from firmware_sim.ecu.c_examples import PLAYED, played_pressures
+from firmware_sim.ecu.c_settings import HEADER, ecu_settings
+from tests.export.to_c.ecu.examples.contents import without
+from tests.export.to_c.ecu.wire_parts import FRAMES, vehicle
+
+MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
+"""Of the random release."""
+
+
+@pytest.fixture(scope="session", params=FRAMES)
+def built_for(request) -> tuple[Config, MessageSet]:
+    config = vehicle(request.param)
+    return config, message_set(config.bus)
+
+
+@pytest.fixture(scope="session")
+def exported(built_for, random_release) -> dict[str, bytes]:
+    """The files that `export --c` writes, but for recorded rows."""
+    config, _ = built_for
+    program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8))
+    windows = random_windows(program, 20)
+    library = int8_library(program, windows) | ecu_sources() | {HEADER: ecu_settings(load(random_release), config)}
+    played = {PLAYED: played_pressures(np.concatenate(windows), config)}
+    return library | example_sources() | played | documents(library)
+
+
+@pytest.fixture(scope="session")
+def folder(exported) -> dict[str, bytes]:
+    """The same flat and without documents: the tests' compiler takes no folders in folders."""
+    taken = {name: text for name, text in exported.items() if name.endswith((".c", ".h", ".ld"))}
+    return without({Path(name).name: text for name, text in taken.items()}, "replay.c")

@@ -1,0 +1,194 @@
+"""The example for Linux, against a bus that the test plays."""
+
+import os
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import MessageSet
+from can_bridge.wire.messages import JetCommand, Mode, Pressure
+from contract.config.tree import Config
+from contract.controller.compiler import host_compiler
+from tests.export.to_c.ecu.examples.contents import without
+
+BUS = rb"""
+/* In place of a CAN interface: a socket that the test holds the other end of. Times of arrival are the kernel's. */
+#include <stdlib.h>
+#include <sys/socket.h>
+
+int __wrap_socket(int domain, int type, int protocol);
+int __wrap_bind(int fd, const struct sockaddr *address, socklen_t size);
+int __wrap_ioctl(int fd, unsigned long request, ...);
+int __wrap_setsockopt(int fd, int level, int name, const void *value, socklen_t size);
+int __real_setsockopt(int fd, int level, int name, const void *value, socklen_t size);
+
+int __wrap_socket(int domain, int type, int protocol)
+{
+    (void)domain, (void)type, (void)protocol;
+    return atoi(getenv("BUS"));
+}
+
+int __wrap_bind(int fd, const struct sockaddr *address, socklen_t size)
+{
+    (void)fd, (void)address, (void)size;
+    return 0;
+}
+
+int __wrap_ioctl(int fd, unsigned long request, ...)
+{
+    (void)fd, (void)request;
+    return 0;
+}
+
+int __wrap_setsockopt(int fd, int level, int name, const void *value, socklen_t size)
+{
+    return level == SOL_SOCKET ? __real_setsockopt(fd, level, name, value, size) : 0;
+}
+"""
+WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
+FD_FRAME, CLASSIC_FRAME = struct.Struct("=IB3x64s"), struct.Struct("=IB3x8s")
+"""`struct canfd_frame` and `struct can_frame` of Linux."""
+BUS_OFF = CLASSIC_FRAME.pack(0x20000000 | 0x40, 8, bytes(8))
+"""An error frame: CAN_ERR_FLAG and CAN_ERR_BUSOFF of linux/can/error.h."""
+
+
+@pytest.fixture(scope="session")
+def linux_program(folder, tmp_path_factory, shared_builds) -> Callable[..., Path]:
+    """`main_socketcan.c` with a bus in place of the kernel's, or without."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("SocketCAN is Linux's")
+    contents = without(folder, "systick.c", "pressures.h", "mps2_an500.ld")
+    place = tmp_path_factory.mktemp("socketcan")
+
+    def build(name: str, *flags: str, **others: bytes) -> Path:
+        path = place / name
+        given = contents | {f"{other}.c": text for other, text in others.items()}
+        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off", *flags))
+        return path
+
+    return build
+
+
+def test_without_an_interface_the_linux_program_says_so(linux_program):
+    program = linux_program("ecu")
+    for arguments in ([], ["no_such_bus"]):
+        done = subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 1
+        assert done.stderr.startswith("usage: ecu INTERFACE: ")
+        assert done.stderr.count("\n") == 1
+
+
+@contextmanager
+def started(program: Path, bus: socket.socket) -> Iterator[subprocess.Popen[bytes]]:
+    """The Linux program on this end of the bus; it does not outlive the block."""
+    environment = os.environ | {"BUS": str(bus.fileno())}
+    with subprocess.Popen(
+        [program, "can0"], env=environment, pass_fds=[bus.fileno()], stderr=subprocess.PIPE
+    ) as running:
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+class Vehicle:
+    """The other end of the socket: sends pressures, hears commands, lets its wish fall and rise in a fault."""
+
+    def __init__(self, bus: socket.socket, config: Config, messages: MessageSet) -> None:
+        self._bus, self._config, self._messages = bus, config, messages
+        self._sender = E2eSender(messages.pressure.spec)
+        self._receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
+        self._wish, self._due = False, time.monotonic()
+        self.commands: list[JetCommand] = []
+
+    def until(self, holds: Callable[[JetCommand], bool], most_s: float = 60.0) -> None:
+        """Live until a command is as wanted; a loaded computer may need more than one try."""
+        end = time.monotonic() + most_s
+        while not (self.commands and holds(self.commands[-1])):
+            assert time.monotonic() < end, self.commands[-1:]
+            pressure = Pressure(
+                pressure_pa=(10.0, -20.0, 5.0, 0.0), valid=(True,) * 4, enable_request=self._wish, age_ns=0
+            )
+            frame = self._sender.frame(self._messages.pressure.emit(pressure), now_ns=0)
+            form = FD_FRAME if frame.is_fd else CLASSIC_FRAME
+            self._bus.send(form.pack(frame.frame_id, len(frame.data), frame.data))
+            self._due += self._config.period_ns * 1e-9
+            time.sleep(max(0.0, self._due - time.monotonic()))
+            self.hear()
+            if self.commands:
+                # A fault ends with a wish that rises.
+                self._wish = self.commands[-1].mode is not Mode.FAULT or len(self.commands) % 40 >= 20
+
+    def hear(self) -> None:
+        """Every frame that has come is one of ours, sound and in sequence."""
+        spec, status = self._messages.command.spec, self._messages.status.spec
+        for data in iter(self._received, b""):
+            form = FD_FRAME if spec.is_fd else CLASSIC_FRAME
+            identifier, length, content = form.unpack(data)
+            assert (identifier, length) in {(spec.frame_id, spec.length), (status.frame_id, status.length)}
+            if identifier == spec.frame_id:
+                reception = self._receiver.tick([Frame(frame_id=identifier, data=content[:length])])
+                assert reception.checks == (Check.OK,)
+                command = self._messages.command.parse(content[:length])
+                assert command is not None
+                self.commands.append(command)
+
+    def _received(self) -> bytes:
+        try:
+            return self._bus.recv(128)
+        except BlockingIOError:
+            return b""
+
+
+@pytest.mark.processes
+def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program, built_for):
+    config, messages = built_for
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    ours.setblocking(False)
+    lived = Vehicle(ours, config, messages)
+    with ours, theirs, started(program, theirs) as running:
+        lived.until(lambda command: command.mode is Mode.CONTROL and command.enable)
+        ours.send(BUS_OFF)
+        lived.until(lambda command: command.mode is Mode.FAULT)
+        assert not lived.commands[-1].enable
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=60) == 0
+        lived.hear()
+    last = lived.commands[-3:]
+    assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
+    assert all(command.next_period == config.ecu.plan_ahead for command in lived.commands)
+
+
+@pytest.mark.processes
+def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_program):
+    """Nobody reads: after some frames a send would wait, and the program with it, even at its end."""
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    # So that few frames fill it.
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    with ours, theirs, started(program, theirs) as running:
+        is_full(theirs)
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=60) == 0
+
+
+def is_full(bus: socket.socket, most_s: float = 60.0) -> None:
+    """Return when this end takes nothing more."""
+    poller, end = select.poll(), time.monotonic() + most_s
+    poller.register(bus, select.POLLOUT)
+    while poller.poll(0):
+        assert time.monotonic() < end
+        time.sleep(0.02)
