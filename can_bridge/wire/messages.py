@@ -51,6 +51,8 @@ class Reason(IntEnum):
     IMPLAUSIBLE = 10
     NOT_ARMED = 11
     OTHER_ECU = 12
+    NO_RELEASE = 13
+    UPDATING = 14
 
 
 class Pressure(NamedTuple):

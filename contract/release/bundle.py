@@ -12,7 +12,7 @@ there is one: it estimates the pressures from each other, for the ECU's sensor c
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -164,6 +164,8 @@ def renew(
     trusted: PublicKey | None = None,
     operating_point: Mapping[str, float] | None = None,
     weights: Mapping[str, float] | None = None,
+    security_version: int | None = None,
+    hardware: str | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
 ) -> Bundle:
     """Write a bundle of another version's DBC anew, with this version's, under another name, and sign it.
@@ -180,6 +182,7 @@ def renew(
         trusted: the key that must have signed the old bundle, as in `load`.
         operating_point: width, speed or density in place of the old bundle's, by name.
         weights: of the cost, in place of the old bundle's, by name.
+        security_version, hardware: in place of the old bundle's.
         estimator: called with the old manifest, makes a sensor estimator; without it, one that is there is kept.
 
     Raises:
@@ -195,6 +198,10 @@ def renew(
         manifest = replace(manifest, operating_point=point, budget_ms=point.period_ns(manifest.control_period) / 1e6)
     if weights:
         manifest = replace(manifest, mpc=replace(manifest.mpc, weights=replace(manifest.mpc.weights, **weights)))
+    if security_version is not None:
+        manifest = replace(manifest, security_version=security_version)
+    if hardware is not None:
+        manifest = replace(manifest, hardware=hardware)
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator(old.manifest))
     write(target, manifest, contents, key)
@@ -213,6 +220,20 @@ def load(path: Path, trusted: PublicKey | None = None) -> Bundle:
             names it, and the subclass is of its kind.
     """
     return _verified(path, read_files(path), trusted)
+
+
+def verified(name: str, found: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
+    """The bundle of files that are in memory, every check of `load` made.
+
+    Args:
+        name: for messages.
+        found: all its files.
+        trusted: keys, one of which must have signed it.
+
+    Raises:
+        BundleError: as `load`.
+    """
+    return _verified(Path(name), found, frozenset(trusted))
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
@@ -254,7 +275,13 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
     return checks
 
 
-def _verified(path: Path, found: Mapping[str, bytes], trusted: PublicKey | None, *, any_dbc: bool = False) -> Bundle:
+def _verified(
+    path: Path,
+    found: Mapping[str, bytes],
+    trusted: PublicKey | frozenset[PublicKey] | None,
+    *,
+    any_dbc: bool = False,
+) -> Bundle:
     """The bundle of these files; the first check that fails raises. Nothing is parsed before its signature is good."""
     raw, signature, contents = _taken_apart(path, found)
     signer = _verify_signature(path, raw, signature, trusted)
@@ -301,10 +328,15 @@ def _signature_found(path: Path, raw: bytes, signature: bytes | None, trusted: P
     return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
 
 
-def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: PublicKey | None) -> PublicKey | None:
+def _verify_signature(
+    path: Path, raw: bytes, signature: bytes | None, trusted: PublicKey | frozenset[PublicKey] | None
+) -> PublicKey | None:
+    """Who signed it; `trusted` are the keys of which one must have, or None where none need have."""
+    keys = frozenset({trusted}) if isinstance(trusted, PublicKey) else trusted
+    allowed = "no key that is trusted" if not keys else " or ".join(sorted(f"key {key.fingerprint}" for key in keys))
     if signature is None:
-        if trusted is not None:
-            raise BundleSignerError(f"bundle {path}: unsigned, must be signed by key {trusted.fingerprint}")
+        if keys is not None:
+            raise BundleSignerError(f"bundle {path}: unsigned, must be signed by {allowed}")
         return None
     try:
         signer = signing.signer(signature, raw)
@@ -312,10 +344,8 @@ def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: 
         raise BundleSignatureError(f"bundle {path}: {SIGNATURE} is damaged ({error})") from error
     if signer is None:
         raise BundleSignatureError(f"bundle {path}: bad signature: {MANIFEST} or {SIGNATURE} was altered")
-    if trusted is not None and signer != trusted:
-        raise BundleSignerError(
-            f"bundle {path}: signed by key {signer.fingerprint}, must be signed by key {trusted.fingerprint}"
-        )
+    if keys is not None and signer not in keys:
+        raise BundleSignerError(f"bundle {path}: signed by key {signer.fingerprint}, must be signed by {allowed}")
     return signer
 
 

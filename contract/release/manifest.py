@@ -22,13 +22,15 @@ from contract.release.printable import MAX_NAME, is_name, quoted, shown
 from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 
-SCHEMA: Final = "stillwake-bundle/4"
+SCHEMA: Final = "stillwake-bundle/5"
 NEW_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     SCHEMA: (),
-    "stillwake-bundle/3": ("sensor_estimator",),
-    "stillwake-bundle/2": ("sensor_estimator", "sensor_positions"),
+    "stillwake-bundle/4": ("security_version", "hardware"),
+    "stillwake-bundle/3": ("security_version", "hardware", "sensor_estimator"),
+    "stillwake-bundle/2": ("security_version", "hardware", "sensor_estimator", "sensor_positions"),
 }
-"""The schemas that are read, and the fields that came after each; a bundle of that schema has None there."""
+"""The schemas that are read, and the fields that came after each; a bundle of that schema has the default there."""
+LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
 """Of the window and of the horizon: hundreds of times the release's, and still no burden to allocate."""
@@ -109,6 +111,9 @@ class Manifest:
         provenance: settings, metrics and versions of the training, and what the export's gates measured.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None where nobody stated them.
         sensor_estimator: of `sensors.onnx`; None without that file.
+        security_version: an ECU on which a release with a greater one was confirmed refuses this one; raised when an
+            older release must not come back. 0 in older schemas, which no ECU with a store takes.
+        hardware: name of the ECU hardware that it may be flashed to; None for any.
     """
 
     name: str
@@ -129,10 +134,18 @@ class Manifest:
     provenance: Mapping[str, Any]
     sensor_positions: tuple[tuple[float, float], ...] | None = None
     sensor_estimator: SensorEstimator | None = None
+    security_version: int = 0
+    hardware: str | None = None
 
     def __post_init__(self) -> None:
         if not is_name(self.name):
             raise BundleManifestError(f"name {quoted(self.name)}: must be 1 to {MAX_NAME} printable characters")
+        if not 0 <= self.security_version <= LARGEST_SECURITY_VERSION:
+            raise BundleManifestError(
+                f"security_version = {self.security_version!r}: must be in 0..{LARGEST_SECURITY_VERSION}"
+            )
+        if self.hardware is not None and not is_name(self.hardware):
+            raise BundleManifestError(f"hardware {quoted(self.hardware)}: must be 1 to {MAX_NAME} printable characters")
         self._check_sensors()
         if self.sensor_estimator is not None:
             self._check_estimator(self.sensor_estimator)
@@ -201,6 +214,9 @@ class Manifest:
             raise BundleManifestError(str(error)) from error
 
 
+_DEFAULTS: Final = {item.name: item.default for item in fields(Manifest)}
+
+
 class Opened(NamedTuple):
     """A manifest whose own hash is right, taken apart: schema, fields, hashes of every file and of the DBC, its own."""
 
@@ -267,7 +283,7 @@ def parse(path: Path, opened: Opened) -> Manifest:
     for name in NEW_FIELDS[opened.schema]:
         if name in body:
             raise BundleManifestError(f"bundle {path}: {MANIFEST}: {name}: unknown in schema {opened.schema!r}")
-        body[name] = None
+        body[name] = _DEFAULTS[name]
     try:
         tree = _checked(Manifest, body)
         return dacite.from_dict(Manifest, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))

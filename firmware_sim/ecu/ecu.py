@@ -184,7 +184,7 @@ class Ecu:
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
             fault: for which the ECU must switch itself off, found by what is around it.
-            updating: a new bundle is to be written: the ECU shuts itself off for good, as soon as no jet may run.
+            updating: a new release is to be written: the ECU shuts itself off for good, as soon as no jet may run.
 
         Returns:
             A JetCommand and an EcuStatus.

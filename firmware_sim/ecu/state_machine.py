@@ -38,8 +38,7 @@ class OperatingMode(Enum):
     FAULT = auto()
     """The jets are shut and stay so until good frames have come and the wish rises anew."""
     UPDATE = auto()
-    """A new bundle is being written; a reset alone leads out. Whoever writes it says so (`Ecu.step`, `updating`); no
-    command of stillwake does yet."""
+    """A new release is being written; a reset alone leads out. Whoever writes it says so (`Ecu.step`, `updating`)."""
 
     @property
     def on_wire(self) -> Mode:
@@ -73,7 +72,7 @@ class PeriodInputs:
         unusable_because: why pressures are not usable; ignored if they are.
         window_full: the controller can plan.
         fault: for which the ECU must switch itself off in this period, whatever came.
-        updating: a new bundle is to be written.
+        updating: a new release is to be written.
     """
 
     usable: bool
@@ -132,6 +131,7 @@ def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
 
 
 NO_REASON: Final = Because("NONE", lambda period: Reason.NONE)
+WRITING: Final = Because("UPDATING", lambda period: Reason.UPDATING)
 QUIET: Final = Because("NONE; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NONE))
 STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NOT_ARMED))
 MISSING: Final = Because("why pressures are missing", _missing)
@@ -140,7 +140,7 @@ OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reaso
 FIRST: Final = Because("the first one stays", lambda period: period.kept)
 
 ALWAYS: Final = Condition("in any other case", lambda period: True)
-UPDATING: Final = Condition("a bundle is to be written", lambda period: period.inputs.updating)
+UPDATING: Final = Condition("a release is to be written", lambda period: period.inputs.updating)
 OWN_FAULT: Final = Condition(
     "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, controller",
     lambda period: period.inputs.fault is not None,
@@ -205,8 +205,8 @@ _WANTED: Final = "WARMUP ACTIVE HOLD DECAY"
 """Where control is wanted and no fault stands."""
 
 TRANSITIONS: Final = (
-    _row("UPDATE", ALWAYS, _S.UPDATE, NO_REASON),
-    _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, NO_REASON),
+    _row("UPDATE", ALWAYS, _S.UPDATE, WRITING),
+    _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, WRITING),
     _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, OWN),
     _row("FAULT", OWN_FAULT, _S.FAULT, FIRST),
     # Power-on, and no wish.

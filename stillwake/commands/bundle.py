@@ -55,6 +55,13 @@ def renew(
             metavar="DATASET", help="Fit a new sensor estimator for the bundle, from this data set: takes minutes."
         ),
     ] = None,
+    security_version: Annotated[
+        int | None,
+        typer.Option(help="An ECU that confirmed a greater one refuses this bundle; default: the old one's.", min=0),
+    ] = None,
+    hardware: Annotated[
+        str | None, typer.Option(help="Name of the only ECU hardware it may be flashed to; default: the old one's.")
+    ] = None,
     overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -79,6 +86,8 @@ def renew(
             trusted=trusted,
             operating_point=_given(loaded, "operating_point.", loaded.config.operating_point),
             weights=_given(loaded, "mpc.weights.", loaded.config.mpc.weights),
+            security_version=security_version,
+            hardware=hardware,
             estimator=None if sensors is None else partial(fitted_estimator, sensors, bar),
         )
     console.print(*describe(renewed), sep="\n", soft_wrap=True)
@@ -128,6 +137,8 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("created", manifest.created),
         ("signature", signature(release)),
         ("digest", release.digest),
+        ("security version", str(manifest.security_version)),
+        ("hardware", "any" if manifest.hardware is None else manifest.hardware),
         ("precision", manifest.precision),
         ("sensors", ", ".join(manifest.sensors)),
         *((f"position {name}", f"x {x:+.4f} W, y {y:+.4f} W") for name, (x, y) in positions),

@@ -28,6 +28,7 @@ typedef enum {
 typedef enum {
     NO_REASON,
     QUIET,   /* none; NOT_AUTHENTIC if no frame is */
+    WRITING,
     STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is */
     MISSING, /* why pressures are missing; none if they are not */
     OWN,     /* of the fault */
@@ -66,8 +67,8 @@ typedef struct {
 
 /* clang-format off */
 static const transition transitions[] = {
-    {UPDATE, ALWAYS, SW_UPDATE, NO_REASON},
-    {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, NO_REASON},
+    {UPDATE, ALWAYS, SW_UPDATE, WRITING},
+    {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, WRITING},
     {INIT | STANDBY | ARMED | WANTED, OWN_FAULT, SW_FAULT, OWN},
     {FAULT, OWN_FAULT, SW_FAULT, FIRST},
     /* Power-on, and no wish. */
@@ -166,6 +167,9 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
     switch (because_of) {
     case QUIET:
         reason = unless_refused(now, SW_REASON_NONE);
+        break;
+    case WRITING:
+        reason = SW_REASON_UPDATING;
         break;
     case STANDS:
         reason = unless_refused(now, SW_REASON_NOT_ARMED);
