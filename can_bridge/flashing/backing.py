@@ -1,0 +1,70 @@
+"""What the store's logic needs of the place it lies in: flash memory (`flash_backing`) or a folder (`folder_backing`).
+
+A backing promises two things about a loss of power. `keep` is atomic: afterwards the record is the old one or the new
+one. And whatever was written to a slot before the last `keep` of a `Kind.STATE` is still there.
+"""
+
+from collections.abc import Generator, Mapping
+from enum import IntEnum
+from typing import Final, Protocol, TypeVar
+
+T = TypeVar("T")
+
+Work = Generator[None, None, T]
+"""Long work in pieces: each `next` does one, of at most a few tens of milliseconds on a controller; the return value is
+the result. Whoever drives it can answer the bus in between, and throws it away when the session ends."""
+
+MAX_RECORD: Final = 8192
+"""Bytes of one record."""
+
+
+class Slot(IntEnum):
+    """Where an image lies."""
+
+    A = 0
+    B = 1
+
+    @property
+    def other(self) -> "Slot":
+        return Slot(1 - self)
+
+
+class Kind(IntEnum):
+    """Of the records that outlive a loss of power; of each the newest counts."""
+
+    STATE = 1
+    KEYS = 2
+    CALIBRATION = 3
+
+
+class Backing(Protocol):
+    """A place for two images and three records."""
+
+    @property
+    def capacity(self) -> int:
+        """Bytes that a slot holds."""
+        ...
+
+    def records(self) -> Mapping[Kind, bytes]:
+        """The newest whole record of each kind; missing where none was ever kept."""
+        ...
+
+    def keep(self, kind: Kind, record: bytes) -> None:
+        """Replace a record, of at most `MAX_RECORD` bytes. Raises MediumError if no place is left that works."""
+        ...
+
+    def clear(self, slot: Slot) -> Work[None]:
+        """Erase a slot, piece by piece. Raises MediumError if no place is left that works."""
+        ...
+
+    def begin_again(self, slot: Slot, length: int) -> None:
+        """After power-on, go on behind the first `length` bytes of a slot; what was written behind them is void."""
+        ...
+
+    def append(self, slot: Slot, data: bytes) -> None:
+        """Write behind what was written to a slot since it was cleared. Raises MediumError if it does not fit."""
+        ...
+
+    def read(self, slot: Slot, offset: int, length: int) -> bytes:
+        """Of what was appended; raises MediumError if the memory does not give it back."""
+        ...
