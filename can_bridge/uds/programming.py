@@ -55,10 +55,8 @@ class Programming:
         self._refusal = refusal
         self._report = report
         self._announced_length = 0
-        self._verdict: Verdict | None = None
         self._is_updating = False
         self._has_confirmed = False
-        self._has_reverted = False
 
     @property
     def is_updating(self) -> bool:
@@ -71,7 +69,6 @@ class Programming:
 
     def leave(self) -> None:
         self._store.drop()
-        self._verdict = None
 
     def read(self, did: Did) -> bytes:
         if did is Did.CAPACITY:
@@ -96,9 +93,9 @@ class Programming:
             elif routine is Routine.ERASE:
                 return (yield from self._announce(int.from_bytes(option[:4], "big"), option[4:]))
             elif routine is Routine.CHECK:
-                return (yield from self._check())
+                return bytes([(yield from self._store.finish())])
             elif routine is Routine.ACTIVATE:
-                self._activate()
+                self._store.activate()
             elif routine is Routine.SELF_TEST:
                 return (yield from self._inner.self_test())
             elif routine is Routine.CONFIRM:
@@ -138,23 +135,10 @@ class Programming:
 
     def _announce(self, length: int, sha256: bytes) -> Long[bytes]:
         self._check_preconditions()
-        self._verdict, self._has_reverted = None, False
-        self._is_updating = True
+        self._is_updating, self._has_confirmed = True, False
         offset = yield from self._store.announce(length, sha256)
         self._announced_length = length
         return offset.to_bytes(4, "big")
-
-    def _check(self) -> Long[bytes]:
-        if self._verdict is None:
-            self._verdict = yield from self._store.finish()
-        return bytes([self._verdict])
-
-    def _activate(self) -> None:
-        state = self._store.state
-        is_activated = state.on_trial is not None and state.on_trial != self._store.running
-        if state.checked is not None or not is_activated:
-            self._store.activate()
-        self._has_reverted = False
 
     def _confirm(self) -> None:
         running = self._store.running
@@ -166,12 +150,9 @@ class Programming:
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:
-        if self._has_reverted:
-            return
         verdict = yield from self._store.revert()
         if verdict != Verdict.GOOD:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the release before: {verdict.in_words}")
-        self._has_reverted = True
 
 
 @contextmanager
