@@ -81,7 +81,9 @@ class SimulatedFlash:
         self._size = sector_size
         self._powered = True
         self._limits = [
-            None if endurance is None else round(endurance * Random(f"{seed} wear {n}").uniform(1 - _SPREAD, 1 + _SPREAD))
+            None
+            if endurance is None
+            else round(endurance * Random(f"{seed} wear {n}").uniform(1 - _SPREAD, 1 + _SPREAD))
             for n in range(sectors)
         ]
         words = sector_size // WORD
