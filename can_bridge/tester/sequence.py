@@ -261,7 +261,7 @@ class _Flashing:
             self._asking.reset(times=1)
 
     def _is_ours(self, slot: SlotFacts | None) -> bool:
-        return slot is not None and slot.digest == self._digest
+        return slot is not None and slot.digest == self._digest != ""
 
 
 def digest_of(image: bytes) -> str:
