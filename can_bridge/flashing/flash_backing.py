@@ -133,7 +133,8 @@ class FlashBacking:
             if lies.tail_at <= at < lies.tail_at + len(lies.tail):
                 piece = lies.tail[at - lies.tail_at :][: end - at]
             else:
-                piece = self._read(slot, at, end - at)
+                before_tail = lies.tail_at if lies.tail and at < lies.tail_at else end
+                piece = self._read(slot, at, min(end, before_tail) - at)
             parts.append(piece)
             at += len(piece)
         return b"".join(parts)
