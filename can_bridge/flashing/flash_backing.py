@@ -59,6 +59,11 @@ class FlashBacking:
         """Bytes that a slot holds."""
         return self._needed * self._medium.sector_size
 
+    @property
+    def bad_sectors(self) -> frozenset[int]:
+        """Sectors that failed and are no longer used."""
+        return self._layout.bad
+
     def records(self) -> Mapping[Kind, bytes]:
         """The newest whole record of each kind."""
         return {kind: self._log.records[kind] for kind in Kind if kind in self._log.records}

@@ -80,8 +80,7 @@ def transfer(backing: Backing, witness: Witness, slot: Slot, number: int) -> Non
             witness.keep(backing, Kind.KEYS, image[:received][-90:])
 
 
-def run(
-    power_on: Callable[[], Backing], witness: Witness, plan: list[tuple[Slot, int]]) -> bool:
+def run(power_on: Callable[[], Backing], witness: Witness, plan: list[tuple[Slot, int]]) -> bool:
     """Power on, judge, and work through the plan from wherever it stands; whether that ended without a cut."""
     backing = power_on()
     witness.judge(backing)
