@@ -114,5 +114,5 @@ def test_what_the_system_refuses_is_one_line(tmp_path):
     with pytest.raises(MediumError, match="0 bytes are there, must be 5 or more"):
         backing.begin_again(Slot.A, 5)
     (tmp_path / "folder" / "record.new").mkdir()
-    with pytest.raises(MediumError, match="record.new"):
+    with pytest.raises(MediumError, match=r"record\.new"):
         backing.keep(Kind.STATE, b"")
