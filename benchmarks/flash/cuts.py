@@ -1,23 +1,22 @@
 """Flash an ECU with the supply cut in one operation, and in another during the recovery, and judge what comes of it.
 
-Each case has a name: `flash-123` is the cut in operation 123 of the whole sequence over a flash memory, `flash-123+45`
-has a second one in operation 45 after that power-on, `folder-12` is the same over a folder's files.
+Each case has a name (`benchmarks.flash.case`) and can be played again by it.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from random import Random
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from udsoncan.client import Client
 
 from benchmarks.flash import releases
 from benchmarks.flash.bench_ecu import BenchEcu
+from benchmarks.flash.case import Case
 from benchmarks.flash.places import FlashPlace, FolderPlace, Place
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.state import TRIAL_BOOTS, Phase
+from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState
 from can_bridge.flashing.store import Store
 from can_bridge.tester.sequence import End, Flashed, Step, flash
 from can_bridge.uds.access_key import AccessKey
@@ -56,7 +55,7 @@ class Asked:
 class Finding:
     """What went wrong in a case; `kind` is one of `KINDS`."""
 
-    case: str
+    case: Case
     kind: str
     text: str
 
@@ -66,12 +65,19 @@ KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "
 
 @dataclass
 class Tally:
-    """Cases by depth, and what went wrong in them."""
+    """Cases by depth, and what went wrong in them.
+
+    Attributes:
+        operations: of the whole sequence without a cut.
+        boots: each of which checked the image that it booted.
+        tell: hears what happens in each case.
+    """
 
     cases: dict[int, int] = field(default_factory=lambda: {1: 0, 2: 0})
     findings: list[Finding] = field(default_factory=list)
     operations: int = 0
     boots: int = 0
+    tell: Callable[[str], None] | None = None
 
     def add(self, other: "Tally") -> None:
         for depth, count in other.cases.items():
@@ -98,7 +104,13 @@ def provisioned(kind: str, seed: int) -> Place:
     return place
 
 
-def walk(kind: str, seed: int, at: Callable[[int], bool], then: Callable[[int, int], bool]) -> Tally:
+def walk(
+    kind: str,
+    seed: int,
+    at: Callable[[int], bool],
+    then: Callable[[int, int], bool] = lambda first, second: False,
+    tally: Tally | None = None,
+) -> Tally:
     """The whole sequence, with a case for each operation that `at` picks.
 
     Args:
@@ -106,14 +118,15 @@ def walk(kind: str, seed: int, at: Callable[[int], bool], then: Callable[[int, i
         seed: of what cuts leave behind.
         at: whether to cut in the operation with this number of the sequence.
         then: whether to cut in the second operation during the recovery from the first one.
+        tally: to count in, in place of a new one.
     """
-    place, tally = provisioned(kind, seed), Tally()
+    place, tally = provisioned(kind, seed), tally or Tally()
     begin, asked = place.operations, Asked()
 
     def on_cut(number: int, torn: Place) -> None:
         tally.cases[1] += 1
         first = number - begin
-        recover(f"{kind}-{first}", torn, asked, tally, lambda second: then(first, second))
+        recover(Case(kind, seed, first), torn, asked, tally, lambda second: then(first, second))
 
     place.branch(lambda number: at(number - begin), on_cut)
     _flash(place, asked, tally)
@@ -122,7 +135,7 @@ def walk(kind: str, seed: int, at: Callable[[int], bool], then: Callable[[int, i
 
 
 def recover(
-    case: str, place: Place, before: Asked, tally: Tally, then: Callable[[int], bool] = lambda number: False
+    case: Case, place: Place, before: Asked, tally: Tally, then: Callable[[int], bool] = lambda number: False
 ) -> None:
     """Power on after a cut, judge, flash again, judge; with a further case for each operation that `then` picks."""
     begin = place.operations
@@ -130,14 +143,19 @@ def recover(
 
     def on_cut(number: int, torn: Place) -> None:
         tally.cases[2] += 1
-        recover(f"{case}+{number - begin}", torn, asked, tally)
+        recover(replace(case, second=number - begin), torn, asked, tally)
 
     def wrong(kind: str, text: str) -> None:
         tally.findings.append(Finding(case, kind, text))
 
+    def tell(text: str) -> None:
+        if tally.tell is not None:
+            tally.tell(f"{case}: {text}")
+
     place.branch(lambda number: then(number - begin), on_cut)
     ecu = BenchEcu(place.backing)
     tally.boots += 1
+    tell(f"the tester had {before.received} bytes acknowledged; booted: {_in_words(ecu)}")
     _judge(ecu, place.twin(), asked, wrong)
     had = asked.received if not asked.activated else 0
     try:
@@ -147,14 +165,45 @@ def recover(
         return
     if flashed.transferred is not None and flashed.transferred.resumed_from < had:
         wrong("checkpoint_lost", f"{had} bytes were acknowledged, the transfer began again at {flashed.transferred}")
+    tell(f"flashed again: {flashed.end.name}, {flashed.transferred}")
     place.branch(lambda number: False, None)
     after = BenchEcu(place.backing)
     tally.boots += 1
+    tell(f"booted: {_in_words(after)}")
     if flashed.end not in (End.CONFIRMED, End.ALREADY) or after.boot.reason is not BootReason.CONFIRMED:
         wrong("reflash_failed", f"it ended {flashed.end.name}, then booted {after.boot.reason.in_words}")
     _judge(after, place.twin(), Asked(0, activated=True, confirmed=True), wrong)
     if _runs(after, place) != NEW:
-        wrong("wrong_release", "the old release runs after the new one was flashed again")
+        wrong("reflash_failed", "the old release runs after the new one was flashed again")
+
+
+def both_bad(kind: str, seed: int) -> Tally:
+    """No slot has an image in order any more: the ECU says so, and can be flashed."""
+    place, tally = provisioned(kind, seed), Tally()
+    tally.cases[1] += 1
+    for slot in Slot:
+        _spoil(place, slot)
+    ecu = BenchEcu(place.backing)
+    tally.boots += 2
+    case = Case(kind, seed, None)
+    if ecu.boot.bundle is not None or ecu.boot.reason is not BootReason.NO_RELEASE:
+        tally.findings.append(Finding(case, "wrong_release", f"spoilt images boot: {_in_words(ecu)}"))
+    try:
+        _flash(place, Asked(), tally, ecu)
+    except StillwakeError as error:
+        tally.findings.append(Finding(case, "reflash_failed", str(error)))
+    if _runs(BenchEcu(place.backing), place) != NEW:
+        tally.findings.append(Finding(case, "bricked", "no release runs after it was flashed"))
+    return tally
+
+
+def _spoil(place: Place, slot: Slot) -> None:
+    """Leave a slot's record as it is, and other bytes in its place."""
+    backing = place.backing()
+    for _ in backing.clear(slot):
+        pass
+    backing.append(slot, bytes(len(releases.image(OLD))))
+    backing.keep(Kind.STATE, backing.records()[Kind.STATE])
 
 
 def _flash(place: Place, asked: Asked, tally: Tally, ecu: BenchEcu | None = None) -> Flashed:
@@ -209,6 +258,15 @@ def _stands(place: Place, slot: Slot, length: int) -> int | None:
     return next((version for version in (OLD, NEW) if found == releases.image(version)), None)
 
 
+def _in_words(ecu: BenchEcu) -> str:
+    slots = (f"{slot.name} {state.phase.name} {state.received}/{state.length}" for slot, state in _slots(ecu))
+    return f"{"no slot" if ecu.boot.slot is None else ecu.boot.slot.name}, {ecu.boot.reason.in_words}; " + ", ".join(slots)
+
+
+def _slots(ecu: BenchEcu) -> list[tuple[Slot, SlotState]]:
+    return [(slot, ecu.store.state.slots[slot]) for slot in Slot]
+
+
 def _fill_log(place: FlashPlace) -> None:
     """Keep the same record until the log's sector is nearly full."""
     backing = place.backing()
@@ -222,8 +280,3 @@ def _fill_log(place: FlashPlace) -> None:
         if sum(trial.erasures) > before:
             return
         backing.keep(Kind.STATE, record)
-
-
-def picks(seed: int, share: float) -> Callable[[int, int], bool]:
-    """A share of the second cuts, by the seed."""
-    return lambda first, second: Random(f"{seed} {first} {second}").random() < share
