@@ -34,7 +34,7 @@ def release_calibration(bundle: Bundle, config: Config, *, weights: CostWeights 
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
-    """Least and greatest values for a release in a vehicle; rounded to float32, as the values are on the wire."""
+    """Least and greatest values for a release in a vehicle, in full precision."""
     own = release_calibration(bundle, config)
     least = Calibration(
         weights=CostWeights(**dict.fromkeys(WEIGHTS, 0.0)),
@@ -50,12 +50,22 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
         command_step=own.command_step,
         delay_steps=bundle.manifest.mpc.horizon - 1 - config.ecu.plan_ahead,
     )
-    return CalibrationLimits(least=least.as_kept(), greatest=greatest.as_kept())
+    return CalibrationLimits(least=least, greatest=greatest)
 
 
-def exact(calibration: Calibration, own: Calibration) -> Calibration:
-    """A calibration with the ECU's own value wherever it differs from that by the rounding to float32 alone."""
+def checked(calibration: Calibration, own: Calibration, limits: CalibrationLimits) -> Calibration:
+    """A calibration within the limits, with the ECU's own value wherever rounding to float32 is all that differs.
+
+    Args:
+        calibration: as it comes over the bus, or in full precision.
+        own: the ECU's values, in full precision.
+        limits: compared as float32, so that the ECU's own values are within them however they are rounded.
+
+    Raises:
+        ConfigError: a value is out of the limits.
+    """
     kept, own_kept = calibration.as_kept(), own.as_kept()
+    CalibrationLimits(least=limits.least.as_kept(), greatest=limits.greatest.as_kept()).check(kept)
     values = {
         name: here if value == rounded else value
         for name, value, rounded, here in zip(NAMES, kept.values, own_kept.values, own.values, strict=True)

@@ -29,7 +29,7 @@ from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_estimator import OnnxEstimator
 from contract.release.bundle import Bundle
-from firmware_sim.ecu.calibrating import exact, limits_of, release_calibration, with_calibration
+from firmware_sim.ecu.calibrating import checked, limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
@@ -183,8 +183,7 @@ class Ecu:
         Raises:
             ConfigError: a value is out of the limits of this release and vehicle.
         """
-        self._calibration_limits.check(calibration.as_kept())
-        values = exact(calibration, self._own)
+        values = checked(calibration, self._own, self._calibration_limits)
         after = copy(self)
         after._weights = np.array(values.weights.as_tuple())
         after._config = with_calibration(self._own_config, values)
