@@ -1,1 +1,1 @@
-"""The proof of flashing: the supply cut at every write, and again during the recovery."""
+"""Flashing over CAN: hostile requests, cut supplies, and what a transfer takes."""
