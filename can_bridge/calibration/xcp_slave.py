@@ -49,6 +49,7 @@ class XcpSlave:
             Command.DISCONNECT: self._disconnect,
             Command.GET_STATUS: self._status,
             Command.SYNCH: self._synch,
+            Command.GET_COMM_MODE_INFO: self._comm_mode_info,
             Command.GET_ID: self._get_id,
             Command.SET_REQUEST: self._set_request,
             Command.GET_SEED: self._get_seed,
@@ -114,12 +115,11 @@ class XcpSlave:
     def _connect(self) -> bytes:
         self._end()
         self._is_connected = True
-        basic_mode = 0  # little-endian, addresses of bytes, no block mode
         return struct.pack(
             "<4BH2B",
             xcp.RESPONSE,
             xcp.CAL_PAG,
-            basic_mode,
+            xcp.COMM_MODE,
             MAX_CTO,
             MAX_CTO,
             xcp.PROTOCOL_VERSION,
@@ -143,6 +143,10 @@ class XcpSlave:
 
     def _synch(self, data: bytes) -> bytes:
         raise Denied(Error.CMD_SYNCH)
+
+    def _comm_mode_info(self, data: bytes) -> bytes:
+        """Neither blocks of commands nor a queue of them."""
+        return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:
         """Of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""

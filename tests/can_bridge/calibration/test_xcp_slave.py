@@ -54,7 +54,8 @@ def unlocked(slave, access) -> XcpSlave:
 
 
 def test_connect_says_what_there_is(slave):
-    assert ask(slave, CONNECT) == "FF 01 00 08 08 00 01 01"
+    assert ask(slave, CONNECT) == "FF 01 80 08 08 00 01 01"
+    assert ask(slave, "FB") == "FF 00 00 00 00 00 00 10"
     assert slave.is_connected
 
 
