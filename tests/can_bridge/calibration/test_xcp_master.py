@@ -12,7 +12,10 @@ from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
 from can_bridge.uds.services import Level
 from tests.can_bridge.calibration.conftest import REFERENCE
 
-pytest.importorskip("pyxcp")
+config = pytest.importorskip("pyxcp.config")
+masters = pytest.importorskip("pyxcp.master")
+types = pytest.importorskip("pyxcp.types")
+checksum = pytest.importorskip("pyxcp.checksum")
 EFFORT = ADDRESS + 20
 
 
@@ -21,12 +24,8 @@ class SlaveBus(can.BusABC):
 
     def __init__(self, slave):
         self._slave = slave
-        self._answers = queue.Queue()
-        super().__init__(channel=None)
-
-    @property
-    def state(self):
-        return can.BusState.ACTIVE
+        self._answers: queue.Queue[can.Message] = queue.Queue()
+        super().__init__(channel=0)
 
     def send(self, msg, timeout=None):
         assert msg.arbitration_id == COMMAND_ID
@@ -42,19 +41,16 @@ class SlaveBus(can.BusABC):
 
 @pytest.fixture
 def master(slave):
-    from pyxcp.config import create_application_from_config, reset_application
-    from pyxcp.master import Master
-
     settings = {
         "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": RESPONSE_ID, "interface": "virtual"}}
     }
-    application = create_application_from_config(settings, log_level=logging.ERROR)
+    application = config.create_application_from_config(settings, log_level=logging.ERROR)
     bus = SlaveBus(slave)
-    master = Master("can", config=application, transport_layer_interface=bus)
+    master = masters.Master("can", config=application, transport_layer_interface=bus)
     with master:
         yield master
     bus.shutdown()
-    reset_application()
+    config.reset_application()
 
 
 def unlock(master, access) -> None:
@@ -65,8 +61,6 @@ def unlock(master, access) -> None:
 
 
 def test_a_master_connects_reads_writes_and_stores(master, slave, segment, access):
-    from pyxcp import checksum, types
-
     found = master.connect()
     assert (found.maxCto, found.maxDto, found.commModeBasic.byteOrder) == (8, 8, types.ByteOrder.INTEL)
     assert master.slaveProperties.supportsCalpag
