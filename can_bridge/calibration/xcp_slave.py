@@ -73,13 +73,17 @@ class XcpSlave:
 
     @property
     def wants_store(self) -> bool:
-        """The tool asked to have the calibration in force stored; `stored` ends that."""
+        """The tool asked to have the calibration in force stored; `stored` or `not_stored` ends that."""
         return self._wants_store
 
     def stored(self) -> list[bytes]:
         """The calibration was stored: the packets that tell the tool."""
         self._wants_store = False
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
+
+    def not_stored(self) -> None:
+        """Storing failed: the tool sees its request gone without the event that says it was done."""
+        self._wants_store = False
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
         """A packet from the tool; returns those to it. Never raises on what comes over the wire."""

@@ -248,6 +248,13 @@ def test_storing_is_asked_for_and_reported(unlocked):
     assert unlocked.stored() == []
 
 
+def test_storing_that_failed_is_over_without_an_event(unlocked):
+    ask(unlocked, "F9 01 00 00")
+    unlocked.not_stored()
+    assert not unlocked.wants_store
+    assert ask(unlocked, "FD") == "FF 00 00 00 00 00"
+
+
 @pytest.mark.parametrize("command", ["FF", "FA", "F8 00", "F6 00 00 00 00 00 00", "F4 04", "F3 00 00 00 28", "E8 00"])
 def test_too_short_a_command_is_refused(unlocked, command):
     assert ask(unlocked, command) == SYNTAX
