@@ -1,0 +1,101 @@
+"""Which image is booted, and why."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.remembered import Remembered
+from can_bridge.flashing.state import Phase
+from can_bridge.flashing.verdicts import Verdict
+from contract.release.bundle import Bundle
+
+
+class BootReason(Enum):
+    """Why this image was booted."""
+
+    CONFIRMED = auto()
+    TRIAL = auto()
+    """An activated image, which waits for its confirmation."""
+    REVERTED = auto()
+    """The confirmed image, because the one on trial failed a check or was not confirmed in time."""
+    FALLBACK = auto()
+    """The release before the confirmed one, because that failed a check."""
+    NO_RELEASE = auto()
+    """No image is in order: the jets stay shut, and a release can be flashed."""
+
+    @property
+    def in_words(self) -> str:
+        return _WORDS[self]
+
+
+_WORDS = {
+    BootReason.CONFIRMED: "confirmed",
+    BootReason.TRIAL: "on trial",
+    BootReason.REVERTED: "confirmed; the release on trial was given up",
+    BootReason.FALLBACK: "the one before; the confirmed release is not in order",
+    BootReason.NO_RELEASE: "no release is in order",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Boot:
+    """What a boot came to.
+
+    Attributes:
+        slot: that was booted; None without a release.
+        bundle: of it, every check made in this boot; None without a release.
+        verdicts: on the slots that this boot looked at.
+        boots_left: of the trial, this one not counted; 0 where the release is not on trial.
+    """
+
+    slot: Slot | None
+    bundle: Bundle | None
+    verdicts: Mapping[Slot, Verdict]
+    reason: BootReason
+    boots_left: int = 0
+
+
+def boot(remembered: Remembered) -> Boot:
+    """Choose an image and check all of it. A boot on trial is counted before it; never raises for what it finds."""
+    trial = remembered.state.on_trial
+    verdicts: dict[Slot, Verdict] = {}
+    on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)
+    return on_trial or _boot_confirmed(remembered, trial is not None, verdicts)
+
+
+def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict]) -> Boot | None:
+    """The image on trial, if it may be booted once more and is in order; otherwise it is given up."""
+    standing = remembered.state.slots[slot]
+    try:
+        if standing.boots_left > 0:
+            # Counted first: whatever the image does to the ECU, the boots end.
+            left = standing.boots_left - 1
+            remembered.keep_slot(slot, replace(standing, boots_left=left))
+            verdicts[slot], bundle = at_once(remembered.judged(slot))
+            if bundle is not None:
+                return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
+        remembered.keep_slot(slot, replace(standing, phase=Phase.BAD, boots_left=0))
+    except MediumError:
+        # A trial that cannot be counted would never end, so the image does not run.
+        verdicts.setdefault(slot, Verdict.UNREADABLE)
+    return None
+
+
+def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
+    """The confirmed image, or the one confirmed before it.
+
+    One that fails stays confirmed, and the next boot judges it anew: whoever gives the ECU another stillwake.dbc or
+    vehicle by mistake can take that back.
+    """
+    active = remembered.state.active
+    for slot in () if active is None else (active, active.other):
+        if remembered.state.slots[slot].phase != Phase.CONFIRMED:
+            continue
+        verdicts[slot], bundle = at_once(remembered.judged(slot))
+        if bundle is not None:
+            expected = BootReason.REVERTED if is_reverted else BootReason.CONFIRMED
+            reason = expected if slot == active else BootReason.FALLBACK
+            return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=reason)
+    return Boot(slot=None, bundle=None, verdicts=verdicts, reason=BootReason.NO_RELEASE)
