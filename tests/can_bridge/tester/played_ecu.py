@@ -1,4 +1,4 @@
-"""An ECU in virtual time behind the real server: two slots of the plainest kind, and every way to go wrong on demand."""
+"""An ECU in virtual time behind the real server: two plain slots, and every way to go wrong on demand."""
 
 import hashlib
 import json
@@ -135,8 +135,6 @@ class PlayedEcu:
                 if kept.in_use:
                     raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
             case Routine.ERASE:
-                if kept.running.phase == "TRIAL":
-                    raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
                 asked = int.from_bytes(option[:4], "big"), option[4:]
                 if kept.other.announced != asked:
                     kept.other = Held(announced=asked, phase="FILLING")
@@ -148,7 +146,7 @@ class PlayedEcu:
                 kept.other = replace(kept.other, phase="CHECKED") if verdict is Verdict.GOOD else Held(phase="BAD")
                 return bytes([verdict])
             case Routine.ACTIVATE:
-                if kept.other.phase != "CHECKED":
+                if kept.other.phase not in ("CHECKED", "TRIAL"):
                     raise Refused(Nrc.SEQUENCE_ERROR)
                 kept.other = replace(kept.other, phase="TRIAL", boots_left=3)
             case Routine.SELF_TEST:

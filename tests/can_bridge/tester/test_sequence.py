@@ -77,10 +77,10 @@ def test_what_runs_on_trial_is_tested_and_confirmed(flashing: Call, kept: Played
     assert kept.resets == 0
 
 
-def test_another_release_on_trial_is_given_up_first(flashing: Call, kept: Played) -> None:
-    kept.running, kept.other = Held(image=b"x", phase="TRIAL", name="other"), replace(kept.running)
+def test_another_release_on_trial_is_written_over(flashing: Call, kept: Played) -> None:
+    kept.running = Held(image=SHIPPED[:50], phase="TRIAL", name="other")
     assert flashing().end is End.CONFIRMED
-    assert kept.log.index(Routine.REVERT) < kept.log.index(Routine.ERASE)
+    assert Routine.ERASE in kept.log
     assert kept.running.image == SHIPPED
 
 
@@ -157,10 +157,7 @@ def test_the_delay_after_wrong_keys_is_waited_for(flashing: Call, kept: Played, 
     assert time.clock() - began >= 9.0
 
 
-@pytest.mark.parametrize("routine", [Routine.PRECONDITIONS, None])
-def test_a_vehicle_in_use_is_not_touched(
-    flashing: Call, kept: Played, monkeypatch: pytest.MonkeyPatch, routine: Routine | None
-) -> None:
+def test_a_vehicle_in_use_is_not_touched(flashing: Call, kept: Played) -> None:
     kept.in_use = True
     with pytest.raises(NotNowError, match="withdraw the enable request"):
         flashing()
@@ -175,17 +172,21 @@ def test_a_vehicle_that_starts_after_the_reset_leaves_it_on_trial(flashing: Call
     with pytest.raises(NotNowError, match="runs on trial, and was not confirmed"):
         flashing(say=say)
     assert kept.running.phase == "TRIAL"
+    kept.in_use = False
     assert flashing().end is End.CONFIRMED
 
 
 @pytest.mark.parametrize("verdict", [verdict for verdict in Verdict if verdict is not Verdict.GOOD])
-def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(flashing: Call, kept: Played, verdict: Verdict) -> None:
+def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(
+    flashing: Call, kept: Played, time: VirtualTime, verdict: Verdict
+) -> None:
     kept.verdict = verdict
     with pytest.raises(ImageRefusedError) as caught:
         flashing()
     assert caught.value.verdict is verdict
     assert verdict.in_words in str(caught.value)
     assert Routine.ACTIVATE not in kept.log
+    time.sleep(1.0)
     assert kept.resets == 1
     assert kept.running.name == "old"
 
@@ -198,7 +199,7 @@ def test_a_release_that_does_not_start_is_told(flashing: Call, kept: Played) -> 
 
 def test_a_failed_self_test_goes_back(flashing: Call, kept: Played) -> None:
     kept.passes = False
-    with pytest.raises(NotPassedError, match="did not pass its self-test .*; old runs again"):
+    with pytest.raises(NotPassedError, match=r"did not pass its self-test .*; old runs again"):
         flashing()
     assert kept.running.name == "old"
     assert Routine.CONFIRM not in kept.log
@@ -214,7 +215,7 @@ def test_no_ecu_is_told_within_seconds(flashing: Call, kept: Played, time: Virtu
 
 def test_an_ecu_that_falls_silent_is_gone_on_with_later(flashing: Call, kept: Played) -> None:
     kept.dead_after = 40_000
-    with pytest.raises(LostError, match="of 97[0-9]* bytes .* the same command goes on from there"):
+    with pytest.raises(LostError, match=f"of {len(SHIPPED)} bytes .* the same command goes on from there"):
         flashing()
     kept.is_dead, kept.dead_after = False, None
     flashed = flashing()
@@ -233,8 +234,6 @@ def test_an_ecu_that_resets_itself_is_gone_on_with(flashing: Call, kept: Played)
 
 
 def test_slow_memory_is_waited_for(flashing: Call, kept: Played) -> None:
-    kept.writing_ns = 20_000_000_000
-    assert flashing(SHIPPED[:5000] + bytes(10), confirm=False) if False else True
     kept.writing_ns = 3_000_000_000
     assert flashing().end is End.CONFIRMED
     assert kept.written == len(SHIPPED)
@@ -253,30 +252,32 @@ def test_a_memory_that_fails_is_given_up(flashing: Call, kept: Played, monkeypat
     assert kept.running.name == "old"
 
 
-def test_the_answer_to_every_request_may_be_lost_once(flashing: Call, kept: Played, line: Line) -> None:
+def test_any_one_request_or_answer_may_be_lost(flashing: Call, kept: Played, line: Line) -> None:
     """Each in turn: whatever of the sequence is not answered is asked again, and nothing is written twice."""
     flashing()
-    count = len(line.heard)
-    for lost in range(0, count, 1):
+    for lost in range(len(line.heard)):
         for to_ecu in (True, False):
-            again = replace(kept, running=_old(), other=Held(), written=0, log=[])
-            number = [0]
-
-            def lose(_payload: bytes, is_request: bool, lost: int = lost, to_ecu: bool = to_ecu) -> bool:
-                if is_request is not to_ecu:
-                    return False
-                number[0] += 1
-                return number[0] == lost + 1
-
+            again = replace(kept, running=_old(), other=Held(), written=0, resets=0, log=[])
             time = VirtualTime()
             its = Line(again, time)
-            its.lose = lose
+            its.lose = _loses(lost, to_ecu=to_ecu)
             _flash(its, time)
             assert again.running.image == SHIPPED, (lost, to_ecu)
             assert again.running.phase == "CONFIRMED"
             assert again.written == len(SHIPPED)
-            # A trial has three boots, and needs one.
+            # A trial has three boots.
             assert again.resets <= 2
+
+
+def _loses(number: int, *, to_ecu: bool) -> Callable[[bytes, bool], bool]:
+    """Loses one payload in one direction."""
+    left = [number]
+
+    def lose(_payload: bytes, is_request: bool) -> bool:
+        left[0] -= is_request is to_ecu
+        return is_request is to_ecu and left[0] == -1
+
+    return lose
 
 
 @given(seed=st.randoms(use_true_random=False), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
