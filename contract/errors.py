@@ -38,7 +38,11 @@ class BundleManifestError(BundleError):
 
 
 class BundleFileError(BundleError):
-    """A file that is missing, altered, or not in the manifest, or a DBC that is not this version's."""
+    """A file that is missing, altered, or not in the manifest; or its subclass."""
+
+
+class BundleDbcError(BundleFileError):
+    """A bundle for a DBC that is not this version's."""
 
 
 class BundleControllerError(BundleError):

@@ -24,6 +24,7 @@ from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import Sizes
 from contract.errors import (
     BundleControllerError,
+    BundleDbcError,
     BundleError,
     BundleFileError,
     BundleManifestError,
@@ -362,7 +363,7 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
-        raise BundleFileError(
+        raise BundleDbcError(
             f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version's"
         )
     return dbc_sha256()

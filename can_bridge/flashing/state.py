@@ -1,0 +1,203 @@
+"""What the store remembers of its slots: the record `Kind.STATE`, as values and as bytes.
+
+    0   4  "SWS1"
+    4      per slot: phase (1), boots left (1), length (4), received (4), security version (4), SHA-256 of the image (32),
+           digest (32), signer (32), length of the name (2), name (UTF-8)
+           active slot, 0xFF for none (1); least security version (4); failed attempts for programming (1) and
+           calibration (1)
+           CRC-32 of all before it (4)
+
+Numbers are big-endian. It is kept after every block of a transfer, so it is short.
+"""
+
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any, Final
+
+from can_bridge.flashing.backing import Slot
+from can_bridge.uds.services import Level
+from contract.release.manifest import LARGEST_SECURITY_VERSION
+from contract.release.printable import is_name
+
+TRIAL_BOOTS: Final = 3
+"""Boots of an activated image without a confirmation, before the store goes back to the confirmed one."""
+MOST_ATTEMPTS: Final = 255
+"""To which failed attempts are counted."""
+LEAST_SECURITY_VERSION: Final = 1
+"""Of an ECU from production on: a bundle of an older schema has 0."""
+
+_MAGIC: Final = b"SWS1"
+_SLOT: Final = struct.Struct(">BBIII32s32s32sH")
+_REST: Final = struct.Struct(">BIBB")
+_CRC: Final = struct.Struct(">I")
+_NO_SLOT: Final = 0xFF
+
+
+class Phase(IntEnum):
+    """How far an image in a slot has come."""
+
+    EMPTY = 0
+    FILLING = 1
+    """Announced; its first `received` bytes are there."""
+    CHECKED = 2
+    """Whole and in order."""
+    TRIAL = 3
+    """Activated: booted from the next reset on, `boots_left` times."""
+    CONFIRMED = 4
+    """It runs, or ran before the release that runs."""
+    BAD = 5
+    """Never booted: a check of it failed, or nobody confirmed it during its trial."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlotState:
+    """One slot.
+
+    Attributes:
+        length: bytes of the announced image.
+        sha256: of the announced image, 32 bytes.
+        received: bytes that are there for certain.
+        digest: of the bundle, in hex; empty until the image was checked.
+        name: of the release; empty until the image was checked.
+        security_version: of the release; 0 until the image was checked.
+        signer: 32 bytes of the key that signed it; empty until the image was checked.
+        boots_left: of the trial.
+    """
+
+    phase: Phase = Phase.EMPTY
+    length: int = 0
+    sha256: bytes = b""
+    received: int = 0
+    digest: str = ""
+    name: str = ""
+    security_version: int = 0
+    signer: bytes = b""
+    boots_left: int = 0
+
+    def holds(self, length: int, sha256: bytes) -> bool:
+        """Whether this very image is here or on its way here."""
+        return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
+
+
+_TRANSFERRED: Final = frozenset({Phase.FILLING, Phase.CHECKED, Phase.TRIAL, Phase.CONFIRMED})
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreState:
+    """Both slots, and what belongs to neither.
+
+    Attributes:
+        slots: by `Slot`.
+        active: the slot whose confirmed image boots where no other is on trial; None if none was confirmed yet.
+        least_security_version: that a release must have; moved by a confirmation alone.
+        failed_attempts: wrong keys in a row, by level.
+    """
+
+    slots: tuple[SlotState, SlotState] = (SlotState(), SlotState())
+    active: Slot | None = None
+    least_security_version: int = LEAST_SECURITY_VERSION
+    failed_attempts: Mapping[Level, int] = field(default_factory=lambda: dict.fromkeys(Level, 0))
+
+    @property
+    def on_trial(self) -> Slot | None:
+        """The slot that is."""
+        return next((slot for slot in Slot if self.slots[slot].phase == Phase.TRIAL), None)
+
+    @property
+    def checked(self) -> Slot | None:
+        """The slot that can be activated."""
+        return next((slot for slot in Slot if self.slots[slot].phase == Phase.CHECKED), None)
+
+    @property
+    def next_boot(self) -> Slot | None:
+        """The slot that the next boot tries first."""
+        trial = self.on_trial
+        return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
+
+    def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
+        """With another state of a slot, and other values of the rest."""
+        a, b = self.slots
+        return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
+
+
+def encode(state: StoreState) -> bytes:
+    """The record."""
+    parts = [_MAGIC]
+    for slot in state.slots:
+        name = slot.name.encode()
+        parts += [
+            _SLOT.pack(
+                slot.phase,
+                slot.boots_left,
+                slot.length,
+                slot.received,
+                slot.security_version,
+                slot.sha256,
+                bytes.fromhex(slot.digest),
+                slot.signer,
+                len(name),
+            ),
+            name,
+        ]
+    active = _NO_SLOT if state.active is None else state.active
+    attempts = (min(state.failed_attempts.get(level, 0), MOST_ATTEMPTS) for level in Level)
+    parts.append(_REST.pack(active, state.least_security_version, *attempts))
+    raw = b"".join(parts)
+    return raw + _CRC.pack(zlib.crc32(raw))
+
+
+def decode(raw: bytes) -> StoreState:
+    """The state in a record; raises ValueError for one that is damaged or that no store writes."""
+    body = raw[: -_CRC.size]
+    if len(raw) < _CRC.size or raw[-_CRC.size :] != _CRC.pack(zlib.crc32(body)):
+        raise ValueError("state: damaged")
+    if body[: len(_MAGIC)] != _MAGIC:
+        raise ValueError(f"state begins with {body[: len(_MAGIC)].hex()}: must begin with {_MAGIC.hex()}")
+    try:
+        first, at = _slot(body, len(_MAGIC))
+        second, at = _slot(body, at)
+        active, least, *attempts = _REST.unpack(body[at:])
+    except struct.error as error:
+        raise ValueError(f"state of {len(raw)} bytes: too short or too long") from error
+    state = StoreState(
+        slots=(first, second),
+        active=None if active == _NO_SLOT else Slot(active),
+        least_security_version=least,
+        failed_attempts=dict(zip(Level, attempts, strict=True)),
+    )
+    if least < LEAST_SECURITY_VERSION:
+        raise ValueError(f"state: least security version {least}: must be {LEAST_SECURITY_VERSION} or more")
+    if state.active is not None and state.slots[state.active].phase != Phase.CONFIRMED:
+        raise ValueError(f"state: slot {state.active.name} is active and not confirmed")
+    if first.phase == second.phase and first.phase in (Phase.CHECKED, Phase.TRIAL):
+        raise ValueError(f"state: both slots are {first.phase.name}")
+    return state
+
+
+def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
+    """The slot at this place, and the place behind it."""
+    phase, boots_left, length, received, security_version, sha256, digest, signer, size = _SLOT.unpack_from(body, at)
+    at += _SLOT.size
+    if at + size > len(body):
+        raise ValueError("state: ends within a name")
+    name = body[at : at + size].decode()
+    is_known = phase in (Phase.CHECKED, Phase.TRIAL, Phase.CONFIRMED)
+    if received > length or boots_left > TRIAL_BOOTS or security_version > LARGEST_SECURITY_VERSION:
+        raise ValueError(f"state: {received} of {length} bytes, {boots_left} boots left: out of range")
+    if is_known and (received != length or not is_name(name)):
+        raise ValueError(f"state: a slot is {Phase(phase).name} with {received} of {length} bytes, named {name!r}")
+    slot = SlotState(
+        phase=Phase(phase),
+        length=length,
+        sha256=sha256 if length else b"",
+        received=received,
+        digest=digest.hex() if name else "",
+        name=name,
+        security_version=security_version,
+        signer=signer if name else b"",
+        boots_left=boots_left,
+    )
+    return slot, at + size
