@@ -22,6 +22,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "train": ("torch", "shap", "onnx", "safetensors"),
     "bus": ("serial", "msgpack", "cantools"),
     "mf4": ("asammdf",),
+    "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
@@ -54,7 +55,7 @@ def _status_of(command: Callable[[], object]) -> int:
     except KeyboardInterrupt:
         return _stopped()
     except StillwakeError as error:
-        return _fail(str(error))
+        return _fail(str(error), status=error.status)
     except ModuleNotFoundError as error:
         return _fail(missing(error.name or str(error)))
     except MemoryError as error:

@@ -100,8 +100,8 @@ class Segment:
         Bytes of a value that is not whole yet wait for the others, and are dropped by a write elsewhere.
 
         Raises:
-            ConfigError: for what lies outside, bytes from the middle of a value, or a value that is not allowed; nothing
-                of the write is then kept.
+            ConfigError: for what lies outside, bytes from the middle of a value, or a value that is not allowed; the
+                values are then as before.
         """
         _check_range(offset, len(data))
         if self._begun and offset == self._begun_at + len(self._begun):

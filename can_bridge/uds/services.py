@@ -120,6 +120,6 @@ class Did(IntEnum):
     """The whole calibration as `contract.calibration` packs it: reading gives the one in force; writing changes it at
     the next control period, until reset."""
     CALIBRATION_LIMITS = 0xFD11
-    """Least and greatest allowed value of each."""
+    """Least and greatest allowed value of each, then the release's own: three calibrations, packed."""
     CALIBRATION_STORED = 0xFD12
     """1: store the one in force; 0: back to the release's own. Read: whether one is stored (1)."""
