@@ -87,6 +87,7 @@ class FlashBench:
         self._endpoint = Endpoint(classic(**ids) if config.bus.frames == "classic" else IsoTpSettings(**ids))
         self._answers: list[bytes] = []
         self._for_control: list[Frame] = []
+        self._for_service: list[Frame] = []
         self.periods = 0
         self.status: EcuStatus | None = None
         self.largest_flow = 0.0
@@ -140,9 +141,10 @@ class FlashBench:
     def _serve(self) -> None:
         received = self._ecu_port.receive_all()
         self._for_control += [frame for frame in received if not is_diagnostic(frame)]
+        self._for_service += [frame for frame in received if is_diagnostic(frame)]
         if len(self._ecu_port.queue) < _ROOM:
-            diagnostic = [frame for frame in received if is_diagnostic(frame)]
-            self._send(self._ecu_port, self.ecu.service(self.bus.now_ns, diagnostic))
+            frames, self._for_service = self._for_service, []
+            self._send(self._ecu_port, self.ecu.service(self.bus.now_ns, frames))
 
     def _look(self) -> None:
         self._serve()

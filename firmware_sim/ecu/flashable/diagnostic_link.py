@@ -39,7 +39,7 @@ class DiagnosticLink:
         requests = self._endpoint.take()
         for request in requests:
             self._send(self._server.request(now_ns, request))
-        if not requests:
+        if not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         return self._endpoint.poll(now_ns)
 

@@ -8,14 +8,16 @@ booted anew and every counter begins at 0, but freshness values, which no receiv
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
+from can_bridge.uds.programming import Programming
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import REQUEST_ID, Session
+from can_bridge.uds.services import REQUEST_ID, Level, Nrc, Session
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
@@ -23,12 +25,15 @@ from contract.controller.interface import Controller
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.ecu import Ecu, Trace
 from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.flashable.calibration_link import CalibrationLink, is_for_xcp
 from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
+from firmware_sim.ecu.flashable.facts import facts
 from firmware_sim.ecu.flashable.fitting import Fitting
-from firmware_sim.ecu.flashable.node_diagnostics import NodeDiagnostics
+from firmware_sim.ecu.flashable.node_diagnostics import Events, NodeDiagnostics
+from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
-from firmware_sim.ecu.flashable.telling import tell_access, tell_boot
+from firmware_sim.ecu.flashable.telling import Access, tell_access, tell_boot
 from firmware_sim.ecu.flashable.vehicle_wish import VehicleWish
 
 
@@ -149,6 +154,7 @@ class FlashableEcu:
         self._take_over()
         if self._is_resetting:
             fault = Reason.NO_RELEASE
+        self._calibrate()
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._is_updating)
         self._wish = self._wish.seen(before, self._ecu.state, now_ns)
@@ -160,11 +166,14 @@ class FlashableEcu:
             return []
         self._service_ns = now_ns
         if self._is_resetting:
-            self._reset(now_ns)
+            if self._booted is None:
+                self._reset(now_ns)
             return []
-        before = self._server.session, self._server.unlocked
-        sent = self._link.service(now_ns, frames)
-        tell_access(self._supplies.tell, before, (self._server.session, self._server.unlocked))
+        before = self._access()
+        sent = self._link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
+        tell_access(self._supplies.tell, before, self._access())
+        if self._calibration is not None:
+            sent += self._calibration.xcp(now_ns, [frame for frame in frames if is_for_xcp(frame)])
         return sent
 
     # Reset.
@@ -180,15 +189,17 @@ class FlashableEcu:
         tell_boot(supplies.tell, self._boot)
         bundle = self._boot.bundle
         controller = None if bundle is None else fitting.controller(bundle)
+        self._calibration = None
+        if bundle is not None:
+            self._calibration = CalibrationLink(
+                bundle, self._store, self._config, supplies, refusal=self._jets_may_run
+            )
         diagnostics = NodeDiagnostics(
-            self._store,
-            self._config,
-            supplies,
-            bundle=bundle,
-            controller=controller,
-            refusal=lambda: self._wish.refusal(self._service_ns),
-            on_erase=self._begin_update,
-            on_reset=self._ask_for_reset,
+            Programming(self._store, refusal=lambda: self._wish.refusal(self._service_ns)),
+            facts=facts(supplies, self._config),
+            calibration=None if self._calibration is None else self._calibration.service,
+            self_test=None if bundle is None or controller is None else partial(self_test, bundle, controller),
+            events=Events(erased=self._begin_update, reset=self._ask_for_reset, tell=supplies.tell),
         )
         self._server = UdsServer(diagnostics, supplies.access, supplies.random_bytes)
         self._link = DiagnosticLink(self._config.bus, self._server)
@@ -198,6 +209,13 @@ class FlashableEcu:
         if bundle is None or controller is None:
             return ShutEcu(self._config, authentication=self._authentication)
         return Ecu(bundle, controller, self._config, authentication=self._authentication)
+
+    def _jets_may_run(self) -> Nrc | None:
+        return Nrc.CONDITIONS_NOT_CORRECT if self._wish.drives_jets else None
+
+    def _access(self) -> Access:
+        server = self._server
+        return Access(server.session, server.unlocked, {level: self._store.failed_attempts(level) for level in Level})
 
     def _begin_update(self) -> None:
         self._is_updating = True
@@ -209,6 +227,13 @@ class FlashableEcu:
         self._booted = self._power_on()
         self._silent_until_ns = now_ns + self._boot_ns
         self.resets += 1
+
+    def _calibrate(self) -> None:
+        """Other values from this period on."""
+        calibration = self._calibration
+        if calibration is None or not isinstance(self._ecu, Ecu) or (values := calibration.take()) is None:
+            return
+        self._ecu = self._ecu.calibrated(values)
 
     def _take_over(self) -> None:
         """Step what was booted from now on. Here and not where it was booted: that may be another thread."""
@@ -222,5 +247,5 @@ class FlashableEcu:
 
 
 def is_diagnostic(frame: Frame) -> bool:
-    """Whether a received frame is for diagnosis."""
-    return frame.frame_id == REQUEST_ID and not frame.is_extended
+    """Whether a received frame is for diagnosis or calibration."""
+    return (frame.frame_id == REQUEST_ID and not frame.is_extended) or is_for_xcp(frame)

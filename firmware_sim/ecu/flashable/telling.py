@@ -1,16 +1,34 @@
 """What happens in flashing and is worth a line in the log."""
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
 
 from can_bridge.flashing.boot import Boot, BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS
-from can_bridge.uds.services import Level, Session
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.services import Level, Routine, Session
 
 Tell = Callable[..., None]
-Access = tuple[Session, Level | None]
 
-_WORDS: Final = {Level.PROGRAMMING: "programming", Level.CALIBRATION: "calibration"}
+
+class Access(NamedTuple):
+    """Where a tester stands.
+
+    Attributes:
+        attempts: wrong keys in a row, by level.
+    """
+
+    session: Session
+    unlocked: Level | None
+    attempts: Mapping[Level, int]
+
+
+_DONE: Final = {
+    Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
+    Routine.ACTIVATE: ("activated", "the release that was written is activated: booted on trial from the next reset on"),
+    Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
+    Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
+}
 
 
 def tell_boot(tell: Tell, boot: Boot) -> None:
@@ -22,29 +40,37 @@ def tell_boot(tell: Tell, boot: Boot) -> None:
     name, digest = boot.bundle.manifest.name, boot.bundle.digest
     event, words = "booted", boot.reason.in_words
     if boot.reason is BootReason.TRIAL:
-        trial = TRIAL_BOOTS - boot.boots_left
-        event, words = "trial", f"on trial, boot {trial} of {TRIAL_BOOTS} without confirmation"
-        verdicts["trial"] = str(trial)
+        event, words = "trial", f"on trial, boot {TRIAL_BOOTS - boot.boots_left} of {TRIAL_BOOTS} without confirmation"
     elif boot.reason is BootReason.REVERTED:
         event = "reverted"
     tell(
         event,
         f"booted slot {boot.slot.name}: {name} {digest[:12]}, {words}",
         slot=boot.slot.name,
-        bundle=name,
+        release=name,
         digest=digest,
+        boots_left=boot.boots_left,
         **verdicts,
     )
 
 
 def tell_access(tell: Tell, before: Access, after: Access) -> None:
-    """A session that began or ended, and a level that was unlocked."""
-    if after[0] is not before[0]:
-        tell("session", f"{after[0].name.lower()} session", session=after[0].name)
-    if after[1] is not None and after[1] is not before[1]:
-        tell("unlocked", f"{_WORDS[after[1]]} unlocked by a tester", level=after[1].name)
+    """A session that began or ended, a level that was unlocked, a key that was refused."""
+    if after.session is not before.session:
+        tell("session", f"{after.session.name.lower()} session", session=after.session.name)
+    if after.unlocked is not None and after.unlocked is not before.unlocked:
+        level = after.unlocked.name
+        tell("unlocked", f"a tester unlocked {level.lower()}", level=level)
+    for level, count in after.attempts.items():
+        if count > before.attempts[level]:
+            words = f"a tester's key for {level.name.lower()} was refused, {count} in a row"
+            tell("key_refused", words, level=level.name, count=count)
 
 
-def tell_attempt(tell: Tell, level: Level, count: int) -> None:
-    """A key is being looked at; the count begins at 0 again when it is right."""
-    tell("key_counted", f"key for {_WORDS[level]}, attempt {count} in a row", level=level.name, count=count)
+def tell_routine(tell: Tell, routine: Routine, answer: bytes) -> None:
+    """A routine that was run."""
+    if routine is Routine.CHECK and answer and answer[0] in Verdict.__members__.values():
+        verdict = Verdict(answer[0])
+        tell("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
+    elif routine in _DONE:
+        tell(*_DONE[routine])
