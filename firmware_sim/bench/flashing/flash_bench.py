@@ -17,7 +17,6 @@ from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings, classic
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -26,6 +25,7 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu, is_diagnostic
 
 SERVICE_NS: Final = 1_000_000
@@ -83,8 +83,7 @@ class FlashBench:
         self._vehicle_port, self._ecu_port = self.bus.port("vehicle"), self.bus.port("ecu")
         self._tester_port = self.bus.port("tester")
         self._tester: Bus = wrap(self._tester_port, faults.tester, lambda: self.bus.now_ns, seed=faults.seed)
-        ids = {"receive_id": RESPONSE_ID, "send_id": REQUEST_ID}
-        self._endpoint = Endpoint(classic(**ids) if config.bus.frames == "classic" else IsoTpSettings(**ids))
+        self._endpoint = Endpoint(isotp_settings(config.bus, receive_id=RESPONSE_ID, send_id=REQUEST_ID))
         self._answers: list[bytes] = []
         self._for_control: list[Frame] = []
         self._for_service: list[Frame] = []

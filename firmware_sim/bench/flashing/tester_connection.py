@@ -8,7 +8,7 @@ from udsoncan.exceptions import TimeoutException
 from firmware_sim.bench.flashing.flash_bench import FlashBench
 
 
-class BenchConnection(BaseConnection):  # type: ignore[misc]  # (without stubs)
+class BenchConnection(BaseConnection):
     """Open from `open` to `close`."""
 
     def __init__(self, bench: FlashBench) -> None:
@@ -41,5 +41,5 @@ class BenchConnection(BaseConnection):  # type: ignore[misc]  # (without stubs)
         """The next answer; raises TimeoutException if none comes in so long."""
         answer = self._bench.answer(2.0 if timeout is None else timeout)
         if answer is None:
-            raise TimeoutException(f"no answer within {timeout} s of virtual time")
+            raise TimeoutException(f"no answer within {timeout} s of virtual time")  # type: ignore[no-untyped-call]
         return answer

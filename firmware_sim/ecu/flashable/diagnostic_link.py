@@ -14,6 +14,13 @@ MOST_FRAMES: Final = 128
 """Looked at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood is lost."""
 
 
+def isotp_settings(config: BusConfig, *, receive_id: int, send_id: int) -> IsoTpSettings:
+    """Of one end, with the frames of this bus."""
+    if config.frames == "classic":
+        return classic(receive_id=receive_id, send_id=send_id)
+    return IsoTpSettings(receive_id=receive_id, send_id=send_id)
+
+
 class DiagnosticLink:
     """After power-on.
 
@@ -23,8 +30,7 @@ class DiagnosticLink:
     """
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
-        ids = {"receive_id": REQUEST_ID, "send_id": RESPONSE_ID}
-        self._endpoint = Endpoint(classic(**ids) if config.frames == "classic" else IsoTpSettings(**ids))
+        self._endpoint = Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
         self._server = server
 
     @property

@@ -1,39 +1,30 @@
 """The ECU as a vehicle runs it: it boots a release from its store, controls, and can be flashed and calibrated.
 
-`step` is a control period and all diagnosis that fits into it, a function of time and received frames like
-`firmware_sim.ecu.ecu.Ecu.step`. Who has time between two periods calls `control` once a period and `service` in between,
-as often as it likes; the two may be called by two threads. A reset loses what a loss of power would lose: the release is
-booted anew and every counter begins at 0, but freshness values, which no receiver would believe twice.
+`step` is a control period and one look at diagnosis, a function of time and received frames like
+`firmware_sim.ecu.ecu.Ecu.step`. Who has time between two periods calls `control` once a period and `service` in
+between, as often as it likes; a thread of its own may do the latter. A reset loses what a loss of power would lose: the
+release is booted anew and every counter begins at 0, but freshness values, which no receiver would believe twice.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
-from can_bridge.uds.programming import Programming
-from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import REQUEST_ID, Level, Nrc, Session
+from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
-from contract.controller.interface import Controller
-from contract.release.bundle import Bundle
 from firmware_sim.ecu.ecu import Ecu, Trace
 from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.flashable.calibration_link import CalibrationLink, is_for_xcp
-from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
-from firmware_sim.ecu.flashable.facts import facts
-from firmware_sim.ecu.flashable.fitting import Fitting
-from firmware_sim.ecu.flashable.node_diagnostics import Events, NodeDiagnostics
-from firmware_sim.ecu.flashable.self_test import self_test
+from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
+from firmware_sim.ecu.flashable.power_cycle import PowerCycle
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
-from firmware_sim.ecu.flashable.telling import Access, tell_access, tell_boot
+from firmware_sim.ecu.flashable.telling import Access, tell_access
 from firmware_sim.ecu.flashable.vehicle_wish import VehicleWish
 
 
@@ -68,10 +59,11 @@ class FlashableEcu:
         self._wish = VehicleWish()
         self._silent_until_ns: int | None = None
         self._service_ns = 0
-        self._is_updating = self._is_resetting = False
-        self._booted: Ecu | ShutEcu | None = None
+        self._wants_reset = False
         self.resets = 0
-        self._ecu = self._power_on()
+        # The service works in a new cycle as soon as it is booted, the control from its next period on.
+        self._serviced = self._controlled = self._power_on()
+        self._ecu: Ecu | ShutEcu = self._controlled.ecu
 
     @property
     def state(self) -> EcuState:
@@ -91,22 +83,22 @@ class FlashableEcu:
     @property
     def boot(self) -> Boot:
         """What the latest one came to."""
-        return self._boot
+        return self._serviced.boot
 
     @property
     def store(self) -> Store:
-        """Since the latest boot."""
-        return self._store
+        """As of the latest boot."""
+        return self._serviced.store
 
     @property
-    def session(self) -> Session:
-        """Of the diagnosis."""
-        return self._server.session
+    def access(self) -> Access:
+        """Where the tester stands."""
+        return self._serviced.access
 
     @property
     def is_busy(self) -> bool:
         """Whether `service` has something to do without another frame."""
-        return self._is_resetting or self._link.is_busy
+        return self._wants_reset or self._serviced.link.is_busy
 
     def restore(self, state: EcuState) -> None:
         """Let the control go on from a state of an ECU with the same release and settings; the store stays."""
@@ -117,12 +109,7 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
     ) -> list[Frame]:
         """One control period, and one call of `service`.
 
@@ -135,115 +122,84 @@ class FlashableEcu:
         Returns:
             A JetCommand and an EcuStatus, and what diagnosis sends. Nothing while it boots.
         """
-        for_control = [frame for frame in frames if not is_diagnostic(frame)]
-        for_service = [frame for frame in frames if is_diagnostic(frame)] if len(for_control) < len(frames) else []
+        for_service = [frame for frame in frames if is_diagnostic(frame)]
+        for_control = [frame for frame in frames if not is_diagnostic(frame)] if for_service else frames
         sent = self.control(now_ns, for_control, health, fault=fault)
         return sent + self.service(now_ns, for_service)
 
     def control(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
     ) -> list[Frame]:
-        """One control period, without diagnosis."""
-        if self._silent_until_ns is not None and now_ns < self._silent_until_ns:
+        """One control period, without diagnosis; arguments as for `step`."""
+        if self._is_silent(now_ns):
             return []
         self._take_over()
-        if self._is_resetting:
-            fault = Reason.NO_RELEASE
         self._calibrate()
+        if self._wants_reset:
+            # What is booted next knows nothing of the jets that run now.
+            fault = Reason.NO_RELEASE
         before = self._ecu.state
-        sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._is_updating)
+        sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
         self._wish = self._wish.seen(before, self._ecu.state, now_ns)
         return sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Diagnosis: take frames, do at most one piece of long work, and return what is to be sent now."""
-        if self._silent_until_ns is not None and now_ns < self._silent_until_ns:
+        if self._is_silent(now_ns) or self._serviced is not self._controlled:
+            return []
+        if self._wants_reset:
+            self._reset(now_ns)
             return []
         self._service_ns = now_ns
-        if self._is_resetting:
-            if self._booted is None:
-                self._reset(now_ns)
-            return []
-        before = self._access()
-        sent = self._link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
-        tell_access(self._supplies.tell, before, self._access())
-        if self._calibration is not None:
-            sent += self._calibration.xcp(now_ns, [frame for frame in frames if is_for_xcp(frame)])
+        cycle = self._serviced
+        before = cycle.access
+        sent = cycle.link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
+        tell_access(self._supplies.tell, before, cycle.access)
+        if cycle.calibration is not None:
+            sent += cycle.calibration.xcp(now_ns, [frame for frame in frames if is_for_xcp(frame)])
         return sent
 
-    # Reset.
+    # Between the two.
 
-    def _power_on(self) -> Ecu | ShutEcu:
-        """Everything volatile anew; the control is returned, and stepped from the next period on."""
-        fitting = Fitting(self._config, self._supplies.controller_of)
-        supplies = self._supplies
-        self._store = Store(
-            self._backing, root=supplies.root, hardware=supplies.hardware, fits=fitting.fits
+    def _power_on(self) -> PowerCycle:
+        return PowerCycle(
+            self._backing,
+            self._config,
+            self._supplies,
+            self._authentication,
+            wish=lambda: self._wish,
+            now_ns=lambda: self._service_ns,
+            on_reset=self._ask_for_reset,
         )
-        self._boot = self._store.boot()
-        tell_boot(supplies.tell, self._boot)
-        bundle = self._boot.bundle
-        controller = None if bundle is None else fitting.controller(bundle)
-        self._calibration = None
-        if bundle is not None:
-            self._calibration = CalibrationLink(
-                bundle, self._store, self._config, supplies, refusal=self._jets_may_run
-            )
-        diagnostics = NodeDiagnostics(
-            Programming(self._store, refusal=lambda: self._wish.refusal(self._service_ns)),
-            facts=facts(supplies, self._config),
-            calibration=None if self._calibration is None else self._calibration.service,
-            self_test=None if bundle is None or controller is None else partial(self_test, bundle, controller),
-            events=Events(erased=self._begin_update, reset=self._ask_for_reset, tell=supplies.tell),
-        )
-        self._server = UdsServer(diagnostics, supplies.access, supplies.random_bytes)
-        self._link = DiagnosticLink(self._config.bus, self._server)
-        return self._controlled(bundle, controller)
 
-    def _controlled(self, bundle: Bundle | None, controller: Controller | None) -> Ecu | ShutEcu:
-        if bundle is None or controller is None:
-            return ShutEcu(self._config, authentication=self._authentication)
-        return Ecu(bundle, controller, self._config, authentication=self._authentication)
-
-    def _jets_may_run(self) -> Nrc | None:
-        return Nrc.CONDITIONS_NOT_CORRECT if self._wish.drives_jets else None
-
-    def _access(self) -> Access:
-        server = self._server
-        return Access(server.session, server.unlocked, {level: self._store.failed_attempts(level) for level in Level})
-
-    def _begin_update(self) -> None:
-        self._is_updating = True
+    def _is_silent(self, now_ns: int) -> bool:
+        return self._silent_until_ns is not None and now_ns < self._silent_until_ns
 
     def _ask_for_reset(self) -> None:
-        self._is_resetting = True
+        self._wants_reset = True
 
     def _reset(self, now_ns: int) -> None:
-        self._booted = self._power_on()
+        self._serviced = self._power_on()
         self._silent_until_ns = now_ns + self._boot_ns
         self.resets += 1
 
+    def _take_over(self) -> None:
+        """Control by what was booted from now on: here and not where it was booted, which may be another thread."""
+        cycle = self._serviced
+        if cycle is self._controlled:
+            return
+        before = self._ecu.state
+        cycle.ecu.restore(replace(cycle.ecu.state, verifier=before.verifier, freshness=before.freshness))
+        self._ecu, self._wish = cycle.ecu, VehicleWish()
+        self._wants_reset = False
+        self._controlled = cycle
+
     def _calibrate(self) -> None:
         """Other values from this period on."""
-        calibration = self._calibration
-        if calibration is None or not isinstance(self._ecu, Ecu) or (values := calibration.take()) is None:
+        calibration = self._controlled.calibration
+        if calibration is None or (values := calibration.take()) is None or isinstance(self._ecu, ShutEcu):
             return
         self._ecu = self._ecu.calibrated(values)
-
-    def _take_over(self) -> None:
-        """Step what was booted from now on. Here and not where it was booted: that may be another thread."""
-        if (booted := self._booted) is None:
-            return
-        self._booted = None
-        before = self._ecu.state
-        booted.restore(replace(booted.state, verifier=before.verifier, freshness=before.freshness))
-        self._ecu, self._wish = booted, VehicleWish()
-        self._is_updating = self._is_resetting = False
 
 
 def is_diagnostic(frame: Frame) -> bool:

@@ -25,7 +25,10 @@ class Access(NamedTuple):
 
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
-    Routine.ACTIVATE: ("activated", "the release that was written is activated: booted on trial from the next reset on"),
+    Routine.ACTIVATE: (
+        "activated",
+        "the release that was written is activated: booted on trial from the next reset on",
+    ),
     Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
     Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
 }
@@ -59,8 +62,7 @@ def tell_access(tell: Tell, before: Access, after: Access) -> None:
     if after.session is not before.session:
         tell("session", f"{after.session.name.lower()} session", session=after.session.name)
     if after.unlocked is not None and after.unlocked is not before.unlocked:
-        level = after.unlocked.name
-        tell("unlocked", f"a tester unlocked {level.lower()}", level=level)
+        tell("unlocked", f"a tester unlocked {after.unlocked.name.lower()}", level=after.unlocked.name)
     for level, count in after.attempts.items():
         if count > before.attempts[level]:
             words = f"a tester's key for {level.name.lower()} was refused, {count} in a row"

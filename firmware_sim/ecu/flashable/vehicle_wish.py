@@ -26,9 +26,7 @@ class VehicleWish:
         """After one more control step."""
         usable = after.missed == before.missed
         asks = usable and after.fail_safe.enable_request
-        return replace(
-            self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets
-        )
+        return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
         """CONDITIONS_NOT_CORRECT while the jets may run, or the vehicle asked for control in the last second."""
