@@ -50,7 +50,7 @@ c: $(VENV)/dev.stamp
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 
 # From the shipped recording to a bundle of the shipped kind, then the loop with it.
 retrain: $(VENV)/dev.stamp

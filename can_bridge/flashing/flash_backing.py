@@ -59,6 +59,11 @@ class FlashBacking:
         """Bytes that a slot holds."""
         return self._needed * self._medium.sector_size
 
+    @property
+    def bad_sectors(self) -> frozenset[int]:
+        """Sectors that failed and are no longer used."""
+        return self._layout.bad
+
     def records(self) -> Mapping[Kind, bytes]:
         """The newest whole record of each kind."""
         return {kind: self._log.records[kind] for kind in Kind if kind in self._log.records}
@@ -133,7 +138,8 @@ class FlashBacking:
             if lies.tail_at <= at < lies.tail_at + len(lies.tail):
                 piece = lies.tail[at - lies.tail_at :][: end - at]
             else:
-                piece = self._read(slot, at, end - at)
+                before_tail = lies.tail_at if lies.tail and at < lies.tail_at else end
+                piece = self._read(slot, at, min(end, before_tail) - at)
             parts.append(piece)
             at += len(piece)
         return b"".join(parts)

@@ -1,4 +1,4 @@
-"""Where the images lie in a flash memory: a value that the flash backing keeps in its log, whole, before it relies on it.
+"""Where the images lie in a flash memory: a value that is kept in the log, whole, before anything relies on it.
 
 An image is a row of extents. Each begins at a byte of the image and at a place in the memory, and goes on until the
 next one begins; none reaches over the end of its sector.

@@ -114,9 +114,9 @@ class SimulatedFlash:
         """Another chip in the same state; sectors are copied when one of the two changes them."""
         made = object.__new__(SimulatedFlash)
         made.__dict__.update(self.__dict__)
-        made._seed = self._seed if seed is None else seed  # noqa: SLF001
-        made._sectors = list(self._sectors)  # noqa: SLF001
-        self._own, made._own = set(), set()  # noqa: SLF001
+        made._seed = self._seed if seed is None else seed
+        made._sectors = list(self._sectors)
+        self._own, made._own = set(), set()
         return made
 
     def read(self, address: int, length: int) -> bytes:
