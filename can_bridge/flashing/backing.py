@@ -6,13 +6,23 @@ one. And whatever was written to a slot before the last `keep` of a `Kind.STATE`
 
 from collections.abc import Generator, Mapping
 from enum import IntEnum
-from typing import Final, Protocol, TypeVar
+from typing import Final, Protocol, TypeVar, cast
 
 T = TypeVar("T")
 
 Work = Generator[None, None, T]
 """Long work in pieces: each `next` does one, of at most a few tens of milliseconds on a controller; the return value is
 the result. Whoever drives it can answer the bus in between, and throws it away when the session ends."""
+
+
+def at_once(work: Work[T]) -> T:
+    """The result of all of it."""
+    while True:
+        try:
+            next(work)
+        except StopIteration as done:
+            return cast(T, done.value)
+
 
 MAX_RECORD: Final = 8192
 """Bytes of one record."""

@@ -1,10 +1,13 @@
 """Which image is booted, and why."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from can_bridge.flashing.backing import Slot
+from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.remembered import Remembered
+from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from contract.release.bundle import Bundle
 
@@ -52,3 +55,47 @@ class Boot:
     verdicts: Mapping[Slot, Verdict]
     reason: BootReason
     boots_left: int = 0
+
+
+def boot(remembered: Remembered) -> Boot:
+    """Choose an image and check all of it. A boot on trial is counted before it; never raises for what it finds."""
+    trial = remembered.state.on_trial
+    verdicts: dict[Slot, Verdict] = {}
+    on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)
+    return on_trial or _boot_confirmed(remembered, trial is not None, verdicts)
+
+
+def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict]) -> Boot | None:
+    """The image on trial, if it may be booted once more and is in order; otherwise it is given up."""
+    standing = remembered.state.slots[slot]
+    try:
+        if standing.boots_left > 0:
+            # Counted first: whatever the image does to the ECU, the boots end.
+            left = standing.boots_left - 1
+            remembered.keep_slot(slot, replace(standing, boots_left=left))
+            verdicts[slot], bundle = at_once(remembered.judged(slot))
+            if bundle is not None:
+                return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
+        remembered.keep_slot(slot, replace(standing, phase=Phase.BAD, boots_left=0))
+    except MediumError:
+        # A trial that cannot be counted would never end, so the image does not run.
+        verdicts.setdefault(slot, Verdict.UNREADABLE)
+    return None
+
+
+def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
+    """The confirmed image, or the one confirmed before it.
+
+    One that fails stays confirmed, and the next boot judges it anew: whoever gives the ECU another stillwake.dbc or
+    vehicle by mistake can take that back.
+    """
+    active = remembered.state.active
+    for slot in () if active is None else (active, active.other):
+        if remembered.state.slots[slot].phase != Phase.CONFIRMED:
+            continue
+        verdicts[slot], bundle = at_once(remembered.judged(slot))
+        if bundle is not None:
+            expected = BootReason.REVERTED if is_reverted else BootReason.CONFIRMED
+            reason = expected if slot == active else BootReason.FALLBACK
+            return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=reason)
+    return Boot(slot=None, bundle=None, verdicts=verdicts, reason=BootReason.NO_RELEASE)

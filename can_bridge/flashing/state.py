@@ -1,11 +1,11 @@
 """What the store remembers of its slots: the record `Kind.STATE`, as values and as bytes.
 
-    0   4  "SWS1"
-    4      per slot: phase (1), boots left (1), length (4), received (4), security version (4), SHA-256 of the image (32),
-           digest (32), signer (32), length of the name (2), name (UTF-8)
-           active slot, 0xFF for none (1); least security version (4); failed attempts for programming (1) and
-           calibration (1)
-           CRC-32 of all before it (4)
+    "SWS1" (4)
+    for each slot: phase (1), boots left (1), length of the image (4), bytes received (4), security version (4), SHA-256
+        of the image (32), digest (32), signer (32), length of the name (2), name (UTF-8)
+    active slot, 0xFF for none (1); least security version (4)
+    failed attempts for programming (1), for calibration (1)
+    CRC-32 of all before it (4)
 
 Numbers are big-endian. It is kept after every block of a transfer, so it is short.
 """

@@ -15,22 +15,17 @@ import hashlib
 from dataclasses import replace
 from typing import Final
 
-from can_bridge.flashing import calibrations, state
-from can_bridge.flashing.backing import Backing, Kind, Slot, Work
-from can_bridge.flashing.boot import Boot, BootReason
-from can_bridge.flashing.checking import Fits, Rules, check
-from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.state import MOST_ATTEMPTS, TRIAL_BOOTS, Phase, SlotState, StoreState
+from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
+from can_bridge.flashing.boot import Boot, boot
+from can_bridge.flashing.checking import Fits
+from can_bridge.flashing.remembered import PIECE, Remembered
+from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import Level
-from contract.errors import BusError, ConfigError, KeyFileError
-from contract.release import key_list
-from contract.release.bundle import Bundle
+from contract.errors import BusError, ConfigError
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
 
-_PIECE: Final = 4096
-"""Bytes read at once."""
 _SHA256_BYTES: Final = 32
 
 
@@ -49,15 +44,11 @@ class Store:
     """
 
     def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits) -> None:
-        self._backing = backing
-        self._root = root
-        self._hardware = hardware
-        self._fits = fits
-        self._state, self._keys = self._remembered()
+        self._remembered = Remembered(backing, root=root, hardware=hardware, fits=fits)
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
-        self._filling: Slot | None = None
-        """Whose memory stands exactly behind what was received."""
+        self._announced: Slot | None = None
+        """Of the transfer under way: the memory stands exactly behind what was received."""
 
     @classmethod
     def provision(
@@ -78,35 +69,34 @@ class Store:
             ConfigError: the image fails a check.
             MediumError: the memory is bad.
         """
-        if backing.records():
-            raise OutOfOrderError("the store is provisioned already: it must be empty")
         store = cls(backing, root=root, hardware=hardware, fits=fits)
-        store.take_keys(keys)
+        if store.state.active is not None:
+            raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
+        if backing.records().get(Kind.KEYS) != keys:
+            store.take_keys(keys)
         if image is not None:
-            _run(store.announce(len(image), hashlib.sha256(image).digest()))
-            for at in range(0, len(image), _PIECE):
-                store.append(image[at : at + _PIECE])
-            if (verdict := _run(store.finish())) != Verdict.GOOD:
+            at_once(store.announce(len(image), hashlib.sha256(image).digest()))
+            for at in range(store.received or 0, len(image), PIECE):
+                store.append(image[at : at + PIECE])
+            if (verdict := at_once(store.finish())) != Verdict.GOOD:
                 raise ConfigError(f"image: {verdict.in_words}; must be a bundle for this ECU")
             store._confirm(Slot.A)
-        else:
-            store._keep(store.state)
         return store
 
     @property
     def state(self) -> StoreState:
         """As it is kept."""
-        return self._state
+        return self._remembered.state
 
     @property
     def keys(self) -> KeyList | None:
         """Which keys may sign; None without a list that is in order."""
-        return self._keys
+        return self._remembered.keys
 
     @property
     def capacity(self) -> int:
         """Bytes of the greatest image."""
-        return self._backing.capacity
+        return self._remembered.backing.capacity
 
     @property
     def last_boot(self) -> Boot | None:
@@ -121,16 +111,14 @@ class Store:
     @property
     def received(self) -> int | None:
         """Bytes there are of the announced image, and so the offset of the next ones; None if none is announced."""
-        return None if self._filling is None else self._state.slots[self._filling].received
-
-    # Boot.
+        return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
         """Choose an image and check all of it. A boot on trial is counted before it; never raises for what it finds."""
-        verdicts: dict[Slot, Verdict] = {}
-        boot = self._boot_trial(verdicts)
-        reason = BootReason.CONFIRMED if self._state.on_trial is None and boot is None else BootReason.TRIAL
-        raise NotImplementedError(reason)
+        self._announced = None
+        self._last_boot = boot(self._remembered)
+        self._running = self._last_boot.slot
+        return self._last_boot
 
     # Transfer.
 
@@ -145,7 +133,28 @@ class Store:
             ConfigError: the length or the hash is out of range.
             MediumError: the memory is bad.
         """
-        raise NotImplementedError
+        if not 0 < length <= self.capacity:
+            raise ConfigError(f"image of {length} bytes: must have 1 to {self.capacity} for this ECU")
+        if len(sha256) != _SHA256_BYTES:
+            raise ConfigError(f"image: a SHA-256 of {len(sha256)} bytes: must have {_SHA256_BYTES}")
+        slot = self._writable_slot()
+        standing = self.state.slots[slot]
+        self._announced = None
+        if self._running == slot:
+            self._running = None
+        if standing.holds(length, sha256) and not self._is_known_bad(slot):
+            self._remembered.backing.begin_again(slot, standing.received)
+            wanted = standing.received
+        else:
+            # Until it is announced, nobody believes in what a cut leaves of this slot.
+            self._remembered.keep(self._without(slot))
+            yield from self._remembered.backing.clear(slot)
+            wanted = 0
+        announced = SlotState(phase=Phase.FILLING, length=length, sha256=sha256, received=wanted)
+        if announced != standing:
+            self._remembered.keep(self._without(slot).with_slot(slot, announced))
+        self._announced = slot
+        return wanted
 
     def append(self, data: bytes) -> None:
         """The next bytes of the announced image; they outlive a loss of power once this returns.
@@ -154,35 +163,92 @@ class Store:
             OutOfOrderError: no image is announced, or these are more bytes than were.
             MediumError: the memory is bad; announce the image again.
         """
-        raise NotImplementedError
+        slot, standing = self._transfer()
+        if standing.phase != Phase.FILLING or standing.received + len(data) > standing.length:
+            raise OutOfOrderError(
+                f"image: {len(data)} bytes behind {standing.received}: must end at the announced {standing.length}"
+            )
+        self._announced = None
+        self._remembered.backing.append(slot, data)
+        self._remembered.keep_slot(slot, replace(standing, received=standing.received + len(data)))
+        self._announced = slot
 
     def finish(self) -> Work[Verdict]:
         """Check the announced image as it lies in the memory; GOOD makes it `Phase.CHECKED`, INCOMPLETE leaves it.
+
+        May be repeated until the image is activated.
 
         Raises:
             OutOfOrderError: no image is announced.
             MediumError: the verdict cannot be kept.
         """
-        raise NotImplementedError
+        slot, standing = self._transfer()
+        if standing.received < standing.length:
+            return Verdict.INCOMPLETE
+        verdict, bundle = yield from self._remembered.judged(slot)
+        checked = SlotState(phase=Phase.BAD, length=standing.length, sha256=standing.sha256, received=standing.received)
+        if bundle is not None:
+            checked = replace(
+                checked,
+                phase=Phase.CHECKED,
+                digest=bundle.digest,
+                name=bundle.manifest.name,
+                security_version=bundle.manifest.security_version,
+                signer=b"" if bundle.signer is None else bundle.signer.raw,
+            )
+        if checked != standing:
+            self._remembered.keep_slot(slot, checked)
+        return verdict
 
     def drop(self) -> None:
         """The session ended; the transfer goes on with the next announcement of the same image."""
-        self._filling = None
+        self._announced = None
 
     # Choice.
 
     def activate(self) -> None:
-        """Boot the checked image from the next reset on, on trial; raises OutOfOrderError if there is none."""
-        raise NotImplementedError
+        """Boot the checked image from the next reset on, on trial; nothing changes if that is so already.
+
+        Raises:
+            OutOfOrderError: no image is checked.
+            MediumError: it cannot be kept.
+        """
+        state, slot, trial = self.state, self.state.checked, self.state.on_trial
+        if slot is None:
+            if trial is not None and trial != self._running:
+                return
+            raise OutOfOrderError("no image to activate: one must be transferred and checked first")
+        if trial is not None:
+            state = state.with_slot(trial, _given_up(state.slots[trial]))
+        self._remembered.keep(
+            state.with_slot(slot, replace(state.slots[slot], phase=Phase.TRIAL, boots_left=TRIAL_BOOTS))
+        )
+        self._announced = None
 
     def confirm(self) -> None:
         """Keep the release that runs on trial; nothing changes if it is confirmed already.
 
         Raises:
-            OutOfOrderError: no release runs, or it was written over.
+            OutOfOrderError: no release runs, or it is neither on trial nor confirmed any more.
             MediumError: it cannot be kept.
         """
-        raise NotImplementedError
+        slot = self._running
+        phase = None if slot is None else self.state.slots[slot].phase
+        if slot is None or phase not in (Phase.TRIAL, Phase.CONFIRMED):
+            raise OutOfOrderError("no release to confirm: an activated one must run")
+        if phase == Phase.TRIAL:
+            self._confirm(slot)
+
+    def _confirm(self, slot: Slot) -> None:
+        standing = self.state.slots[slot]
+        self._remembered.keep(
+            self.state.with_slot(
+                slot,
+                replace(standing, phase=Phase.CONFIRMED, boots_left=0),
+                active=slot,
+                least_security_version=max(self.state.least_security_version, standing.security_version),
+            )
+        )
 
     def revert(self) -> Work[Verdict]:
         """Go back, from the next reset on: from a trial to the confirmed release, or to the one before that.
@@ -194,7 +260,18 @@ class Store:
             OutOfOrderError: there is no release before.
             MediumError: it cannot be kept.
         """
-        raise NotImplementedError
+        trial, active = self.state.on_trial, self.state.active
+        if trial is not None:
+            self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
+            return Verdict.GOOD
+        # By what runs: if the answer is lost, and the request comes again, it must not lead back to where it was.
+        now = self._running if self._running is not None else active
+        if now is None or self.state.slots[now.other].phase != Phase.CONFIRMED:
+            raise OutOfOrderError("no release to go back to: none is on trial, and none was confirmed before")
+        verdict, _ = yield from self._remembered.judged(now.other)
+        if verdict == Verdict.GOOD and active != now.other:
+            self._remembered.keep(replace(self.state, active=now.other))
+        return verdict
 
     # Keys, calibration, attempts.
 
@@ -206,25 +283,57 @@ class Store:
                 could not boot any more.
             MediumError: it cannot be kept.
         """
-        raise NotImplementedError
+        self._remembered.take_keys(raw)
 
     def calibration(self, digest: str) -> bytes | None:
-        """What was kept for the release with this digest."""
-        raise NotImplementedError
+        """What was kept for the release with this digest; None where nothing was."""
+        return self._remembered.calibration(digest)
 
     def keep_calibration(self, blob: bytes | None) -> None:
         """Keep a calibration for the release that runs, or none.
 
         Raises:
             OutOfOrderError: no release runs.
+            ConfigError: it is too long.
             MediumError: it cannot be kept.
         """
-        raise NotImplementedError
+        if self._running is None:
+            raise OutOfOrderError("no release to keep a calibration for: one must run")
+        self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
 
     def failed_attempts(self, level: Level) -> int:
         """Wrong keys in a row, up to 255."""
-        return self._state.failed_attempts[level]
+        return self.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         """Keep them; raises MediumError if they cannot be kept."""
-        raise NotImplementedError
+        self._remembered.keep_failed_attempts(level, count)
+
+    # Slots.
+
+    def _writable_slot(self) -> Slot:
+        """The slot that is not protected: by the release that runs, if it is confirmed, or by the confirmed one."""
+        running, active = self._running, self.state.active
+        if running is not None and (active is None or self.state.slots[running].phase == Phase.CONFIRMED):
+            return running.other
+        return Slot.A if active is None else active.other
+
+    def _without(self, slot: Slot) -> StoreState:
+        """The state with an empty slot; a confirmed release in the other one is active then."""
+        is_confirmed = self.state.slots[slot.other].phase == Phase.CONFIRMED
+        return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
+
+    def _is_known_bad(self, slot: Slot) -> bool:
+        """Whether it was booted and failed, so that its image has to come anew."""
+        found = {} if self._last_boot is None else self._last_boot.verdicts
+        was_booted = self.state.slots[slot].phase in (Phase.TRIAL, Phase.CONFIRMED)
+        return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
+
+    def _transfer(self) -> tuple[Slot, SlotState]:
+        if self._announced is None:
+            raise OutOfOrderError("no image is announced: announce it first")
+        return self._announced, self.state.slots[self._announced]
+
+
+def _given_up(standing: SlotState) -> SlotState:
+    return replace(standing, phase=Phase.BAD, boots_left=0)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 BOOT_S: Final = 30.0
 """To wait for an ECU to come back from a reset."""
+THERE_S: Final = 3.0
+"""To wait for the first answer."""
 RESET_S: Final = 0.5
 """From the answer to a reset until the ECU is gone."""
 RESETS: Final = 3
@@ -40,8 +42,6 @@ class Step(Enum):
 
     IDENTIFY = auto()
     PRECONDITIONS = auto()
-    GO_BACK = auto()
-    """A release on trial that is another one is given up first."""
     TRANSFER = auto()
     ACTIVATE = auto()
     RESET = auto()
@@ -96,7 +96,7 @@ def flash(
     client: Client,
     image: bytes,
     *,
-    key: KeyOf,
+    key: KeyOf | None,
     options: Options = Options(),
     judge: Callable[[EcuFacts], None] = lambda facts: None,
     progress: Progress = lambda received, length: None,
@@ -109,7 +109,7 @@ def flash(
     Args:
         client: open; its settings are made here.
         image: as `contract.release.image` makes it.
-        key: answers a seed of the programming level.
+        key: answers a seed of the programming level; a dry run needs none.
         judge: raises FlashError if the ECU, by what it says of itself, must not be flashed with this image.
         progress: told of every block.
         say: told of every step.
@@ -158,7 +158,7 @@ class _Flashing:
     def run(self, elapsed: Callable[[], float]) -> Flashed:
         asking, transferred = self._asking, None
         self._say(Step.IDENTIFY)
-        asking.wait_until_there(1.0, "which session is it")
+        asking.wait_until_there(THERE_S, "say which session it is in")
         asking.session(Session.EXTENDED)
         before = read_facts(asking)
         after = before.store
@@ -183,9 +183,6 @@ class _Flashing:
             asking.session(Session.DEFAULT)
             return ended(End.WOULD_FLASH)
         if not self._is_ours(before.running):
-            if _phase(before.running) == "TRIAL":
-                self._say(Step.GO_BACK)
-                self._go_back()
             transferred = self._bring()
         after = self._try_out()
         if not self._options.confirm:
@@ -261,7 +258,7 @@ class _Flashing:
             self._asking.reset(times=1)
 
     def _is_ours(self, slot: SlotFacts | None) -> bool:
-        return slot is not None and slot.digest == self._digest
+        return slot is not None and slot.digest == self._digest != ""
 
 
 def digest_of(image: bytes) -> str:

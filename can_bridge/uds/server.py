@@ -75,8 +75,8 @@ class UdsServer:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is being worked on: `tick` then does the next piece."""
-        return self._job is not None
+        """Whether a request or a reset is under way: `tick` goes on with it."""
+        return self._job is not None or self._reset_is_due
 
     def request(self, now_ns: int, payload: bytes) -> list[bytes]:
         """Take a whole request; its answers, none if it is suppressed or not ready yet."""
@@ -85,7 +85,7 @@ class UdsServer:
             return []
         self._end_silent_session(now_ns)
         self._timer.hear(now_ns)
-        if self._job is not None or self._reset_is_due:
+        if self.is_busy:
             if payload == bytes([Service.TESTER_PRESENT, _SUPPRESS]):
                 return []
             return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
@@ -113,12 +113,14 @@ class UdsServer:
         return self._now_ns
 
     def _go_on(self, now_ns: int) -> list[bytes]:
-        if self._job is None:
+        job, self._job = self._job, None
+        if job is None:
             return []
-        answers = self._job.go_on(now_ns)
-        if self._job.is_done:
-            self._job = None
+        answers = job.go_on(now_ns)
+        if job.is_done:
             self._timer.hear(now_ns)
+        else:
+            self._job = job
         return answers
 
     def _end_silent_session(self, now_ns: int) -> None:

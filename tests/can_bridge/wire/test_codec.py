@@ -172,7 +172,7 @@ def test_only_the_messages_own_length_parses(parse, spec):
     [
         (codec.parse_jet_command, 8, 3, [6, 7]),
         (codec.parse_ecu_status, 24, 3, range(6, 16)),
-        (codec.parse_ecu_status, 24, 4, range(13, 256)),
+        (codec.parse_ecu_status, 24, 4, range(15, 256)),
     ],
 )
 def test_values_outside_a_table_are_malformed(parse, size, byte, bad):
@@ -239,7 +239,7 @@ def status(**changes: Any) -> EcuStatus:
         (codec.emit_ecu_status, status(bus_off=256), "bus_off = 256"),
         (codec.emit_ecu_status, status(bundle_hash=2**32), "bundle_hash"),
         (codec.emit_ecu_status, status(state=9), "9 is not a valid Mode"),
-        (codec.emit_ecu_status, status(reason=13), "13 is not a valid Reason"),
+        (codec.emit_ecu_status, status(reason=15), "15 is not a valid Reason"),
         (codec.emit_ecu_status, status(refused=65536), "refused = 65536"),
         (codec.emit_ecu_status, status(not_authentic=-1), "not_authentic = -1"),
         (codec.emit_ecu_status, status(tx_errors=256), "tx_errors = 256"),

@@ -189,7 +189,7 @@ def test_damaged_manifest_is_named(directory, text):
 
 def test_other_schema_is_named(directory):
     (directory / MANIFEST).write_text(json.dumps({**altered_body(directory), "schema": "stillwake-bundle/9"}))
-    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/4',"):
+    with pytest.raises(BundleError, match="schema 'stillwake-bundle/9', this version reads 'stillwake-bundle/5',"):
         bundle.load(directory)
 
 

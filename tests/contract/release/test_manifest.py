@@ -78,24 +78,55 @@ def leaves(tree: dict[str, Any], above: str = "") -> list[str]:
 
 def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
     manifest = read((BUNDLE / MANIFEST).read_bytes())
-    assert SHIPPED["schema"] == "stillwake-bundle/4"
+    assert SHIPPED["schema"] == "stillwake-bundle/5"
     assert manifest.sensor_positions == tuple(
         (float(x), float(y)) for x, y in TRUCK.positions[TRUCK.indices(manifest.sensors)]
     )
     assert read(sealed(SHIPPED)) == manifest
 
 
-UNKNOWING = {name: value for name, value in SHIPPED.items() if name != "sensor_estimator"}
-FORMER = UNKNOWING | {"schema": "stillwake-bundle/3", "sensor_positions": None}
-OLD = {name: value for name, value in UNKNOWING.items() if name != "sensor_positions"} | {
-    "schema": "stillwake-bundle/2"
-}
-"""As the version before wrote it."""
+def older(schema: int, *unknown: str, **values: object) -> dict[str, Any]:
+    """The shipped manifest as an older version wrote it."""
+    body = {name: value for name, value in SHIPPED.items() if name not in unknown}
+    return body | {"schema": f"stillwake-bundle/{schema}"} | values
 
 
-def test_a_manifest_of_the_old_schema_means_the_same():
+FLASHED = ("security_version", "hardware")
+"""Fields of the present schema alone."""
+FOURTH = older(4, *FLASHED)
+FORMER = older(3, *FLASHED, "sensor_estimator", sensor_positions=None)
+OLD = older(2, *FLASHED, "sensor_estimator", "sensor_positions")
+
+
+def test_a_manifest_of_an_old_schema_means_the_same_and_has_no_security_version():
+    shipped = read(sealed(SHIPPED))
+    assert shipped.security_version == 1
+    expected = replace(shipped, security_version=0, hardware=None)
+    assert read(sealed(FOURTH)) == expected
     for body in (FORMER, OLD):
-        assert read(sealed(body)) == replace(read(sealed(SHIPPED)), sensor_estimator=None, sensor_positions=None)
+        assert read(sealed(body)) == replace(expected, sensor_estimator=None, sensor_positions=None)
+
+
+@pytest.mark.parametrize("name", FLASHED)
+def test_an_old_schema_knows_nothing_of_flashing(name):
+    for schema, body in ((4, FOURTH), (3, FORMER), (2, OLD)):
+        assert f"{name}: unknown in schema 'stillwake-bundle/{schema}'" in refusal(sealed({**body, name: 1}))
+
+
+@pytest.mark.parametrize("value", [-1, 2**32, 1.0, "1", True, None, [1]])
+def test_a_security_version_is_a_32_bit_number(value):
+    assert "security_version" in refusal(sealed(changed("security_version", value)))
+
+
+def test_every_security_version_and_hardware_is_kept():
+    for value in (0, 1, 2**32 - 1):
+        assert read(sealed(changed("security_version", value))).security_version == value
+    assert read(sealed(changed("hardware", "stillwake-ecu-1"))).hardware == "stillwake-ecu-1"
+
+
+@pytest.mark.parametrize("value", ["", "x" * 101, "a\nb", "\x1b[2J", 1, ["ecu"]])
+def test_a_hardware_is_a_printable_name(value):
+    assert "hardware" in refusal(sealed(changed("hardware", value)))
 
 
 def test_the_old_schema_knows_no_positions():
@@ -224,7 +255,7 @@ PLACES = ((0.1, 0.5), (0.1, -0.5), (1.0, 0.25), (1.0, -0.25))
 
 def test_positions_are_written_and_read():
     raw = encode(placed(PLACES), {CONTROLLER: "0" * 64}, "0" * 64)
-    assert json.loads(raw)["schema"] == "stillwake-bundle/4"
+    assert json.loads(raw)["schema"] == "stillwake-bundle/5"
     assert read(raw) == placed(PLACES)
     unplaced = encode(placed(None), {CONTROLLER: "0" * 64}, "0" * 64)
     assert json.loads(unplaced)["sensor_positions"] is None
@@ -276,7 +307,7 @@ def test_the_former_schema_knows_no_estimator():
 
 
 def test_the_present_schema_needs_to_say_whether_there_is_an_estimator():
-    assert "sensor_estimator is missing" in refusal(sealed(UNKNOWING))
+    assert "sensor_estimator is missing" in refusal(sealed(without("sensor_estimator")))
     assert read(sealed({**SHIPPED, "sensor_estimator": None})).sensor_estimator is None
 
 

@@ -214,7 +214,7 @@ def test_an_update_begins_where_no_jet_may_run_and_ends_with_a_reset_alone(mode)
     assert state.mode is OperatingMode.UPDATE
     for event in "GgGxgGggggggGTgG":
         state = after(state, event)
-        assert (state.mode, state.reason) == (OperatingMode.UPDATE, Reason.NONE)
+        assert (state.mode, state.reason) == (OperatingMode.UPDATE, Reason.UPDATING)
     assert state.latch(Reason.INTERNAL).mode is OperatingMode.UPDATE
 
 

@@ -235,7 +235,7 @@ TAMPERINGS = [
     (with_another_controller_and_its_hash, errors.BundleSignatureError, "bad signature"),
     (with_other_sensors_signed_by_another, errors.BundleSignerError, "signed by key"),
     (of_another_schema, errors.BundleManifestError, "schema 'stillwake-bundle/9'"),
-    (for_another_dbc, errors.BundleFileError, "built for another stillwake.dbc"),
+    (for_another_dbc, errors.BundleDbcError, "built for another stillwake.dbc"),
     (without_a_data_set, errors.BundleManifestError, "dataset_sha256 = '': must be a SHA-256"),
     (with_a_large_manifest, errors.BundleContainerError, "at most 1048576"),
     (with_a_large_manifest_in_a_zip, errors.BundleContainerError, "at most 1048576"),

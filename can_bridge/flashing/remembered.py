@@ -1,0 +1,126 @@
+"""What outlives a loss of power besides the images: state, key list and calibrations, over their records."""
+
+import hashlib
+from dataclasses import replace
+from typing import Final
+
+from can_bridge.flashing import calibrations, state
+from can_bridge.flashing.backing import Backing, Kind, Slot, Work
+from can_bridge.flashing.checking import Fits, Rules, check
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.services import Level
+from contract.errors import ConfigError, KeyFileError
+from contract.release import key_list
+from contract.release.bundle import Bundle
+from contract.release.key_list import KeyList
+from contract.release.signing import PublicKey
+
+PIECE: Final = 4096
+"""Bytes of an image that are read or written at once."""
+
+
+class Remembered:
+    """The records of a backing; what is missing or damaged counts as never kept. Arguments as of `Store`."""
+
+    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits) -> None:
+        self.backing = backing
+        self._root = root
+        self._hardware = hardware
+        self._fits = fits
+        records = backing.records()
+        self.state = _state(records.get(Kind.STATE, b""))
+        self.keys = _key_list(records.get(Kind.KEYS, b""), root)
+        self._calibrations = _calibrations(records.get(Kind.CALIBRATION, b""))
+
+    def keep(self, changed: StoreState) -> None:
+        """Raises MediumError if it cannot be kept; nothing has changed then."""
+        self.backing.keep(Kind.STATE, state.encode(changed))
+        self.state = changed
+
+    def keep_slot(self, slot: Slot, changed: SlotState) -> None:
+        """As `keep`, of one slot."""
+        self.keep(self.state.with_slot(slot, changed))
+
+    def judged(self, slot: Slot) -> Work[tuple[Verdict, Bundle | None]]:
+        """Read a whole image from the memory and make every check."""
+        standing = self.state.slots[slot]
+        image = bytearray()
+        try:
+            while len(image) < standing.length:
+                image += self.backing.read(slot, len(image), min(PIECE, standing.length - len(image)))
+                yield
+        except MediumError:
+            return Verdict.UNREADABLE, None
+        if hashlib.sha256(image).digest() != standing.sha256:
+            return Verdict.WRONG_HASH, None
+        rules = Rules(
+            keys=self.keys,
+            hardware=self._hardware,
+            fits=self._fits,
+            least_security_version=self.state.least_security_version,
+        )
+        return check(bytes(image), rules)
+
+    def take_keys(self, raw: bytes) -> None:
+        """As `Store.take_keys`."""
+        listed = key_list.decode(raw, self._root)
+        if self.keys is not None:
+            if listed.version <= self.keys.version:
+                raise KeyFileError(
+                    f"key list: version {listed.version}: must be greater than {self.keys.version}, which this ECU has"
+                )
+            if self.state.active is not None:
+                signer = PublicKey(self.state.slots[self.state.active].signer)
+                if signer in self.keys.keys - listed.keys:
+                    raise KeyFileError(
+                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm one by "
+                        "another key first"
+                    )
+        self.backing.keep(Kind.KEYS, raw)
+        self.keys = listed
+
+    def calibration(self, digest: str) -> bytes | None:
+        """As `Store.calibration`."""
+        return self._calibrations.get(digest)
+
+    def keep_calibration(self, digest: str, blob: bytes | None) -> None:
+        """As `Store.keep_calibration`, for the release with this digest; those of releases that are gone go too."""
+        here = {slot.digest for slot in self.state.slots} - {digest}
+        kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
+        if blob is not None:
+            kept[digest] = blob
+        try:
+            record = calibrations.encode(kept)
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
+        self.backing.keep(Kind.CALIBRATION, record)
+        self._calibrations = kept
+
+    def keep_failed_attempts(self, level: Level, count: int) -> None:
+        """As `Store.keep_failed_attempts`."""
+        attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
+        if attempts != self.state.failed_attempts:
+            self.keep(replace(self.state, failed_attempts=attempts))
+
+
+def _state(record: bytes) -> StoreState:
+    try:
+        return state.decode(record)
+    except ValueError:
+        return StoreState()
+
+
+def _key_list(record: bytes, root: PublicKey) -> KeyList | None:
+    try:
+        return key_list.decode(record, root)
+    except KeyFileError:
+        return None
+
+
+def _calibrations(record: bytes) -> dict[str, bytes]:
+    try:
+        return calibrations.decode(record)
+    except ValueError:
+        return {}
