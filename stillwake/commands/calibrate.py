@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -19,15 +18,17 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 from contract.results import versions, write_result
+from stillwake.bus_option import BusName, with_bus
 from stillwake.outputs import check_json
 from stillwake.releases import Trust, open_release
-from stillwake.settings import REAL_BUS, settings
+from stillwake.settings import settings
 from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
 
 if TYPE_CHECKING:
     from can_bridge.tester.asking import Asking
     from can_bridge.tester.calibration import Calibrated
 
+_BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
 _OF_THE_VEHICLE: Final = (
     *("operating_point", "flow.control_period", "flow.action_limit"),
     *("ecu.command_step", "ecu.delay_steps", "ecu.plan_ahead"),
@@ -42,9 +43,7 @@ def calibrate(
             metavar="NAME=VALUE", help="What to change; without any, the values are shown.", show_default=False
         ),
     ] = None,
-    bus: Annotated[
-        str | None, typer.Option("--bus", metavar="INTERFACE:CHANNEL", help="The bus, e.g. socketcan:can0.")
-    ] = None,
+    bus: BusName = None,
     access: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Key of the ECU's security access; reading needs none.")
     ] = None,
@@ -68,19 +67,22 @@ def calibrate(
     stored ones go with the release that runs. Limits can be made narrower than the release's and the vehicle's, never
     wider.
 
+    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not stored, the jets are enabled; 7 the ECU
+    refused something else.
+
     stillwake calibrate --bus socketcan:can0 --access ecu.key lift=0.05 action_limit=0.05
     """
     check_json(json_file)
     changes = parsed(values or [])
     _check_options(changes, access=access, store=store, revert=revert, a2l=a2l, bundle=bundle, bus=bus)
-    uses = (*REAL_BUS, *_OF_THE_VEHICLE) if a2l is not None else REAL_BUS
-    config = settings("calibrate", config_file, overrides, uses=uses).config
+    uses = (*_BUS, *_OF_THE_VEHICLE) if a2l is not None else _BUS
+    config = settings("calibrate", config_file, with_bus(bus, overrides), uses=uses).config
     if a2l is not None:
         _write_a2l(a2l, bundle, trust, config)
         return
     from can_bridge.tester import calibration
 
-    with _asking(bus, access, config) as asking:
+    with _asking(access, config.bus) as asking:
         found = after = calibration.read(asking)
         wanted = calibration.changed(found, changes) if changes else None
         if wanted is not None or store or revert:
@@ -168,25 +170,15 @@ def _check_options(changes: Mapping[str, float], *, store: bool, revert: bool, *
 
 
 @contextmanager
-def _asking(bus: str | None, access: Path | None, config: Config) -> Iterator["Asking"]:
+def _asking(access: Path | None, bus: BusConfig) -> Iterator["Asking"]:
     """A conversation with the ECU on the bus."""
     from can_bridge.tester.asking import Asking
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.access_key import AccessKey
 
     key = None if access is None else AccessKey.read(access).answer
-    with open_client(_bus_of(bus, config)) as client:
+    with open_client(bus) as client:
         yield Asking(client, key=key, clock=time.monotonic, sleep=time.sleep)
-
-
-def _bus_of(text: str | None, config: Config) -> BusConfig:
-    """The bus that --bus names, otherwise that of the settings."""
-    if text is None:
-        return config.bus
-    interface, colon, channel = text.partition(":")
-    if not (interface and colon and channel):
-        raise ConfigError(f"--bus {text!r}: must be INTERFACE:CHANNEL, e.g. socketcan:can0")
-    return replace(config.bus, interface=interface, channel=channel)
 
 
 def _write_a2l(path: Path, bundle: Path | None, trust: str | None, config: Config) -> None:
