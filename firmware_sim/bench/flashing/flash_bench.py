@@ -1,8 +1,8 @@
 """A vehicle, an ECU that can be flashed, and a tester on one simulated bus, in virtual time.
 
-The vehicle samples once a control period, and the ECU steps a fixed time after it. Between the steps ECU and tester look
-at what is for them `SERVICE_NS` after a frame of diagnosis, as processes do that are woken by frames. Time passes only
-while somebody waits for it (`advance`).
+The vehicle samples once a control period, and the ECU steps a fixed time after it. Between the steps ECU and tester
+look at what is for them `SERVICE_NS` after a frame of diagnosis, as processes do that are woken by frames. Time passes
+only while somebody waits for it (`advance`).
 """
 
 from collections.abc import Callable, Sequence

@@ -9,7 +9,7 @@ from can_bridge.tester.messages import NotNowError
 from can_bridge.tester.sequence import End
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.config.vehicle import BusConfig
+from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision
 
 pytest.importorskip("udsoncan")
@@ -59,7 +59,8 @@ def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path, frames: str) -
 
 
 def test_a_vehicle_in_control_keeps_it(tmp_path: Path) -> None:
-    config = Config()
+    # The bench's pressures are sines: no wake, and the check of the sensors would say so.
+    config = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
     ecu, rig = made(tmp_path, config)
     bench = FlashBench(ecu, config, wish=lambda now_ns: now_ns > 100_000_000)
     bench.advance(2.0)
