@@ -5,6 +5,7 @@ from typing import Final
 
 from benchmarks.flash.fuzz_images import HARDWARE, ROOT, pool
 from benchmarks.flash.plain_memory import PlainMemory
+from can_bridge.flashing import report
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
@@ -58,7 +59,7 @@ class FuzzedEcu:
         self._is_reset = False
         self.store = Store(self.memory, root=signing.public_key(ROOT), hardware=HARDWARE, fits=_fits)
         boot = self.store.boot()
-        self.programming = Programming(self.store, self, refusal=self._refusal, report=_report)
+        self.programming = Programming(self.store, self, refusal=self._refusal, report=_report_of)
         self.server = UdsServer(self.programming, KEY, self._rng.randbytes)
         return boot
 
@@ -95,5 +96,5 @@ def _fits(bundle: Bundle) -> Verdict:
     return Verdict.GOOD
 
 
-def _report(store: Store) -> bytes:
-    return b"{}"
+def _report_of(store: Store) -> bytes:
+    return report.encode(report.report_of(store))

@@ -63,7 +63,7 @@ class Witness:
         for answer in answers:
             if answer[0] == 0x67 and len(answer) == 2 + _SEED_LENGTH:
                 self._seeds[Level(answer[1])] = answer[2:]
-        if request[:1] == b"\x10" and not (answers and answers[-1][0] == 0x7F):
+        if request[:1] == b"\x10" and not any(answer[:2] == b"\x7f\x10" for answer in answers):
             self._lock()
         self._judge_attempt(now_ns, request, answers)
         self.look()
@@ -104,7 +104,7 @@ class Witness:
 
     def _judge_attempt(self, now_ns: int, request: bytes, answers: list[bytes]) -> None:
         level = _level_of_answer(request)
-        if level is None:
+        if level is None or bytes([0x7F, 0x27, Nrc.BUSY_REPEAT_REQUEST]) in answers:
             return
         self._seeds.pop(level, None)
         last = answers[-1] if answers else b""
