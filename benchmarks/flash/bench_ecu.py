@@ -13,6 +13,7 @@ from udsoncan.exceptions import TimeoutException
 from benchmarks.flash.releases import ACCESS, HARDWARE, ROOT, fits
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
+from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.store import Store
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.diagnostics import Long
@@ -26,7 +27,7 @@ _NS = 1_000_000_000
 _TICK_NS = 10_000_000
 
 
-class BenchEcu(BaseConnection):  # type: ignore[misc]  # udsoncan has no types
+class BenchEcu(BaseConnection):
     """The ECU, and the tester's connection to it, by payloads.
 
     Attributes:
@@ -84,7 +85,9 @@ class BenchEcu(BaseConnection):  # type: ignore[misc]  # udsoncan has no types
     def _power_on(self) -> tuple[Store, Boot]:
         self.store = Store(self._backing(), root=ROOT, hardware=HARDWARE, fits=fits)
         self.boot = self.store.boot()
-        programming = Programming(self.store, _Inner(self), refusal=lambda: None, report=_report)
+        programming = Programming(
+            self.store, _Inner(self), refusal=lambda: None, report=lambda store: encode(report_of(store))
+        )
         self._server = UdsServer(programming, AccessKey(ACCESS), self._random)
         return self.store, self.boot
 
@@ -94,27 +97,7 @@ class BenchEcu(BaseConnection):  # type: ignore[misc]  # udsoncan has no types
 
 
 def _report(store: Store) -> bytes:
-    import json
-
-    from can_bridge.flashing.backing import Slot
-
-    names = "phase name digest security_version received length boots_left".split()
-    return json.dumps(
-        {
-            "slots": {
-                slot.name: {
-                    name: getattr(store.state.slots[slot], name)
-                    if name != "phase"
-                    else store.state.slots[slot].phase.name
-                    for name in names
-                }
-                for slot in Slot
-            },
-            "running": None if store.running is None else store.running.name,
-            "least_security_version": store.state.least_security_version,
-            "key_list_version": store.keys.version if store.keys else 0,
-        }
-    ).encode()
+    return encode(report_of(store))
 
 
 class _Inner:

@@ -260,7 +260,9 @@ def _stands(place: Place, slot: Slot, length: int) -> int | None:
 
 def _in_words(ecu: BenchEcu) -> str:
     slots = (f"{slot.name} {state.phase.name} {state.received}/{state.length}" for slot, state in _slots(ecu))
-    return f"{"no slot" if ecu.boot.slot is None else ecu.boot.slot.name}, {ecu.boot.reason.in_words}; " + ", ".join(slots)
+    return f"{'no slot' if ecu.boot.slot is None else ecu.boot.slot.name}, {ecu.boot.reason.in_words}; " + ", ".join(
+        slots
+    )
 
 
 def _slots(ecu: BenchEcu) -> list[tuple[Slot, SlotState]]:

@@ -25,13 +25,12 @@ OnCut = Callable[[int, "Place"], None]
 
 
 class Place(Protocol):
-    """A memory.
+    """A memory."""
 
-    Attributes:
-        operations: so far.
-    """
-
-    operations: int
+    @property
+    def operations(self) -> int:
+        """So far."""
+        ...
 
     def backing(self) -> Backing:
         """Open it, after power-on."""
@@ -92,7 +91,7 @@ class FolderPlace(LossyFiles):
         self._on_cut: OnCut | None = None
 
     @property
-    def operations(self) -> int:  # type: ignore[override]
+    def operations(self) -> int:
         return self.calls
 
     def backing(self) -> Backing:
