@@ -13,6 +13,7 @@ from benchmarks.flash import releases
 from benchmarks.flash.bench_ecu import BenchEcu
 from benchmarks.flash.case import Case
 from benchmarks.flash.places import FlashPlace, FolderPlace, Place
+from benchmarks.flash.quick_graphs import graphs_judged_once
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.medium import MediumError
@@ -129,7 +130,8 @@ def walk(
         recover(Case(kind, seed, first), torn, asked, tally, lambda second: then(first, second))
 
     place.branch(lambda number: at(number - begin), on_cut)
-    _flash(place, asked, tally)
+    with graphs_judged_once():
+        _flash(place, asked)
     tally.operations = place.operations - begin
     return tally
 
@@ -159,7 +161,7 @@ def recover(
     _judge(ecu, place.twin(), asked, wrong)
     had = asked.received if not asked.activated else 0
     try:
-        flashed = _flash(place, asked, tally, ecu)
+        flashed = _flash(place, asked, ecu)
     except StillwakeError as error:
         wrong("reflash_failed", str(error))
         return
@@ -189,7 +191,7 @@ def both_bad(kind: str, seed: int) -> Tally:
     if ecu.boot.bundle is not None or ecu.boot.reason is not BootReason.NO_RELEASE:
         tally.findings.append(Finding(case, "wrong_release", f"spoilt images boot: {_in_words(ecu)}"))
     try:
-        _flash(place, Asked(), tally, ecu)
+        _flash(place, Asked(), ecu)
     except StillwakeError as error:
         tally.findings.append(Finding(case, "reflash_failed", str(error)))
     if _runs(BenchEcu(place.backing), place) != NEW:
@@ -206,7 +208,7 @@ def _spoil(place: Place, slot: Slot) -> None:
     backing.keep(Kind.STATE, backing.records()[Kind.STATE])
 
 
-def _flash(place: Place, asked: Asked, tally: Tally, ecu: BenchEcu | None = None) -> Flashed:
+def _flash(place: Place, asked: Asked, ecu: BenchEcu | None = None) -> Flashed:
     ecu = BenchEcu(place.backing) if ecu is None else ecu
     return flash(
         Client(ecu),

@@ -5,8 +5,8 @@
 
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
-that runs is checked as the ECU checks it (signature, every hash, the graphs; nothing is remembered between boots) and
-compared with the releases byte by byte; then the same release is flashed again.
+that runs is checked as the ECU checks it, by its signature and every hash, and compared with the releases byte by byte;
+then the same release is flashed again.
 """
 
 from collections import Counter
@@ -29,8 +29,8 @@ from benchmarks.flash.fuzz import FuzzFigures, fuzz
 from contract.errors import StillwakeError
 from contract.results import versions
 
-PIECES: Final = 48
-"""In which a walk is done: each repeats the sequence and takes every so manieth cut."""
+PIECE: Final = 100
+"""Cuts that a process makes in one go; it repeats the sequence for them."""
 FUZZ_PIECE: Final = 25_000
 
 
@@ -69,11 +69,12 @@ def main(
         return
     began = perf_counter()
     walks = [*product(["flash"], range(seeds)), *product(["folder"], range(folder_seeds))]
-    shares = {kind: second_cuts / walk(kind, 0, lambda number: False).operations for kind in ("flash", "folder")}
+    operations = {kind: walk(kind, 0, lambda number: False).operations for kind in ("flash", "folder")}
     pieces = [
-        Piece(kind=kind, seed=seed, number=number, of=PIECES * every, share=shares[kind])
+        Piece(kind=kind, seed=seed, number=number, of=of * every, share=second_cuts / operations[kind])
         for kind, seed in walks
-        for number in range(0, PIECES * every, every)
+        for of in [-(-operations[kind] // (PIECE * every))]
+        for number in range(0, of * every, every)
     ]
     tallies = {"flash": Tally(), "folder": Tally()}
     fuzzed: list[FuzzFigures] = []
