@@ -41,7 +41,7 @@ def status_of(command: Callable[[], object]) -> int:
             sys.stdout.flush()
     except OSError as error:
         _forget_stdout()
-        return 1 if error.errno == errno.EPIPE else _fail(f"cannot write to standard output: {_reason(error)}")
+        return 1 if error.errno == errno.EPIPE else fail(f"cannot write to standard output: {_reason(error)}")
     return status
 
 
@@ -54,19 +54,19 @@ def _status_of(command: Callable[[], object]) -> int:
     except KeyboardInterrupt:
         return _stopped()
     except StillwakeError as error:
-        return _fail(str(error))
+        return fail(str(error))
     except ModuleNotFoundError as error:
-        return _fail(missing(error.name or str(error)))
+        return fail(missing(error.name or str(error)))
     except MemoryError as error:
-        return _fail(f"not enough memory{f': {error}' if str(error) else ''}")
+        return fail(f"not enough memory{f': {error}' if str(error) else ''}")
     except OSError as error:
         if error.filename is None and error.errno in (errno.EPIPE, errno.ENOSPC):
             raise
-        return _fail(_reason(error))
+        return fail(_reason(error))
     except Exception:  # noqa: BLE001  (a fault of ours ends with its traceback, and a line on what to do)
         with suppress(OSError):
             traceback.print_exc()
-        return _fail(REPORT)
+        return fail(REPORT)
     return 0
 
 
@@ -89,10 +89,11 @@ def missing(module: str) -> str:
 
 def _stopped() -> int:
     status, line = outcome()
-    return _fail(line, status=status, prefix="")
+    return fail(line, status=status, prefix="")
 
 
-def _fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
+def fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
+    """Print why a command fails, in one line; return the status to end with."""
     text = " ".join(part.strip() for part in visible(f"{prefix}{line}").splitlines())
     with suppress(OSError):
         errors.print(text, style="red", highlight=False, soft_wrap=True)
@@ -107,7 +108,7 @@ def _reason(error: OSError) -> str:
 def _code(stop: SystemExit) -> int:
     if isinstance(stop.code, int):
         return stop.code
-    return 0 if stop.code is None else _fail(str(stop.code))
+    return 0 if stop.code is None else fail(str(stop.code))
 
 
 def _forget_stdout() -> None:
