@@ -50,7 +50,7 @@ c: $(VENV)/dev.stamp
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 
 # From the shipped recording to a bundle of the shipped kind, then the loop with it.
 retrain: $(VENV)/dev.stamp
@@ -90,6 +90,7 @@ full: test
 	$(BIN)/python -m benchmarks ecu-c --steps 1000000 --json results/ecu_c.json
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
 		--json results/ecu_loop.json
+	$(BIN)/python -m benchmarks flash --json results/flash.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks bus --json results/bus.json
 	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json

@@ -9,7 +9,7 @@ that is what a fail-safe holds and halves.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Flag, auto
 from typing import Self
 
@@ -74,6 +74,14 @@ class GateLimits:
             period_ns=config.period_ns,
             fresh_age_ns=min(round(config.ecu.pressure_age * config.period_ns), held_age_ns),
             held_age_ns=held_age_ns,
+        )
+
+    def narrowed(self, other: Self) -> Self:
+        """With the narrower of both ranges and the smaller of both steps; the times stay."""
+        return replace(
+            self,
+            flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
+            step_m2_per_s=min(self.step_m2_per_s, other.step_m2_per_s),
         )
 
 

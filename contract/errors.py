@@ -1,8 +1,16 @@
 """The errors a user can cause, all under one root so that the command line can turn them into one line."""
 
+from typing import ClassVar
+
 
 class StillwakeError(Exception):
-    """Something the user can put right; the message names the offending value and what would be right."""
+    """Something the user can put right; the message names the offending value and what would be right.
+
+    Attributes:
+        status: what a command that ends with it exits with.
+    """
+
+    status: ClassVar[int] = 1
 
 
 class ConfigError(StillwakeError):
@@ -63,6 +71,10 @@ class KeyFileError(StillwakeError):
 
 class BusError(StillwakeError):
     """The CAN bus cannot be opened, did not take a frame, or failed."""
+
+
+class FlashError(StillwakeError):
+    """An ECU that was not flashed; the subclasses in `can_bridge.tester.messages` are the ways in which it can end."""
 
 
 class PlantError(StillwakeError):

@@ -23,7 +23,7 @@ ROOMS: Final = {
     "stillwake": (0, 3, "the command line: the only room that may import all others"),
     "firmware_sim": (0, 1, "ECU, vehicle, closed loop, report"),
     "wake": (0, 0, "the plant and its recorder"),
-    "can_bridge": (1, 1, "wire, protection, buses, gate"),
+    "can_bridge": (1, 1, "wire, protection, buses, diagnosis, gate"),
     "train": (2, 2, "recording to latent model"),
     "export": (3, 3, "model to ONNX, C and bundle"),
     "contract": (0, 3, "facts and formats that pass between rooms: geometry, sensors, units, errors, the DBC"),

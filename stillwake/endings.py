@@ -22,6 +22,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "train": ("torch", "shap", "onnx", "safetensors"),
     "bus": ("serial", "msgpack", "cantools"),
     "mf4": ("asammdf",),
+    "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
@@ -41,7 +42,7 @@ def status_of(command: Callable[[], object]) -> int:
             sys.stdout.flush()
     except OSError as error:
         _forget_stdout()
-        return 1 if error.errno == errno.EPIPE else fail(f"cannot write to standard output: {_reason(error)}")
+        return 1 if error.errno == errno.EPIPE else _fail(f"cannot write to standard output: {_reason(error)}")
     return status
 
 
@@ -54,19 +55,19 @@ def _status_of(command: Callable[[], object]) -> int:
     except KeyboardInterrupt:
         return _stopped()
     except StillwakeError as error:
-        return fail(str(error))
+        return _fail(str(error), status=error.status)
     except ModuleNotFoundError as error:
-        return fail(missing(error.name or str(error)))
+        return _fail(missing(error.name or str(error)))
     except MemoryError as error:
-        return fail(f"not enough memory{f': {error}' if str(error) else ''}")
+        return _fail(f"not enough memory{f': {error}' if str(error) else ''}")
     except OSError as error:
         if error.filename is None and error.errno in (errno.EPIPE, errno.ENOSPC):
             raise
-        return fail(_reason(error))
+        return _fail(_reason(error))
     except Exception:  # noqa: BLE001  (a fault of ours ends with its traceback, and a line on what to do)
         with suppress(OSError):
             traceback.print_exc()
-        return fail(REPORT)
+        return _fail(REPORT)
     return 0
 
 
@@ -89,11 +90,10 @@ def missing(module: str) -> str:
 
 def _stopped() -> int:
     status, line = outcome()
-    return fail(line, status=status, prefix="")
+    return _fail(line, status=status, prefix="")
 
 
-def fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
-    """Print why a command fails, in one line; return the status to end with."""
+def _fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
     text = " ".join(part.strip() for part in visible(f"{prefix}{line}").splitlines())
     with suppress(OSError):
         errors.print(text, style="red", highlight=False, soft_wrap=True)
@@ -108,7 +108,7 @@ def _reason(error: OSError) -> str:
 def _code(stop: SystemExit) -> int:
     if isinstance(stop.code, int):
         return stop.code
-    return 0 if stop.code is None else fail(str(stop.code))
+    return 0 if stop.code is None else _fail(str(stop.code))
 
 
 def _forget_stdout() -> None:

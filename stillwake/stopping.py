@@ -1,6 +1,7 @@
 """How a command ends on Ctrl-C or SIGTERM: alike, with what is needed to go on in one line."""
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
@@ -16,14 +17,16 @@ _asked: list[str] = []
 _advice: list[str] = []
 _is_left_to_work = False
 """Within `until_stopped`, which nothing interrupts."""
+_said_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
+"""What a callback's exception was told to."""
 
 
 def ends_like_ctrl_c() -> None:
     """Let SIGTERM raise what Ctrl-C raises, so that everything half-written is cleared away; a second one kills.
 
     Python sees a signal between two of its own steps: compiled code and an import end first. Some of that takes the
-    exception for an error of its own and goes on; `until_stopped` and `still_wanted` then know. Outside the main
-    thread, which alone may take signals, nothing is changed.
+    exception for an error of its own and goes on; `until_stopped` and `still_wanted` then know. A callback, which can
+    raise nothing, would print it. Outside the main thread, which alone may take signals, nothing is changed.
     """
     if current_thread() is not main_thread():
         return
@@ -36,6 +39,14 @@ def ends_like_ctrl_c() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
+    global _said_before
+    if sys.unraisablehook is not _said:
+        _said_before, sys.unraisablehook = sys.unraisablehook, _said
+
+
+def _said(lost: "sys.UnraisableHookArgs") -> None:
+    if not (_asked and lost.exc_type is KeyboardInterrupt):
+        _said_before(lost)
 
 
 @contextmanager

@@ -59,6 +59,8 @@ class Nrc(IntEnum):
     SERVICE_NOT_SUPPORTED = 0x11
     SUB_FUNCTION_NOT_SUPPORTED = 0x12
     INCORRECT_LENGTH = 0x13
+    RESPONSE_TOO_LONG = 0x14
+    BUSY_REPEAT_REQUEST = 0x21
     CONDITIONS_NOT_CORRECT = 0x22
     SEQUENCE_ERROR = 0x24
     OUT_OF_RANGE = 0x31
@@ -118,6 +120,6 @@ class Did(IntEnum):
     """The whole calibration as `contract.calibration` packs it: reading gives the one in force; writing changes it at
     the next control period, until reset."""
     CALIBRATION_LIMITS = 0xFD11
-    """Least and greatest allowed value of each."""
+    """Least and greatest allowed value of each, then the release's own: three calibrations, packed."""
     CALIBRATION_STORED = 0xFD12
     """1: store the one in force; 0: back to the release's own. Read: whether one is stored (1)."""

@@ -113,6 +113,32 @@ class ControllerMemory:
             under_way=self.under_way.pushed(action),
         )
 
+    def with_delay(self, delay: int) -> "ControllerMemory":
+        """With another delay of the actuator, between two control periods; `delay` is less than the horizon.
+
+        What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest `delay`
+        actions, and a row of the window has the action that was in force by the new delay. An action from before the
+        oldest row of the window is taken for that row's, which is zero where no row has come. The plan moves along:
+        the action that it has for the next period is the same as before.
+        """
+        later = delay - len(self.under_way.pending)
+        if not later:
+            return self
+        # The rows' actions and those on the line are the actions sent, without a gap.
+        sent = np.concatenate([self.window[:, -1], self.under_way.values])
+        length, first = len(self.window), len(self.window) - self.rows
+        in_force = sent[np.maximum(np.arange(length) - later, 0)]
+        under_way = sent[np.maximum(np.arange(length - later, len(sent)), 0)]
+        window = self.window.copy()
+        window[first:, -1] = in_force[first:]
+        planned_at = np.arange(len(self.plan)) - later
+        return replace(
+            self,
+            window=_read_only(window),
+            plan=self.plan[planned_at.clip(0, len(self.plan) - 1)],
+            under_way=DelayLine(tuple(under_way.tolist())),
+        )
+
     def without_plan(self) -> "ControllerMemory":
         """With a plan of zeros: the next optimisation starts from none."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self

@@ -8,8 +8,9 @@ Nothing that comes from outside ends in an exception: not the frames, not the ti
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -22,11 +23,13 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
+from contract.calibration import Calibration
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError
 from contract.controller.onnx_estimator import OnnxEstimator
 from contract.release.bundle import Bundle
+from firmware_sim.ecu.calibrating import checked, limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
@@ -116,13 +119,16 @@ class Ecu:
         self._bundle_hash = bundle.short_hash
         self._controller = controller
         # Always said: a renewed bundle's weights are the manifest's, its graph's own those it was exported with.
-        self._weights = np.array((manifest.mpc.weights if weights is None else weights).as_tuple())
-        self._config = config
+        weights = manifest.mpc.weights if weights is None else weights
+        self._weights = np.array(weights.as_tuple())
+        self._config = self._own_config = config
+        self._own = release_calibration(bundle, config, weights=weights)
+        self._calibration_limits = limits_of(bundle, config)
         self._messages = message_set(config.bus)
         self._key = key_of(authentication, config.bus)
         self._period_ns = config.period_ns
         self._flow_scale = config.operating_point.flow_rate_scale
-        self._limits = GateLimits.from_config(config)
+        self._limits = self._own_limits = GateLimits.from_config(config)
         self._reception = PressureReception(
             message=self._messages.pressure,
             key=self._key,
@@ -150,7 +156,7 @@ class Ecu:
         return self._state
 
     def restore(self, state: EcuState) -> None:
-        """Go on from a state of this ECU, or of another one with the same bundle and settings.
+        """Go on from a state of this ECU, or of another one with the same bundle, settings and calibration.
 
         Raises:
             ValueError: if the state is of a controller with another window, sensors, horizon or delay.
@@ -158,7 +164,7 @@ class Ecu:
         if state.memory.sizes != self._sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
-                f"{self._sizes}; build it from the same bundle and settings"
+                f"{self._sizes}; build it from the same bundle, settings and calibration"
             )
         self._state = state
         self.trace = Trace(
@@ -167,6 +173,25 @@ class Ecu:
             forces=None,
             interventions=Intervention(0),
         )
+
+    def calibrated(self, calibration: Calibration) -> Self:
+        """This ECU with other values, all of them from its next step on; this one stays as it is.
+
+        The command gate then bounds the very next command by a narrower range, however large the one before it was.
+        With the release's own values it goes on to the bit as it would have.
+
+        Raises:
+            ConfigError: a value is out of the limits of this release and vehicle.
+        """
+        values = checked(calibration, self._own, self._calibration_limits)
+        after = copy(self)
+        after._weights = np.array(values.weights.as_tuple())
+        after._config = with_calibration(self._own_config, values)
+        # Whatever the limits above say: nothing is ever wider than the vehicle's settings.
+        after._limits = GateLimits.from_config(after._config).narrowed(self._own_limits)
+        memory = self._state.memory.with_delay(after._config.ecu.frozen_actions)
+        after._state, after._sizes = replace(self._state, memory=memory), memory.sizes
+        return after
 
     def step(
         self,

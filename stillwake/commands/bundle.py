@@ -19,19 +19,24 @@ from contract.release.bundle import Bundle
 from contract.release.difference import differences
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
-from stillwake.endings import fail
 from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_output
 from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.settings import settings
 from stillwake.terminal import Overrides, console, progress_bar
 
+
+class NotComparedError(StillwakeError):
+    """A bundle that `diff` cannot read."""
+
+    status = 2
+
+
 bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
 
 BundlePath = Annotated[Path | None, typer.Argument(help="Bundle directory or .zip; default: the shipped one.")]
 DIFFERENT: Final = 1
-TROUBLE: Final = 2
-"""Exit statuses of `diff`, those of diff(1)."""
+"""Exit status of `diff`, as of diff(1)."""
 
 KeyFile = Annotated[Path, typer.Option("--key", help="Private key file (PEM), as `bundle keygen` writes it.")]
 
@@ -149,7 +154,7 @@ def diff(
         _, trusted = locate(a, trust)
         found = differences(a, b, trusted)
     except StillwakeError as error:
-        raise typer.Exit(fail(str(error), status=TROUBLE)) from error
+        raise NotComparedError(str(error)) from error
     if not found:
         console.print("no difference")
         return

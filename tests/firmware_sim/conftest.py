@@ -41,7 +41,7 @@ class Bench:
     """One ECU, stepped period by period with frames made by hand."""
 
     def __init__(self, bundle: Bundle, config: Config, controller) -> None:
-        self.config = config
+        self.bundle, self.config = bundle, config
         self.controller = controller
         self.ecu = Ecu(bundle, controller, config)
         self.now_ns = 1_000_000

@@ -17,6 +17,8 @@ from tests.stillwake.commands.test_stopped import SMALL
 pytestmark = pytest.mark.processes
 
 VIRTUAL = ("--set", "bus.interface=virtual")
+COARSE = ("--set", "flow.refinement=0.5")
+"""A start from rest takes thousands of time steps before the first line of progress."""
 PROGRESS = re.compile(r"\d+(/\d+)? \w+.* (so far|done in \d+ s)|^\d+ s: \d+ data frames", re.MULTILINE)
 """What `stillwake.progress.line_of` writes, and `can monitor`'s line a second."""
 OF_LIBRARIES = (".ses", "torchinductor_")
@@ -56,8 +58,8 @@ COMMANDS = {
         "record", "out.h5", "--under", str(HOME / "firmware_sim/data/bundle"), leaves=("out.h5.parts?",)
     ),
     "train": stillwake("train", "out", *SMALL, leaves=("out.checkpoints?",)),
-    "develop": stillwake("develop", "out.npz"),
-    "steady": stillwake("steady", "out.npz", "--json", "out.json"),
+    "develop": stillwake("develop", "out.npz", *COARSE),
+    "steady": stillwake("steady", "out.npz", "--json", "out.json", *COARSE),
     "animate": stillwake("animate", "out.gif"),
     "picture mean": stillwake("picture", "mean", "out.png", "--duration", "100"),
     "dataset import": stillwake(
@@ -76,9 +78,10 @@ COMMANDS = {
     "bus": benchmarks("bus", "--part", "response_time"),
     "bus: another tool": benchmarks("bus", "--part", "gate_mutation"),
     "two-nodes": benchmarks("two-nodes", "virtual", "pty"),
-    "wake-speed": benchmarks("wake-speed", "--json", "out.json"),
+    # The coarsest of the grids, and runs of some cycles: a line of progress comes with the first of them.
+    "wake-speed": benchmarks("wake-speed", "--refinement", "0.7", "--rounds", "1000", "--json", "out.json"),
     "square": benchmarks("square", "--json", "out.json"),
-    "open-loop": benchmarks("open-loop", "--json", "out.json"),
+    "open-loop": benchmarks("open-loop", "--controlled", "12", "--settle", "2", "--json", "out.json"),
 }
 
 
@@ -95,20 +98,6 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
         "forces.csv": "t [t_c],Cd,Cl\n0,1,0\n1,1,0\n",
     }
     return {name: text.encode() for name, text in texts.items()}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled(tmp_path_factory) -> None:
-    """The plant's kernels, before the first signal: one that comes amid numba's callbacks makes them say so."""
-    words = ["run", "out", "--lead-in", "0.2", "--controlled", "0.2", "--settle", "0", "--no-averages"]
-    subprocess.run(
-        [sys.executable, "-m", "stillwake", *words],
-        cwd=tmp_path_factory.mktemp("compiled"),
-        env={**os.environ, "PYTHONPATH": f"{HOME}:{HOME / 'data'}"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        check=False,
-    )
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -114,14 +114,17 @@ LOSES = """
 from stillwake import __main__ as door
 from stillwake.stopping import until_stopped
 from stillwake.terminal import progress_bar
-import signal
+import signal, weakref
 
 @door.app.command()
-def lose(quietly: bool = False) -> None:
-    try:
-        signal.raise_signal(signal.SIGTERM)
-    except BaseException:
-        pass  # as compiled code may do
+def lose(quietly: bool = False, in_a_callback: bool = False) -> None:
+    if in_a_callback:
+        watched = weakref.ref(set(), lambda _: signal.raise_signal(signal.SIGTERM))
+    else:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except BaseException:
+            pass  # as compiled code may do
     if quietly:
         with until_stopped():
             print("goes on")
@@ -134,7 +137,7 @@ door.main()
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("options", [(), ("--quietly",)])
+@pytest.mark.parametrize("options", [(), ("--quietly",), ("--in-a-callback",)])
 def test_a_stop_that_got_lost_still_stops(options):
     process = subprocess.run(
         [sys.executable, "-c", LOSES, "lose", *options],

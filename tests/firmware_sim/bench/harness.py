@@ -14,6 +14,7 @@ from contract.config.tree import Config
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.stepped import SteppedEcu
 from wake.truck.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
@@ -92,7 +93,13 @@ class Harness:
     """Everything around one loop."""
 
     def __init__(
-        self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]], corrupts: Corrupts | None
+        self,
+        bundle,
+        config: Config,
+        controller,
+        wrapped: dict[str, Callable[[Bus], Bus]],
+        corrupts: Corrupts | None,
+        around: Callable[[Ecu], SteppedEcu] = lambda ecu: ecu,
     ) -> None:
         self.config = config
         self.plant = Oscillator(config.flow.substeps)
@@ -107,7 +114,7 @@ class Harness:
         self.loop = VirtualLoop(
             self.plant,
             VehicleNode(NAMES, config),
-            self.ecu,
+            around(self.ecu),
             bus,
             ports,
             config,

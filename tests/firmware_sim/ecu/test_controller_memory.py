@@ -5,6 +5,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from contract.controller.interface import ControllerError, ControlStep
 from firmware_sim.ecu.controller_memory import ControllerMemory
@@ -195,3 +197,42 @@ def test_equal_means_equal_in_every_part():
     }
     for name, value in changes.items():
         assert replace(memory, **{name: value}) != memory, name
+
+
+@given(
+    actions=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=12),
+    length=st.integers(1, 6),
+    before=st.integers(0, 4),
+    after=st.integers(0, 4),
+)
+def test_another_delay_is_as_if_it_had_always_been_that(actions, length, before, after):
+    """All of it where the delay became shorter; where it became longer, but for what is from before the window."""
+    memories = [memory_of(length, delay=delay) for delay in (before, after)]
+    for k, action in enumerate(actions):
+        memories = [memory.observed(np.array([float(k)])).commanded(action) for memory in memories]
+    changed, always = memories[0].with_delay(after), memories[1]
+    assert changed.sizes == always.sizes
+    assert changed.rows == always.rows
+    known = slice(max(0, after - before), None)
+    np.testing.assert_array_equal(changed.window[known], always.window[known])
+    np.testing.assert_array_equal(changed.window[:, :-1], always.window[:, :-1])
+    if after <= before + length:
+        assert changed.under_way == always.under_way
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "plan"),
+    [
+        (1, 0, [0.2, 0.3, 0.4, 0.4]),
+        (0, 2, [0.1, 0.1, 0.1, 0.2]),
+        (1, 2, [0.1, 0.1, 0.2, 0.3]),
+        (2, 2, [0.1, 0.2, 0.3, 0.4]),
+    ],
+)
+def test_with_another_delay_the_next_planned_action_is_the_same(before, after, plan):
+    memory = replace(memory_of(1, delay=before), plan=np.array([0.1, 0.2, 0.3, 0.4]))
+    changed = memory.with_delay(after)
+    np.testing.assert_array_equal(changed.plan, plan)
+    if max(before, after) + 1 < len(plan):
+        # What is sent next is settled periods into the shifted plan.
+        assert changed.plan[after + 1] == memory.plan[before + 1]

@@ -1,0 +1,177 @@
+"""The calibration as a piece of memory: what UDS and XCP read and write, and the control takes over between periods.
+
+The working page is writable, the reference page is the release's own. A value is taken over when all its bytes have
+come and it is in its limits, and then with the next control period.
+"""
+
+import struct
+from enum import IntEnum
+from typing import Final
+
+from contract.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
+from contract.config.controller import CostWeights
+from contract.errors import ConfigError
+
+ADDRESS: Final = 0x2000_0000
+"""Where the segment lies for a tool: the working memory of a Cortex-M."""
+VALUE_BYTES: Final = 4
+"""Of each value."""
+DELAY_STEPS: Final = NAMES[-1]
+"""The one value that is an integer."""
+
+
+class Page(IntEnum):
+    """The two contents of the segment."""
+
+    WORKING = 0
+    REFERENCE = 1
+
+
+class Segment:
+    """Both pages, and which of them is in force.
+
+    Args:
+        reference: the release's own values.
+        limits: that every other set must keep.
+
+    Raises:
+        ConfigError: if the release's own values are out of the limits.
+    """
+
+    def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
+        limits.check(reference)
+        self._reference = reference
+        self._limits = limits
+        # A value at its limit may be beyond it once both are float32: 0.075 is.
+        self._kept_limits = CalibrationLimits(least=limits.least.as_kept(), greatest=limits.greatest.as_kept())
+        self._working = reference
+        self._page = Page.WORKING
+        self._taken = reference
+        self._begun_at = 0
+        self._begun = b""
+
+    @property
+    def reference(self) -> Calibration:
+        return self._reference
+
+    @property
+    def limits(self) -> CalibrationLimits:
+        return self._limits
+
+    @property
+    def working(self) -> Calibration:
+        """Of the working page; the same object as the reference where no byte differs."""
+        return self._working
+
+    @property
+    def page(self) -> Page:
+        """The one in force."""
+        return self._page
+
+    @property
+    def in_force(self) -> Calibration:
+        """Of that page, from the next control period on."""
+        return self._working if self._page is Page.WORKING else self._reference
+
+    @property
+    def is_pending(self) -> bool:
+        """`take` has something to give."""
+        return self.in_force != self._taken
+
+    def select(self, page: Page) -> None:
+        """Put a page in force."""
+        self._page = page
+
+    def read(self, page: Page, offset: int, length: int) -> bytes:
+        """Bytes of a page, with those of a value that has not come whole.
+
+        Raises:
+            ConfigError: for what lies outside.
+        """
+        _check_range(offset, length)
+        raw = bytearray((self._working if page is Page.WORKING else self._reference).pack())
+        if page is Page.WORKING:
+            raw[self._begun_at : self._begun_at + len(self._begun)] = self._begun
+        return bytes(raw[offset : offset + length])
+
+    def write(self, offset: int, data: bytes) -> None:
+        """Write bytes of the working page, in order: from the beginning of a value, or from the end of the last write.
+
+        Bytes of a value that is not whole yet wait for the others, and are dropped by a write elsewhere.
+
+        Raises:
+            ConfigError: for what lies outside, bytes from the middle of a value, or a value that is not allowed; the
+                values are then as before.
+        """
+        _check_range(offset, len(data))
+        if self._begun and offset == self._begun_at + len(self._begun):
+            offset, data = self._begun_at, self._begun + data
+        if offset % VALUE_BYTES:
+            raise ConfigError(
+                f"calibration: write from byte {offset}: must begin with a value, at a multiple of {VALUE_BYTES}, "
+                "or where the last write ended"
+            )
+        whole = len(data) - len(data) % VALUE_BYTES
+        self._begun = b""
+        if whole:
+            raw = bytearray(self._working.pack())
+            raw[offset : offset + whole] = data[:whole]
+            self._working = self._checked(bytes(raw))
+        self._begun_at, self._begun = offset + whole, data[whole:]
+
+    def set(self, calibration: Calibration) -> None:
+        """Write the whole working page and put it in force.
+
+        Raises:
+            ConfigError: for a value that is not allowed.
+        """
+        self._working = self._checked(_packed(calibration))
+        self._begun = b""
+        self._page = Page.WORKING
+
+    def revert(self) -> None:
+        """The release's own values, in the working page, which is then in force."""
+        self.copy_reference()
+        self._page = Page.WORKING
+
+    def copy_reference(self) -> None:
+        """The release's own values to the working page."""
+        self._working = self._reference
+        self._begun = b""
+
+    def take(self) -> Calibration | None:
+        """For the beginning of a control period: the values in force, once, if others were before."""
+        if not self.is_pending:
+            return None
+        self._taken = self.in_force
+        return self._taken
+
+    def _checked(self, raw: bytes) -> Calibration:
+        calibration = Calibration.unpack(raw)
+        self._kept_limits.check(calibration)
+        if raw == self._reference.pack():
+            return self._reference
+        rows = zip(calibration.values, self._limits.least.values, self._limits.greatest.values, strict=True)
+        return _of_values([min(max(value, least), greatest) for value, least, greatest in rows])
+
+
+def _check_range(offset: int, length: int) -> None:
+    if offset < 0 or length < 0 or offset + length > PACKED_BYTES:
+        raise ConfigError(f"calibration: {length} bytes from {offset}: must lie in 0..{PACKED_BYTES}")
+
+
+def _packed(calibration: Calibration) -> bytes:
+    try:
+        return calibration.pack()
+    except (struct.error, OverflowError) as error:
+        raise ConfigError(f"calibration: a value has no place in its 4 bytes ({error})") from error
+
+
+def _of_values(values: list[float]) -> Calibration:
+    *weights, action_limit, command_step, delay_steps = values
+    return Calibration(
+        weights=CostWeights(**dict(zip(WEIGHTS, weights, strict=True))),
+        action_limit=action_limit,
+        command_step=command_step,
+        delay_steps=int(delay_steps),
+    )

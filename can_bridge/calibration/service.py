@@ -1,0 +1,100 @@
+"""The calibration by diagnosis: its identifiers, and the values that outlive a loss of power.
+
+What is stored goes with the release it was made for: the store gives it back for that release alone. Values that the
+vehicle's settings no longer allow are not used.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+from can_bridge.calibration.segment import Page, Segment
+from can_bridge.flashing.medium import MediumError
+from can_bridge.uds.diagnostics import Long
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.services import Did, Nrc
+from contract.calibration import PACKED_BYTES, Calibration
+from contract.errors import ConfigError
+
+DIDS: Final = frozenset({Did.CALIBRATION, Did.CALIBRATION_LIMITS, Did.CALIBRATION_STORED})
+"""What it answers for."""
+_REVERT: Final = b"\x00"
+_STORE: Final = b"\x01"
+
+
+class CalibrationService:
+    """Session, security level and length of what is written are the server's to check.
+
+    Args:
+        segment: of the release that runs.
+        kept: what is stored for that release, if anything.
+        keep: stores it, or nothing; may raise MediumError.
+        refusal: why nothing may be stored now, for instance because the jets are enabled: writing a flash memory can
+            take longer than a control period. Changing the values in force is always possible.
+    """
+
+    def __init__(
+        self,
+        segment: Segment,
+        *,
+        kept: Callable[[], bytes | None],
+        keep: Callable[[bytes | None], None],
+        refusal: Callable[[], Nrc | None] = lambda: None,
+    ) -> None:
+        self._segment = segment
+        self._kept, self._keep, self._refusal = kept, keep, refusal
+
+    def restore(self) -> ConfigError | None:
+        """After power-on: the stored values in force. Returns why they are not, if some are stored."""
+        raw = self._kept()
+        if raw is None:
+            return None
+        try:
+            self._segment.set(Calibration.unpack(raw))
+        except ConfigError as error:
+            return error
+        return None
+
+    def store(self) -> None:
+        """Store the values in force; raises Refused."""
+        self._keep_if_allowed(self._segment.in_force.pack())
+
+    def revert(self) -> None:
+        """The release's own values in force, and nothing stored; raises Refused."""
+        if self._kept() is not None:
+            self._keep_if_allowed(None)
+        self._segment.revert()
+
+    def read(self, did: Did) -> bytes:
+        """One of `DIDS`; raises Refused for others."""
+        segment = self._segment
+        if did is Did.CALIBRATION:
+            return segment.in_force.pack()
+        if did is Did.CALIBRATION_LIMITS:
+            release = segment.read(Page.REFERENCE, 0, PACKED_BYTES)
+            return segment.limits.least.pack() + segment.limits.greatest.pack() + release
+        if did is Did.CALIBRATION_STORED:
+            return _REVERT if self._kept() is None else _STORE
+        raise Refused(Nrc.OUT_OF_RANGE)
+
+    def write(self, did: Did, value: bytes) -> Long[None]:
+        """One of `DIDS`; raises Refused for others, and for values that are not allowed."""
+        yield from ()
+        if did is Did.CALIBRATION:
+            try:
+                self._segment.set(Calibration.unpack(value))
+            except ConfigError as error:
+                raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error
+        elif did is Did.CALIBRATION_STORED and value == _STORE:
+            self.store()
+        elif did is Did.CALIBRATION_STORED and value == _REVERT:
+            self.revert()
+        else:
+            raise Refused(Nrc.OUT_OF_RANGE)
+
+    def _keep_if_allowed(self, raw: bytes | None) -> None:
+        if (code := self._refusal()) is not None:
+            raise Refused(code)
+        try:
+            self._keep(raw)
+        except MediumError as error:
+            raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error

@@ -1,0 +1,298 @@
+"""The ECU's side of XCP: a state machine of time and packets.
+
+A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`). There is no block mode, no
+measurement (DAQ) and no flashing: those are not announced, and their commands are unknown.
+"""
+
+import struct
+import zlib
+from collections.abc import Callable
+from typing import Final
+
+from can_bridge.calibration import xcp
+from can_bridge.calibration.segment import ADDRESS, Page, Segment
+from can_bridge.calibration.xcp import MAX_CTO, Command, Denied, Error
+from can_bridge.calibration.xcp_access import Access, WrongKey, XcpAccess
+from contract.calibration import PACKED_BYTES
+from contract.errors import ConfigError
+
+IDLE_NS: Final = 600_000_000_000
+"""After so long without a command a connection that nobody ended is over, and what was unlocked is locked."""
+_ALWAYS_ACCESSIBLE: Final = 0x0F
+_WRITABLE: Final = 0x30
+"""Properties of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
+
+
+class XcpSlave:
+    """One connection at a time.
+
+    Args:
+        segment: read and written.
+        access: knows the keys.
+        random_bytes: gives so many bytes that nobody can foresee.
+        name: of the A2L file, without its ending; at most 255 bytes.
+    """
+
+    def __init__(
+        self, segment: Segment, access: Access, random_bytes: Callable[[int], bytes], *, name: str = "stillwake"
+    ) -> None:
+        self._segment = segment
+        self._access = XcpAccess(access, random_bytes)
+        self._name = name.encode()
+        self._is_connected = False
+        self._last_ns = 0
+        self._address = 0
+        self._identification = b""
+        self._page = Page.WORKING
+        self._wants_store = False
+        self._commands = {
+            Command.DISCONNECT: self._disconnect,
+            Command.GET_STATUS: self._status,
+            Command.SYNCH: self._synch,
+            Command.GET_COMM_MODE_INFO: self._comm_mode_info,
+            Command.GET_ID: self._get_id,
+            Command.SET_REQUEST: self._set_request,
+            Command.GET_SEED: self._get_seed,
+            Command.UNLOCK: self._unlock,
+            Command.SET_MTA: self._set_mta,
+            Command.UPLOAD: self._upload,
+            Command.SHORT_UPLOAD: self._short_upload,
+            Command.BUILD_CHECKSUM: self._build_checksum,
+            Command.DOWNLOAD: self._download,
+            Command.SET_CAL_PAGE: self._set_page,
+            Command.GET_CAL_PAGE: self._get_page,
+            Command.GET_PAG_PROCESSOR_INFO: self._page_processor_info,
+            Command.GET_SEGMENT_INFO: self._segment_info,
+            Command.GET_PAGE_INFO: self._page_info,
+            Command.COPY_CAL_PAGE: self._copy_page,
+        }
+
+    @property
+    def is_connected(self) -> bool:
+        return self._is_connected
+
+    @property
+    def wants_store(self) -> bool:
+        """The tool asked to have the calibration in force stored; `stored` or `not_stored` ends that."""
+        return self._wants_store
+
+    def stored(self) -> list[bytes]:
+        """The calibration was stored: the packets that tell the tool."""
+        self._wants_store = False
+        return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
+
+    def not_stored(self) -> None:
+        """Storing failed: the tool sees its request gone without the event that says it was done."""
+        self._wants_store = False
+
+    def command(self, now_ns: int, data: bytes) -> list[bytes]:
+        """A packet from the tool; returns those to it. Never raises on what comes over the wire."""
+        if self._is_connected and now_ns - self._last_ns > IDLE_NS:
+            self._end()
+        if not data:
+            return []
+        if data[0] == Command.CONNECT:
+            self._last_ns = now_ns
+            return [self._connect()] if len(data) >= xcp.SHORTEST[Command.CONNECT] else [_error(Error.CMD_SYNTAX)]
+        if not self._is_connected:
+            return []
+        self._last_ns = now_ns
+        try:
+            return [self._answer(data)]
+        except Denied as denied:
+            return [_error(denied.code)]
+        except WrongKey:
+            self._end()
+            return [_error(Error.ACCESS_LOCKED)]
+
+    def _answer(self, data: bytes) -> bytes:
+        try:
+            command = Command(data[0])
+        except ValueError:
+            raise Denied(Error.CMD_UNKNOWN) from None
+        if len(data) < xcp.SHORTEST.get(command, 1):
+            raise Denied(Error.CMD_SYNTAX)
+        if command in xcp.PROTECTED and not self._access.is_unlocked:
+            raise Denied(Error.ACCESS_LOCKED)
+        return self._commands[command](data)
+
+    def _connect(self) -> bytes:
+        self._end()
+        self._is_connected = True
+        return struct.pack(
+            "<4BH2B",
+            xcp.RESPONSE,
+            xcp.CAL_PAG,
+            xcp.COMM_MODE,
+            MAX_CTO,
+            MAX_CTO,
+            xcp.PROTOCOL_VERSION,
+            xcp.TRANSPORT_VERSION,
+        )
+
+    def _end(self) -> None:
+        self._is_connected = False
+        self._access.lock()
+        self._address = 0
+        self._identification = b""
+        self._page = Page.WORKING
+
+    def _disconnect(self, data: bytes) -> bytes:
+        self._end()
+        return bytes([xcp.RESPONSE])
+
+    def _status(self, data: bytes) -> bytes:
+        session = xcp.STORE_REQUEST if self._wants_store else 0
+        return bytes([xcp.RESPONSE, session, self._access.protected, 0, 0, 0])
+
+    def _synch(self, data: bytes) -> bytes:
+        raise Denied(Error.CMD_SYNCH)
+
+    def _comm_mode_info(self, data: bytes) -> bytes:
+        """Neither blocks of commands nor a queue of them."""
+        return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
+
+    def _get_id(self, data: bytes) -> bytes:
+        """Of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""
+        self._identification = self._name if data[1] in (0, 1) else b""
+        return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
+
+    def _set_request(self, data: bytes) -> bytes:
+        if data[1] != xcp.STORE_REQUEST:
+            raise Denied(Error.OUT_OF_RANGE)
+        self._wants_store = True
+        return bytes([xcp.RESPONSE])
+
+    def _get_seed(self, data: bytes) -> bytes:
+        return bytes([xcp.RESPONSE]) + self._access.seed(data[1], data[2])
+
+    def _unlock(self, data: bytes) -> bytes:
+        self._access.unlock(data[1], data[2:])
+        return bytes([xcp.RESPONSE, self._access.protected])
+
+    def _set_mta(self, data: bytes) -> bytes:
+        self._address = _address(data)
+        self._identification = b""
+        return bytes([xcp.RESPONSE])
+
+    def _upload(self, data: bytes) -> bytes:
+        length = _length(data[1], MAX_CTO - 1)
+        if self._identification:
+            piece, self._identification = self._identification[:length], self._identification[length:]
+            return bytes([xcp.RESPONSE]) + piece
+        piece = self._read(self._address, length)
+        self._address += length
+        return bytes([xcp.RESPONSE]) + piece
+
+    def _short_upload(self, data: bytes) -> bytes:
+        length, address = _length(data[1], MAX_CTO - 1), _address(data)
+        piece = self._read(address, length)
+        self._identification = b""
+        self._address = address + length
+        return bytes([xcp.RESPONSE]) + piece
+
+    def _build_checksum(self, data: bytes) -> bytes:
+        length = int.from_bytes(data[4:8], "little")
+        checksum = zlib.crc32(self._read(self._address, length))
+        self._address += length
+        return struct.pack("<4BI", xcp.RESPONSE, xcp.CRC_32, 0, 0, checksum)
+
+    def _download(self, data: bytes) -> bytes:
+        length = _length(data[1], MAX_CTO - 2)
+        if len(data) < 2 + length:
+            raise Denied(Error.CMD_SYNTAX)
+        _check_inside(self._address, length)
+        if self._page is not Page.WORKING:
+            raise Denied(Error.WRITE_PROTECTED)
+        try:
+            self._segment.write(self._address - ADDRESS, data[2 : 2 + length])
+        except ConfigError:
+            raise Denied(Error.OUT_OF_RANGE) from None
+        self._address += length
+        return bytes([xcp.RESPONSE])
+
+    def _set_page(self, data: bytes) -> bytes:
+        mode, segment = data[1], data[2]
+        if not mode & (xcp.ECU_MODE | xcp.XCP_MODE):
+            raise Denied(Error.MODE_NOT_VALID)
+        if not mode & xcp.ALL_MODE:
+            _check_segment(segment)
+        page = _page(data[3])
+        if mode & xcp.ECU_MODE:
+            self._segment.select(page)
+        if mode & xcp.XCP_MODE:
+            self._page = page
+        return bytes([xcp.RESPONSE])
+
+    def _get_page(self, data: bytes) -> bytes:
+        if data[1] not in (xcp.ECU_MODE, xcp.XCP_MODE):
+            raise Denied(Error.MODE_NOT_VALID)
+        _check_segment(data[2])
+        page = self._segment.page if data[1] == xcp.ECU_MODE else self._page
+        return bytes([xcp.RESPONSE, 0, 0, page])
+
+    def _page_processor_info(self, data: bytes) -> bytes:
+        segments, properties = 1, 0
+        return bytes([xcp.RESPONSE, segments, properties])
+
+    def _segment_info(self, data: bytes) -> bytes:
+        mode, info = data[1], data[3]
+        _check_segment(data[2])
+        if mode == 0 and info in (0, 1):
+            return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, (ADDRESS, PACKED_BYTES)[info])
+        if mode == 1:
+            return bytes([xcp.RESPONSE, len(Page), 0, 0, 0, 0])
+        raise Denied(Error.OUT_OF_RANGE)
+
+    def _page_info(self, data: bytes) -> bytes:
+        _check_segment(data[2])
+        properties = _ALWAYS_ACCESSIBLE | (_WRITABLE if _page(data[3]) is Page.WORKING else 0)
+        return bytes([xcp.RESPONSE, properties, 0])
+
+    def _copy_page(self, data: bytes) -> bytes:
+        _check_segment(data[1])
+        _check_segment(data[3])
+        source, target = _page(data[2]), _page(data[4])
+        if target is Page.REFERENCE:
+            raise Denied(Error.WRITE_PROTECTED)
+        if source is Page.REFERENCE:
+            self._segment.copy_reference()
+        return bytes([xcp.RESPONSE])
+
+    def _read(self, address: int, length: int) -> bytes:
+        _check_inside(address, length)
+        return self._segment.read(self._page, address - ADDRESS, length)
+
+
+def _error(code: Error) -> bytes:
+    return bytes([xcp.ERROR, code])
+
+
+def _length(count: int, greatest: int) -> int:
+    if not 0 < count <= greatest:
+        raise Denied(Error.OUT_OF_RANGE)
+    return count
+
+
+def _address(data: bytes) -> int:
+    """Of a command that has the extension in byte 3 and the address behind it."""
+    if data[3] != 0:
+        raise Denied(Error.OUT_OF_RANGE)
+    return int.from_bytes(data[4:8], "little")
+
+
+def _check_inside(address: int, length: int) -> None:
+    if not ADDRESS <= address <= address + length <= ADDRESS + PACKED_BYTES:
+        raise Denied(Error.ACCESS_DENIED)
+
+
+def _check_segment(number: int) -> None:
+    if number != 0:
+        raise Denied(Error.SEGMENT_NOT_VALID)
+
+
+def _page(number: int) -> Page:
+    try:
+        return Page(number)
+    except ValueError:
+        raise Denied(Error.PAGE_NOT_VALID) from None

@@ -1,0 +1,145 @@
+"""What the first bytes of a frame say of its part in a message (ISO 15765-2:2016, section 9.6)."""
+
+from bisect import bisect_left
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+from can_bridge.wire.frame import FD_LENGTHS
+from contract.errors import ConfigError
+
+MAX_MESSAGE: Final = 4095
+"""Bytes that the 12-bit length of a first frame can name."""
+CLASSIC_LENGTH: Final = 8
+FRAME_LENGTHS: Final = tuple(length for length in FD_LENGTHS if length >= CLASSIC_LENGTH)
+"""Data lengths that a transmitter may be set to, bytes."""
+PADDING: Final = 0xCC
+"""Fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
+SEQUENCE_NUMBERS: Final = 16
+"""They are counted in four bits."""
+
+_SINGLE, _FIRST, _CONSECUTIVE, _FLOW = range(4)
+_LARGEST_MILLISECONDS: Final = 0x7F
+_NS_PER_MS: Final = 1_000_000
+_NS_PER_100_US: Final = 100_000
+
+
+class FlowStatus(IntEnum):
+    """What the receiver of a message tells its sender."""
+
+    CONTINUE = 0
+    WAIT = 1
+    OVERFLOW = 2
+
+
+class Single(NamedTuple):
+    """A whole message."""
+
+    data: bytes
+
+
+class First(NamedTuple):
+    """The beginning of a message, `length` bytes long; `frame_length` is that of the frames to come."""
+
+    length: int
+    data: bytes
+    frame_length: int
+
+
+class Consecutive(NamedTuple):
+    """The next piece; `data` has the padding of a last frame."""
+
+    number: int
+    data: bytes
+
+
+class Flow(NamedTuple):
+    """The receiver's answer: how many frames until the next one (0: all), and the least time between two, ns."""
+
+    status: FlowStatus | None
+    block_size: int
+    separation_ns: int
+
+
+def parse(data: bytes) -> Single | First | Consecutive | Flow | None:
+    """The part that a frame has, or None for one that the standard tells a receiver to ignore. Never raises."""
+    if not data:
+        return None
+    kind, low = data[0] >> 4, data[0] & 0xF
+    if kind == _SINGLE:
+        return _single(data, low)
+    if kind == _FIRST:
+        return _first(data, low)
+    if kind == _CONSECUTIVE:
+        return Consecutive(low, data[1:])
+    if kind == _FLOW and len(data) >= 3:
+        status = FlowStatus(low) if low <= FlowStatus.OVERFLOW else None
+        return Flow(status, data[1], separation_ns(data[2]))
+    return None
+
+
+def _single(data: bytes, low: int) -> Single | None:
+    if len(data) <= CLASSIC_LENGTH:
+        return Single(data[1 : 1 + low]) if 0 < low < len(data) else None
+    length = data[1]
+    return Single(data[2 : 2 + length]) if low == 0 and 0 < length <= len(data) - 2 else None
+
+
+def _first(data: bytes, low: int) -> First | None:
+    if len(data) < CLASSIC_LENGTH:
+        return None
+    length = low << 8 | data[1]
+    if length > capacity(len(data)):
+        return First(length, data[2:], len(data))
+    if length == 0:
+        length = int.from_bytes(data[2:6], "big")
+        return First(length, data[6:], len(data)) if length > MAX_MESSAGE else None
+    return None
+
+
+def separation_ns(code: int) -> int:
+    """Least time between frames from its byte; codes that are reserved mean the longest (section 9.6.5.5)."""
+    if code <= _LARGEST_MILLISECONDS:
+        return code * _NS_PER_MS
+    if 0xF1 <= code <= 0xF9:
+        return (code - 0xF0) * _NS_PER_100_US
+    return _LARGEST_MILLISECONDS * _NS_PER_MS
+
+
+def capacity(frame_length: int) -> int:
+    """Bytes of the longest message that fits a single frame of this length."""
+    return frame_length - (1 if frame_length <= CLASSIC_LENGTH else 2)
+
+
+def single(message: bytes) -> bytes:
+    """The frame of a short message, padded."""
+    length = len(message)
+    header = bytes([length]) if length < CLASSIC_LENGTH else bytes([0, length])
+    return padded(header + message)
+
+
+def first(message: bytes, frame_length: int) -> bytes:
+    """The frame that announces a message, with its beginning."""
+    length = len(message)
+    return bytes([_FIRST << 4 | length >> 8, length & 0xFF]) + message[: frame_length - 2]
+
+
+def consecutive(number: int, data: bytes) -> bytes:
+    """A frame with the next bytes, padded."""
+    return padded(bytes([_CONSECUTIVE << 4 | number]) + data)
+
+
+def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -> bytes:
+    """The frame by which a receiver answers, padded."""
+    return padded(bytes([_FLOW << 4 | status, block_size, separation_code]))
+
+
+def padded(data: bytes) -> bytes:
+    """With `PADDING` up to the next length that a frame can have, and to 8 bytes at least.
+
+    Raises:
+        ConfigError: for more than 64 bytes.
+    """
+    position = bisect_left(FRAME_LENGTHS, len(data))
+    if position == len(FRAME_LENGTHS):
+        raise ConfigError(f"frame of {len(data)} bytes: must have at most {FRAME_LENGTHS[-1]}")
+    return data.ljust(FRAME_LENGTHS[position], bytes([PADDING]))

@@ -1,0 +1,143 @@
+"""One end of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames.
+
+It has no clock: whoever drives it hands over the time, received frames, and takes what is to be sent. Whatever comes
+over the wire leads to a message, to an answer or to nothing, never to an exception.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+from can_bridge.isotp import control_info
+from can_bridge.isotp.control_info import Consecutive, First, Flow, FlowStatus, Single
+from can_bridge.isotp.reception import Reception
+from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.isotp.transmission import Transmission
+from can_bridge.wire.frame import Frame
+
+
+@dataclass(frozen=True, kw_only=True)
+class Losses:
+    """Messages that did not arrive, since the start.
+
+    Attributes:
+        aborted_receptions: begun by the other end and not ended, or replaced by a new message.
+        aborted_transmissions: begun by us and not ended.
+        dropped_received: whole, with no room left for them because nobody took those before.
+        dropped_sent: not begun, because too many wait already.
+    """
+
+    aborted_receptions: int = 0
+    aborted_transmissions: int = 0
+    dropped_received: int = 0
+    dropped_sent: int = 0
+
+
+class Endpoint:
+    """Messages of 1 to 4095 bytes, one at a time in each direction."""
+
+    def __init__(self, settings: IsoTpSettings) -> None:
+        self._settings = settings
+        self._reception = Reception(settings)
+        self._transmission = Transmission(settings)
+        self._answer: FlowStatus | None = None
+        self._received = deque[bytes]()
+        self._to_send = deque[bytes]()
+        self._dropped_received = 0
+        self._dropped_sent = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """Nothing is under way or waits in either direction."""
+        under_way = self._reception.is_running or self._transmission.is_running or self._answer is not None
+        return not (under_way or self._received or self._to_send)
+
+    @property
+    def losses(self) -> Losses:
+        return Losses(
+            aborted_receptions=self._reception.aborted,
+            aborted_transmissions=self._transmission.aborted,
+            dropped_received=self._dropped_received,
+            dropped_sent=self._dropped_sent,
+        )
+
+    def receive(self, now_ns: int, frame: Frame) -> None:
+        """Take a frame from the bus; frames for others are ignored."""
+        if frame.is_extended or frame.frame_id != self._settings.receive_id:
+            return
+        self._tick(now_ns)
+        part = control_info.parse(frame.data)
+        if isinstance(part, Consecutive):
+            message, answer = self._reception.consecutive(now_ns, part)
+            if message is not None:
+                self._keep(message)
+            if answer is not None:
+                self._answer = answer
+        elif isinstance(part, First):
+            self._answer = self._reception.first(now_ns, part)
+        elif isinstance(part, Single):
+            self._reception.abort()
+            self._answer = None
+            if len(part.data) <= self._settings.max_message:
+                self._keep(part.data)
+        elif isinstance(part, Flow):
+            self._transmission.flow(now_ns, part)
+
+    def send(self, message: bytes) -> bool:
+        """Have a message sent by the calls of `poll` that follow.
+
+        Returns:
+            Whether there was room for it.
+
+        Raises:
+            ValueError: for an empty message or one that is too long.
+        """
+        if not 0 < len(message) <= control_info.MAX_MESSAGE:
+            raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
+        if len(self._to_send) == self._settings.queue:
+            self._dropped_sent += 1
+            return False
+        self._to_send.append(bytes(message))
+        return True
+
+    def poll(self, now_ns: int) -> list[Frame]:
+        """Frames to be put on the bus now: the answer to the other end first, then what we send."""
+        self._tick(now_ns)
+        frames = list[Frame]()
+        if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:
+            self._answer = None
+        if self._answer is not None:
+            frames.append(self._frame(now_ns, self._flow(self._answer)))
+            self._answer = None
+        while len(frames) < self._settings.burst:
+            if not self._transmission.is_running:
+                if not self._to_send:
+                    break
+                self._transmission.begin(self._to_send.popleft())
+            data = self._transmission.next_frame(now_ns)
+            if data is None:
+                break
+            frames.append(self._frame(now_ns, data))
+        return frames
+
+    def take(self) -> list[bytes]:
+        """Messages that have come whole since the last call, oldest first."""
+        messages = list(self._received)
+        self._received.clear()
+        return messages
+
+    def _tick(self, now_ns: int) -> None:
+        self._reception.tick(now_ns)
+        self._transmission.tick(now_ns)
+
+    def _keep(self, message: bytes) -> None:
+        if len(self._received) == self._settings.queue:
+            self._dropped_received += 1
+        else:
+            self._received.append(message)
+
+    def _flow(self, status: FlowStatus) -> bytes:
+        settings = self._settings
+        return control_info.flow(status, block_size=settings.block_size, separation_code=settings.separation_code)
+
+    def _frame(self, now_ns: int, data: bytes) -> Frame:
+        return Frame(frame_id=self._settings.send_id, data=data, timestamp_ns=now_ns, is_fd=self._settings.is_fd)

@@ -1,0 +1,75 @@
+"""What an endpoint of ISO-TP is set to."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from can_bridge.isotp.control_info import CLASSIC_LENGTH, FRAME_LENGTHS, MAX_MESSAGE
+from can_bridge.wire.frame import MAX_FRAME_ID
+from contract.errors import ConfigError
+
+_SECOND_NS: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsoTpSettings:
+    """One end of a connection.
+
+    Attributes:
+        receive_id: of the frames from the other end, 11 bits.
+        send_id: of our own.
+        frame_length: longest data of a frame we send, bytes: 8, or a CAN FD length above; `is_fd` must fit it.
+        is_fd: send CAN FD frames; frames of both kinds are received.
+        block_size: frames after which we want to be asked again, 0 for never.
+        separation_code: byte for the least time between frames to us.
+        max_message: longest message we take, bytes.
+        queue: messages that wait to be sent, or to be taken, at most.
+        burst: frames that one `poll` gives out at most, so that a controller's transmit buffers do not overflow.
+        n_bs_ns: longest wait for the other's flow control.
+        n_cr_ns: longest wait for its next frame.
+        max_waits: how often in a row the other may ask us to wait.
+
+    Raises:
+        ConfigError: for a value that the standard does not have.
+    """
+
+    receive_id: int
+    send_id: int
+    frame_length: int = 64
+    is_fd: bool = True
+    block_size: int = 0
+    separation_code: int = 0
+    max_message: int = MAX_MESSAGE
+    queue: int = 8
+    burst: int = 8
+    n_bs_ns: int = _SECOND_NS
+    n_cr_ns: int = _SECOND_NS
+    max_waits: int = 100
+
+    def __post_init__(self) -> None:
+        for name in ("receive_id", "send_id"):
+            if not 0 <= getattr(self, name) <= MAX_FRAME_ID:
+                raise ConfigError(f"iso-tp: {name} = {getattr(self, name):#x}: must be in 0..{MAX_FRAME_ID:#x}")
+        if self.receive_id == self.send_id:
+            raise ConfigError(f"iso-tp: receive_id = send_id = {self.send_id:#x}: must differ")
+        lengths = FRAME_LENGTHS if self.is_fd else (CLASSIC_LENGTH,)
+        if self.frame_length not in lengths:
+            raise ConfigError(
+                f"iso-tp: frame_length = {self.frame_length}: must be one of {', '.join(map(str, lengths))}"
+            )
+        for name, least, greatest in (
+            ("block_size", 0, 0xFF),
+            ("separation_code", 0, 0xFF),
+            ("max_message", 1, MAX_MESSAGE),
+            ("queue", 1, 1000),
+            ("burst", 1, 1000),
+            ("n_bs_ns", 1, 60 * _SECOND_NS),
+            ("n_cr_ns", 1, 60 * _SECOND_NS),
+            ("max_waits", 0, 1000),
+        ):
+            if not least <= getattr(self, name) <= greatest:
+                raise ConfigError(f"iso-tp: {name} = {getattr(self, name)}: must be in {least}..{greatest}")
+
+
+def classic(*, receive_id: int, send_id: int) -> IsoTpSettings:
+    """For a bus without CAN FD."""
+    return IsoTpSettings(receive_id=receive_id, send_id=send_id, frame_length=CLASSIC_LENGTH, is_fd=False)

@@ -1,0 +1,235 @@
+"""Requests to an ECU by udsoncan's client, each asked again where no answer came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from can_bridge.tester.messages import AccessError, NoAnswerError, NotNowError, RefusedError
+from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+
+if TYPE_CHECKING:
+    from udsoncan.client import Client
+
+T = TypeVar("T")
+
+KeyOf = Callable[[Level, bytes], bytes]
+"""The key that answers a seed of a security level."""
+
+P2_S: Final = 1.0
+"""To wait for a first answer: the ECU's 50 ms, and what adapters and a busy bus add."""
+P2_EXTENDED_S: Final = 6.0
+"""To wait after a response-pending."""
+LONGEST_S: Final = 60.0
+"""Of response-pending or busy in a row, after which an ECU counts as gone."""
+TIMES: Final = 3
+"""That a request is sent before there is no answer to it."""
+BUSY: Final = 0x21
+"""busyRepeatRequest (ISO 14229-1, table A.1)."""
+BUSY_WAIT_S: Final = 0.1
+PRESENT_S: Final = 2.0
+"""Between two messages that keep a session: of those, one may be lost within `S3_MS`."""
+DELAY_S: Final = 15.0
+"""To wait where the ECU takes no key for a while after wrong ones: its 10 s and some."""
+
+
+class Asking:
+    """One tester's conversation.
+
+    Attributes:
+        unanswered: requests that were sent again for want of an answer.
+    """
+
+    def __init__(
+        self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
+    ) -> None:
+        """Sets the client up; its connection must be open.
+
+        Args:
+            key: None if nothing is to be unlocked.
+            clock: seconds.
+            sleep: waits so many seconds.
+        """
+        self._client = client
+        self._clock = clock
+        self._sleep = sleep
+        self._began = clock()
+        self.unanswered = 0
+        client.set_configs(_settings(key, self._pending))
+
+    def session(self, session: Session) -> None:
+        """Begin a session; raises NotNowError if the vehicle's state forbids it."""
+        step = f"begin the {session.name.lower()} session"
+        self._in_good_state(step, lambda: self._client.change_session(session))
+
+    def read(self, did: Did, *, times: int = TIMES) -> bytes:
+        """The value of an identifier."""
+        found = self._ask(
+            f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
+        )
+        return bytes(found.service_data.values[int(did)])
+
+    def write(self, did: Did, value: bytes) -> None:
+        """Write an identifier."""
+        self._ask(f"write {did.name.lower()}", lambda: self._client.write_data_by_identifier(int(did), value))
+
+    def routine(self, routine: Routine, option: bytes = b"") -> bytes:
+        """Start a routine; returns its status record. Raises NotNowError for CONDITIONS_NOT_CORRECT."""
+        step = f"run {routine.name.lower()}"
+        found = self._in_good_state(step, lambda: self._client.start_routine(int(routine), option or None))
+        return bytes(found.service_data.routine_status_record)
+
+    def unlock(self, level: Level) -> None:
+        """Unlock a security level; waits once where the ECU takes no key for a while.
+
+        Raises:
+            AccessError: the key is wrong, or was wrong too often.
+        """
+        step = f"unlock {level.name.lower()}"
+        until = self._clock() + DELAY_S
+        while True:
+            try:
+                # A lost answer to the key: ask for another seed, which is zero where the first key was good.
+                self._ask(step, lambda: self._client.unlock_security_access(int(level)))
+                return
+            except RefusedError as refused:
+                if refused.code == Nrc.INVALID_KEY:
+                    raise AccessError(
+                        f"the ECU refused the key for {level.name.lower()}: it is not its own; name that with --access"
+                    ) from refused
+                if refused.code == Nrc.EXCEEDED_ATTEMPTS:
+                    raise AccessError(
+                        "the ECU refused the key, and takes none for 10 s after so many wrong ones; wait, and name its "
+                        "own with --access"
+                    ) from refused
+                if refused.code != Nrc.DELAY_NOT_EXPIRED:
+                    raise
+                if self._clock() >= until:
+                    raise AccessError(
+                        f"the ECU takes no key after wrong ones, and did not in {DELAY_S:g} s; wait, and try again"
+                    ) from refused
+            self.wait(1.0)
+
+    def download(self, offset: int, length: int) -> int:
+        """Ask to send so many bytes of the announced image; returns the longest transfer request, in bytes."""
+        from udsoncan import MemoryLocation
+
+        location = MemoryLocation(offset, length, address_format=32, memorysize_format=32)
+        found = self._ask("take the image", lambda: self._client.request_download(location))
+        return int(found.service_data.max_length)
+
+    def transfer(self, counter: int, data: bytes) -> None:
+        """Send a block of the image, again where no answer came: the ECU writes a block once."""
+        self._ask("take a block of the image", lambda: self._client.transfer_data(counter, data))
+
+    def exit(self) -> None:
+        """End a transfer."""
+        self._ask("end the transfer", self._client.request_transfer_exit)
+
+    def reset(self, *, times: int = TIMES) -> None:
+        """Ask for a hard reset."""
+        self._ask("reset", lambda: self._client.ecu_reset(1), times=times)
+
+    def wait(self, seconds: float, *, keep_session: bool = True) -> None:
+        """Let time pass, the session kept meanwhile."""
+        left = seconds
+        while left > 0:
+            if keep_session:
+                self.present()
+            self._sleep(min(left, PRESENT_S))
+            left -= PRESENT_S
+
+    def present(self) -> None:
+        """Say that the tester is there; no answer is wanted."""
+        with self._client.suppress_positive_response:
+            self._client.tester_present()
+
+    def wait_until_there(self, seconds: float, step: str) -> Session:
+        """Wait for an ECU that is starting; returns the session it is in. Raises NoAnswerError after `seconds`."""
+        until = self._clock() + seconds
+        while True:
+            try:
+                return Session(self.read(Did.ACTIVE_SESSION, times=1)[0])
+            except (NoAnswerError, IndexError, ValueError):
+                if self._clock() >= until:
+                    raise NoAnswerError(step) from None
+            self._sleep(BUSY_WAIT_S)
+
+    def _in_good_state(self, step: str, call: Callable[[], Any]) -> Any:
+        try:
+            return self._ask(step, call)
+        except RefusedError as refused:
+            if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
+                raise
+            raise NotNowError(
+                f"the ECU refused to {step} now: its jets are enabled or the vehicle asks for control; withdraw the "
+                "enable request and try again"
+            ) from refused
+
+    def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
+        """What the ECU answers.
+
+        Raises:
+            RefusedError: a negative response.
+            NoAnswerError: none, as often as it was asked.
+        """
+        from udsoncan import exceptions
+
+        sent = 0
+        self._began = self._clock()
+        while True:
+            sent += 1
+            try:
+                return call()
+            except exceptions.NegativeResponseException as error:
+                code = int(error.response.code or 0)
+                if code != BUSY or self._clock() - self._began > LONGEST_S:
+                    raise RefusedError(step, code) from None
+                sent -= 1
+                self._sleep(BUSY_WAIT_S)
+            except (
+                exceptions.TimeoutException,
+                exceptions.InvalidResponseException,
+                exceptions.UnexpectedResponseException,
+            ):
+                if sent >= times:
+                    raise NoAnswerError(step) from None
+                self.unanswered += 1
+
+    def _pending(self) -> None:
+        from udsoncan.exceptions import TimeoutException
+
+        if self._clock() - self._began > LONGEST_S:
+            raise TimeoutException
+
+
+def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
+    """Of udsoncan's client."""
+    from udsoncan import DidCodec
+
+    class AsItIs(DidCodec):
+        def encode(self, *did_value: Any) -> bytes:
+            return bytes(did_value[0])
+
+        def decode(self, did_payload: bytes) -> bytes:
+            return did_payload
+
+        def __len__(self) -> int:
+            raise DidCodec.ReadAllRemainingData
+
+    def algorithm(level: int, seed: bytes) -> bytes:
+        if key is None:
+            raise AccessError("the ECU asks for a key; name its key file with --access")
+        return key(Level(level), seed)
+
+    return {
+        "data_identifiers": {"default": AsItIs()},
+        "security_algo": algorithm,
+        "nrc78_callback": pending,
+        # Its own measure of a whole request's time is of the real clock.
+        "request_timeout": None,
+        "p2_timeout": P2_S,
+        "p2_star_timeout": P2_EXTENDED_S,
+        "use_server_timing": False,
+        "standard_version": 2020,
+    }

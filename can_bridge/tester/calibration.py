@@ -1,0 +1,132 @@
+"""Calibrating an ECU by diagnosis, as steps over an open client: read, change, read back, store."""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+from can_bridge.tester.asking import Asking
+from can_bridge.tester.messages import NotNowError, RefusedError
+from can_bridge.uds.services import Did, Level, Nrc, Session
+from contract.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
+from contract.errors import ConfigError, FlashError
+
+_STORE: Final = b"\x01"
+_REVERT: Final = b"\x00"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrated:
+    """What an ECU says of its calibration; all values as float32.
+
+    Attributes:
+        in_force: from its next control period on.
+        limits: that it keeps.
+        release: the values of the release itself.
+        is_stored: whether it has one that outlives a loss of power.
+    """
+
+    in_force: Calibration
+    limits: CalibrationLimits
+    release: Calibration
+    is_stored: bool
+
+
+def read(asking: Asking) -> Calibrated:
+    """What there is, in any session; raises FlashError for an ECU that has nothing to calibrate."""
+    try:
+        in_force, of_release = asking.read(Did.CALIBRATION), asking.read(Did.CALIBRATION_LIMITS)
+        is_stored = asking.read(Did.CALIBRATION_STORED) == _STORE
+    except RefusedError as refused:
+        if refused.code != Nrc.OUT_OF_RANGE:
+            raise
+        raise FlashError("the ECU has no calibration: no release runs in it; flash one") from refused
+    try:
+        if len(of_release) != 3 * PACKED_BYTES:
+            raise ConfigError(f"limits of {len(of_release)} bytes, must have {3 * PACKED_BYTES}")
+        least, greatest, release = (
+            Calibration.unpack(of_release[start : start + PACKED_BYTES])
+            for start in range(0, len(of_release), PACKED_BYTES)
+        )
+        return Calibrated(
+            in_force=Calibration.unpack(in_force),
+            limits=CalibrationLimits(least=least, greatest=greatest),
+            release=release,
+            is_stored=is_stored,
+        )
+    except ConfigError as error:
+        raise FlashError(f"the ECU has a calibration of another version of stillwake ({error})") from error
+
+
+def changed(found: Calibrated, values: Mapping[str, float]) -> Calibration:
+    """The calibration in force with other values, by name.
+
+    Raises:
+        ConfigError: an unknown name, or a value that is out of the ECU's limits.
+    """
+    for name, value in values.items():
+        if name not in NAMES:
+            raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
+        if name == "delay_steps" and not value.is_integer():
+            raise ConfigError(f"calibration: delay_steps = {value:g}: must be a whole number of control periods")
+    now = {**dict(zip(NAMES, found.in_force.values, strict=True)), **values}
+    wanted = Calibration(
+        weights=replace(found.in_force.weights, **{name: now[name] for name in WEIGHTS}),
+        action_limit=now["action_limit"],
+        command_step=now["command_step"],
+        delay_steps=int(now["delay_steps"]),
+    )
+    try:
+        kept = wanted.as_kept()
+    except (struct.error, OverflowError, ConfigError):
+        found.limits.check(wanted)
+        raise
+    found.limits.check(kept)
+    return kept
+
+
+def unlock(asking: Asking) -> None:
+    """Be allowed to write: the extended session, and the level of calibration."""
+    asking.session(Session.EXTENDED)
+    asking.unlock(Level.CALIBRATION)
+
+
+def write(asking: Asking, wanted: Calibration) -> None:
+    """Put values in force; after `unlock`.
+
+    Raises:
+        FlashError: the ECU refuses them, or has others afterwards.
+    """
+    asking.write(Did.CALIBRATION, wanted.pack())
+    _check_in_force(asking, wanted.pack())
+
+
+def store(asking: Asking) -> None:
+    """Let the values in force outlive a loss of power; after `unlock`. Raises NotNowError while jets are enabled."""
+    _keep(asking, _STORE, "store the calibration")
+
+
+def revert(asking: Asking, release: Calibration) -> None:
+    """The release's own values, and nothing stored; after `unlock`. Raises NotNowError as `store`."""
+    _keep(asking, _REVERT, "drop the stored calibration")
+    _check_in_force(asking, release.pack())
+
+
+def _keep(asking: Asking, value: bytes, step: str) -> None:
+    try:
+        asking.write(Did.CALIBRATION_STORED, value)
+    except RefusedError as refused:
+        if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
+            raise
+        raise NotNowError(
+            f"the ECU refused to {step} now: its jets are enabled; what is in force stays; withdraw the enable request "
+            "and try again"
+        ) from refused
+
+
+def _check_in_force(asking: Asking, wanted: bytes) -> None:
+    found = asking.read(Did.CALIBRATION)
+    if found != wanted:
+        raise FlashError(
+            "the ECU has other values than were written: another tool calibrates it; end that one and try again"
+        )

@@ -1,0 +1,90 @@
+"""The ways in which flashing can end badly: one line each, and the exit status that goes with it.
+
+A status says what is to be done: 3 mend the connection, 4 take the right key, 5 try again when the vehicle stands,
+6 take another release, 7 look into the ECU, 8 the new release did not pass and the one before runs. 1 is for everything
+else, such as a key file that cannot be read, and 2 for how a command was called.
+"""
+
+from typing import ClassVar, Final
+
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.services import Nrc
+from contract.errors import FlashError
+
+NO_ANSWER: Final = 3
+NO_ACCESS: Final = 4
+NOT_NOW: Final = 5
+WRONG_RELEASE: Final = 6
+REFUSED: Final = 7
+NOT_PASSED: Final = 8
+
+
+class NoAnswerError(FlashError):
+    """The ECU does not answer, or no longer does."""
+
+    status: ClassVar[int] = NO_ANSWER
+
+    def __init__(self, step: str) -> None:
+        super().__init__(
+            f"the ECU does not {step}; see that it has power, and that interface, channel and bus.frames are its own"
+        )
+
+
+class LostError(NoAnswerError):
+    """The connection was lost in a transfer, which can be continued."""
+
+    def __init__(self, received: int, length: int) -> None:
+        FlashError.__init__(
+            self,
+            f"the ECU no longer answers; it has {received} of {length} bytes and still the release from before: the "
+            "same command goes on from there",
+        )
+
+
+class AccessError(FlashError):
+    """The key is not the ECU's."""
+
+    status: ClassVar[int] = NO_ACCESS
+
+
+class NotNowError(FlashError):
+    """The vehicle is not in a state in which its ECU may be programmed."""
+
+    status: ClassVar[int] = NOT_NOW
+
+
+class WrongReleaseError(FlashError):
+    """The release is not for this ECU, or not one that it may take."""
+
+    status: ClassVar[int] = WRONG_RELEASE
+
+
+class ImageRefusedError(WrongReleaseError):
+    """The ECU's verdict on a transferred image; `verdict` holds it."""
+
+    def __init__(self, verdict: Verdict) -> None:
+        super().__init__(f"the ECU refused the release: {verdict.in_words}; it keeps the one it has")
+        self.verdict = verdict
+
+
+class NotPassedError(FlashError):
+    """The new release did not pass its trial."""
+
+    status: ClassVar[int] = NOT_PASSED
+
+
+class RefusedError(FlashError):
+    """A negative response; `code` holds it."""
+
+    status: ClassVar[int] = REFUSED
+
+    def __init__(self, step: str, code: int) -> None:
+        super().__init__(f"the ECU refused to {step}: {in_words(code)}")
+        self.code = code
+        self.step = step
+
+
+def in_words(code: int) -> str:
+    """A negative response code for people: its name in ISO 14229-1 and its number."""
+    name = Nrc(code).name.lower().replace("_", " ") if code in Nrc.__members__.values() else "unknown code"
+    return f"{name} (0x{code:02X})"

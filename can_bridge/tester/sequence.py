@@ -1,0 +1,269 @@
+"""Flashing an ECU, as steps over an open udsoncan client: the same code for a bus, a bench in virtual time, and a test.
+
+Nothing here prints, sleeps or reads a clock by itself. Whatever interrupts it leaves an ECU with the release that it
+had; running it again goes on where the ECU stands: a half-transferred image, one that was not activated, one that runs
+on trial.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum, auto
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from can_bridge.flashing.report import Report, SlotReport
+from can_bridge.flashing.state import Phase
+from can_bridge.tester.asking import Asking, KeyOf
+from can_bridge.tester.facts import EcuFacts, read_facts, read_store
+from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
+from can_bridge.tester.transfer import Progress, Transfer, Transferred, enter_programming
+from can_bridge.uds.services import Routine, Session
+from contract.errors import FlashError, StillwakeError
+from contract.release.image import files_of
+from contract.release.manifest import MANIFEST, open_manifest
+
+if TYPE_CHECKING:
+    from udsoncan.client import Client
+
+BOOT_S: Final = 30.0
+"""To wait for an ECU to come back from a reset."""
+THERE_S: Final = 3.0
+"""To wait for the first answer."""
+RESET_S: Final = 0.5
+"""From the answer to a reset until the ECU is gone."""
+RESETS: Final = 3
+"""That are asked for before an ECU counts as one that does not start the new release."""
+
+
+class Step(Enum):
+    """What is being done, for whoever shows it."""
+
+    IDENTIFY = auto()
+    PRECONDITIONS = auto()
+    TRANSFER = auto()
+    ACTIVATE = auto()
+    RESET = auto()
+    SELF_TEST = auto()
+    CONFIRM = auto()
+
+
+class End(Enum):
+    """How it ended."""
+
+    WOULD_FLASH = auto()
+    """Dry run: nothing stands against it."""
+    ALREADY = auto()
+    """The release ran before, and was confirmed."""
+    ON_TRIAL = auto()
+    """It runs and was not confirmed, as was asked for."""
+    CONFIRMED = auto()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What to leave out.
+
+    Attributes:
+        dry_run: everything that writes nothing.
+        confirm: whether to, after the self-test.
+    """
+
+    dry_run: bool = False
+    confirm: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flashed:
+    """How it went.
+
+    Attributes:
+        transferred: None if nothing had to be.
+        unanswered: requests that were sent again for want of an answer.
+        seconds: by the clock that was given.
+    """
+
+    end: End
+    before: EcuFacts
+    after: Report
+    transferred: Transferred | None = None
+    unanswered: int = 0
+    seconds: float = 0.0
+
+
+def flash(
+    client: Client,
+    image: bytes,
+    *,
+    key: KeyOf | None,
+    options: Options = Options(),
+    judge: Callable[[EcuFacts], None] = lambda facts: None,
+    progress: Progress = lambda received, length: None,
+    say: Callable[[Step], None] = lambda step: None,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Flashed:
+    """Bring an image into an ECU, start it, test it and confirm it.
+
+    Args:
+        client: open; its settings are made here.
+        image: as `contract.release.image` makes it.
+        key: answers a seed of the programming level; a dry run needs none.
+        judge: raises FlashError if the ECU, by what it says of itself, must not be flashed with this image.
+        progress: told of every block.
+        say: told of every step.
+        clock, sleep: seconds.
+
+    Raises:
+        FlashError: by its kinds in `can_bridge.tester.messages`.
+        BusError: the bus failed.
+    """
+    began = clock()
+    asking = Asking(client, key=key, clock=clock, sleep=sleep)
+    return _Flashing(asking, image, options, judge, progress, say).run(lambda: clock() - began)
+
+
+def reset_and_wait(asking: Asking) -> None:
+    """Restart an ECU that is in the programming session, and wait until it answers in the default session."""
+    for _ in range(RESETS):
+        # The answer may be lost, or the ECU be busy with the reset already.
+        with suppress(NoAnswerError, RefusedError):
+            asking.reset(times=1)
+        # It answers before it does it.
+        asking.wait(RESET_S, keep_session=False)
+        if asking.wait_until_there(BOOT_S, "start again after the reset") is Session.DEFAULT:
+            return
+    raise NoAnswerError("start again after the reset")
+
+
+class _Flashing:
+    def __init__(
+        self,
+        asking: Asking,
+        image: bytes,
+        options: Options,
+        judge: Callable[[EcuFacts], None],
+        progress: Progress,
+        say: Callable[[Step], None],
+    ) -> None:
+        self._asking = asking
+        self._image = image
+        self._digest = digest_of(image)
+        self._options = options
+        self._judge = judge
+        self._progress = progress
+        self._say = say
+
+    def run(self, elapsed: Callable[[], float]) -> Flashed:
+        asking, transferred = self._asking, None
+        self._say(Step.IDENTIFY)
+        asking.wait_until_there(THERE_S, "say which session it is in")
+        asking.session(Session.EXTENDED)
+        before = read_facts(asking)
+        after = before.store
+
+        def ended(end: End) -> Flashed:
+            return Flashed(
+                end=end,
+                before=before,
+                after=after,
+                transferred=transferred,
+                unanswered=asking.unanswered,
+                seconds=elapsed(),
+            )
+
+        if self._is_ours(after.running_slot) and after.running == after.active:
+            asking.session(Session.DEFAULT)
+            return ended(End.ALREADY)
+        self._judge(before)
+        self._say(Step.PRECONDITIONS)
+        asking.routine(Routine.PRECONDITIONS)
+        if self._options.dry_run:
+            asking.session(Session.DEFAULT)
+            return ended(End.WOULD_FLASH)
+        running = after.running_slot
+        if running is None or not self._is_ours(running) or running.phase is not Phase.TRIAL:
+            transferred = self._bring()
+        after = self._try_out()
+        if not self._options.confirm:
+            asking.session(Session.DEFAULT)
+            return ended(End.ON_TRIAL)
+        self._say(Step.CONFIRM)
+        asking.routine(Routine.CONFIRM)
+        after = read_store(asking)
+        asking.session(Session.DEFAULT)
+        return ended(End.CONFIRMED)
+
+    def _bring(self) -> Transferred:
+        """The image into the ECU, and started on trial."""
+        try:
+            self._say(Step.TRANSFER)
+            transferred = Transfer(self._asking, self._image, self._progress).run()
+            self._say(Step.ACTIVATE)
+            self._asking.routine(Routine.ACTIVATE)
+        except (FlashError, KeyboardInterrupt):
+            self._leave()
+            raise
+        self._start()
+        return transferred
+
+    def _start(self) -> None:
+        """Reset until the activated image runs."""
+        for _ in range(RESETS):
+            self._say(Step.RESET)
+            reset_and_wait(self._asking)
+            store = read_store(self._asking)
+            if self._is_ours(store.running_slot):
+                return
+            if not any(self._is_ours(slot) and slot.phase is Phase.TRIAL for slot in store.slots):
+                break
+            enter_programming(self._asking)
+        raise NotPassedError(f"the ECU did not start the new release; {_runs(store)}")
+
+    def _try_out(self) -> Report:
+        """Self-test of the release that runs on trial; where it does not pass, back to the one before."""
+        self._say(Step.SELF_TEST)
+        try:
+            enter_programming(self._asking)
+        except NotNowError as refused:
+            raise NotNowError(
+                f"the new release runs on trial, and was not confirmed: {refused}; the same command goes on with it"
+            ) from refused
+        try:
+            self._asking.routine(Routine.SELF_TEST)
+        except RefusedError as refused:
+            store = self._go_back()
+            raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
+        return read_store(self._asking)
+
+    def _go_back(self) -> Report:
+        """From a trial to the confirmed release."""
+        enter_programming(self._asking)
+        self._asking.routine(Routine.REVERT)
+        reset_and_wait(self._asking)
+        return read_store(self._asking)
+
+    def _leave(self) -> None:
+        """Let the ECU go back to the release it has: once a transfer has begun only a reset leads out."""
+        with suppress(FlashError):
+            self._asking.session(Session.PROGRAMMING)
+            self._asking.reset(times=1)
+
+    def _is_ours(self, slot: SlotReport | None) -> bool:
+        return slot is not None and slot.digest == self._digest != ""
+
+
+def digest_of(image: bytes) -> str:
+    """Of the bundle in an image; empty for what is none, so that the ECU's own verdict on it can be had."""
+    try:
+        return open_manifest(Path("image"), files_of(image)[MANIFEST]).digest
+    except (KeyError, StillwakeError):
+        return ""
+
+
+def _runs(store: Report) -> str:
+    running = store.running_slot
+    return "no release runs" if running is None else f"{running.name} runs"

@@ -1,0 +1,152 @@
+"""Bringing an image into an ECU: announce, send from where it is wanted, check; begun anew where it was interrupted.
+
+Whatever interrupts a transfer, be it lost frames, a session that ended or an ECU that lost its supply, the next attempt
+begins with a new session and a new announcement, whose answer says from which byte on the image is wanted.
+"""
+
+import hashlib
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.tester.asking import Asking
+from can_bridge.tester.blocks import BlockLength
+from can_bridge.tester.messages import ImageRefusedError, LostError, NoAnswerError, RefusedError
+from can_bridge.uds.services import Level, Nrc, Routine, Session
+from contract.errors import FlashError
+
+Progress = Callable[[int, int], None]
+"""Called with the bytes that the ECU has, and those of the image."""
+
+STALLS: Final = 5
+"""Attempts in a row of which none brought a byte further, after which it is given up."""
+START_S: Final = 15.0
+"""To wait for an ECU that may be starting."""
+
+_AGAIN: Final = frozenset(
+    {
+        Nrc.SEQUENCE_ERROR,
+        Nrc.SECURITY_ACCESS_DENIED,
+        Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED,
+        Nrc.TRANSFER_SUSPENDED,
+        Nrc.PROGRAMMING_FAILURE,
+        Nrc.WRONG_BLOCK_COUNTER,
+        Nrc.SUB_FUNCTION_NOT_IN_SESSION,
+        Nrc.SERVICE_NOT_IN_SESSION,
+        # A routine or download in a session that ended meanwhile.
+        Nrc.OUT_OF_RANGE,
+        Nrc.CONDITIONS_NOT_CORRECT,
+    }
+)
+_DAMAGED_ON_THE_WAY: Final = frozenset({Verdict.INCOMPLETE, Verdict.WRONG_HASH, Verdict.UNREADABLE})
+_ANNOUNCEMENT: Final = struct.Struct(">I32s")
+_COUNTERS: Final = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transferred:
+    """How it went.
+
+    Attributes:
+        resumed_from: bytes that the ECU had from before.
+        attempts: announcements that it took.
+    """
+
+    resumed_from: int
+    attempts: int
+
+
+class Transfer:
+    """One image's way into an ECU."""
+
+    def __init__(self, asking: Asking, image: bytes, progress: Progress) -> None:
+        self._asking = asking
+        self._image = image
+        self._progress = progress
+        self._lengths = BlockLength()
+        self._received = 0
+
+    def run(self) -> Transferred:
+        """Until the ECU has the image and its verdict is good; it is in the programming session then, and unlocked.
+
+        Raises:
+            ImageRefusedError: the verdict is not.
+            LostError: the ECU no longer answers.
+            RefusedError, NotNowError, AccessError: as the ECU says.
+        """
+        resumed_from, attempts, stalls = 0, 0, 0
+        while True:
+            attempts, before = attempts + 1, self._received
+            try:
+                offset = self.announce()
+                resumed_from = offset if attempts == 1 else resumed_from
+                self._received = offset
+                self._progress(offset, len(self._image))
+                verdict = self._bring(offset)
+                if verdict is Verdict.GOOD:
+                    return Transferred(resumed_from=resumed_from, attempts=attempts)
+                failure: FlashError = ImageRefusedError(verdict)
+                if verdict not in _DAMAGED_ON_THE_WAY:
+                    raise failure
+            except RefusedError as refused:
+                if refused.code not in _AGAIN:
+                    raise
+                failure = refused
+            except NoAnswerError:
+                failure = LostError(self._received, len(self._image))
+                self._wait_for(failure)
+            stalls = 0 if self._received > before else stalls + 1
+            if stalls >= STALLS:
+                raise failure
+
+    def announce(self) -> int:
+        """Say in a new session which image comes; the offset from which it is wanted."""
+        enter_programming(self._asking)
+        option = _ANNOUNCEMENT.pack(len(self._image), hashlib.sha256(self._image).digest())
+        answer = self._asking.routine(Routine.ERASE, option)
+        offset = int.from_bytes(answer[:4], "big")
+        if len(answer) != 4 or offset > len(self._image):
+            raise RefusedError("say from where it wants the image", Nrc.OUT_OF_RANGE)
+        return offset
+
+    def _bring(self, offset: int) -> Verdict:
+        if offset < len(self._image):
+            self._lengths.allow(self._asking.download(offset, len(self._image) - offset))
+            self._send(offset)
+            self._asking.exit()
+        answer = self._asking.routine(Routine.CHECK)
+        return Verdict(answer[0]) if answer and answer[0] in Verdict.__members__.values() else Verdict.DAMAGED
+
+    def _send(self, offset: int) -> None:
+        counter = 1
+        while offset < len(self._image):
+            block = self._image[offset : offset + self._lengths.next_from(offset)]
+            unanswered = self._asking.unanswered
+            try:
+                self._asking.transfer(counter, block)
+            except NoAnswerError:
+                self._lengths.lost()
+                raise
+            finally:
+                for _ in range(self._asking.unanswered - unanswered):
+                    self._lengths.lost()
+            if self._asking.unanswered == unanswered:
+                self._lengths.arrived()
+            counter = (counter + 1) % _COUNTERS
+            offset += len(block)
+            self._received = offset
+            self._progress(offset, len(self._image))
+
+    def _wait_for(self, failure: FlashError) -> None:
+        try:
+            self._asking.wait_until_there(START_S, "answer")
+        except NoAnswerError:
+            raise failure from None
+
+
+def enter_programming(asking: Asking) -> None:
+    """Begin the programming session and unlock it."""
+    asking.session(Session.PROGRAMMING)
+    asking.unlock(Level.PROGRAMMING)

@@ -1,0 +1,149 @@
+"""From a CAN bus to udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
+
+There is no thread here: frames are taken off the bus while a request is sent and while its answer is waited for, as
+nothing comes unasked. Responses that answer another request, because they are late or doubled, are dropped.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from udsoncan.client import Client
+from udsoncan.connections import BaseConnection
+from udsoncan.exceptions import TimeoutException
+
+import isotp
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.tester.matching import answers
+from can_bridge.uds.services import MAX_REQUEST, REQUEST_ID, RESPONSE_ID
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+
+PADDING: Final = 0xCC
+SEND_S: Final = 10.0
+"""For all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more beside other traffic."""
+FRAME_S: Final = 1.0
+"""For one frame: the queue of a CAN controller may be full for as long as others send."""
+_TURN_S: Final = 0.02
+FLOW_CONTROL_MS: Final = 1000
+"""N_Bs and N_Cr (ISO 15765-2)."""
+_MOST_WAITS: Final = 100
+_ENDS_SENDING: Final = (
+    isotp.FlowControlTimeoutError,
+    isotp.OverflowError,
+    isotp.MaximumWaitFrameReachedError,
+)
+
+
+@contextmanager
+def open_client(config: BusConfig) -> Iterator[Client]:
+    """A client for the ECU on a bus; raises BusError as `PythonCanBus.open` does."""
+    for name in ("UdsClient", "Connection", "isotp"):
+        # Without a handler Python prints their warnings to stderr.
+        logging.getLogger(name).addHandler(logging.NullHandler())
+    with (
+        PythonCanBus.open(config, accept={RESPONSE_ID}) as bus,
+        Client(BusConnection(bus, is_fd=config.frames == "fd")) as client,
+    ):
+        yield client
+
+
+class BusConnection(BaseConnection):
+    """ISO-TP over a bus that is open, and that is closed by whoever opened it."""
+
+    def __init__(self, bus: PythonCanBus, *, is_fd: bool, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self._bus = bus
+        self._clock = clock
+        self._request = b""
+        self._is_open = False
+        self._failed = False
+        self._layer: Any = isotp.TransportLayerLogic(
+            rxfn=self._receive_frame,
+            txfn=self._send_frame,
+            address=isotp.Address(isotp.AddressingMode.Normal_11bits, txid=REQUEST_ID, rxid=RESPONSE_ID),
+            error_handler=self._note,
+            params={
+                "stmin": 0,
+                "blocksize": 0,
+                "can_fd": is_fd,
+                "bitrate_switch": is_fd,
+                "tx_data_length": 64 if is_fd else 8,
+                "tx_data_min_length": 8,
+                "tx_padding": PADDING,
+                "max_frame_size": MAX_REQUEST,
+                "wftmax": _MOST_WAITS,
+                "rx_flowcontrol_timeout": FLOW_CONTROL_MS,
+                "rx_consecutive_frame_timeout": FLOW_CONTROL_MS,
+            },
+        )
+
+    def open(self) -> "BusConnection":
+        """Begin."""
+        self._is_open = True
+        return self
+
+    def close(self) -> None:
+        """End; the bus stays open."""
+        self._is_open = False
+
+    def is_open(self) -> bool:
+        return self._is_open
+
+    def empty_rxqueue(self) -> None:
+        """Drop what has come so far."""
+        self._bus.receive_all()
+        self._layer.reset()
+
+    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
+        """Raises TimeoutException if the ECU does not let the request's frames come, BusError if the bus does not."""
+        self._request, self._failed = payload, False
+        self._layer.send(payload)
+        until = self._clock() + SEND_S
+        while self._layer.transmitting():
+            self._layer.process(rx_timeout=_TURN_S)
+            if self._clock() > until:
+                self._layer.stop_sending()
+                self._failed = True
+        if self._failed:
+            raise TimeoutException("the ECU took a part of the request only")  # type: ignore[no-untyped-call]
+
+    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
+        """The next payload that can answer the request; raises TimeoutException after `timeout` seconds."""
+        until = self._clock() + (timeout or 0.0)
+        while True:
+            while self._layer.available():
+                payload = bytes(self._layer.recv())
+                if answers(self._request, payload):
+                    return payload
+            left = until - self._clock()
+            if left <= 0.0:
+                raise TimeoutException("no answer")  # type: ignore[no-untyped-call]
+            self._layer.process(rx_timeout=min(left, _TURN_S))
+
+    def _receive_frame(self, timeout: float) -> isotp.CanMessage | None:
+        # A whole payload is used before more is waited for.
+        frame = None if self._layer.available() else self._bus.receive(timeout)
+        if frame is None:
+            return None
+        return isotp.CanMessage(arbitration_id=frame.frame_id, data=frame.data, is_fd=frame.is_fd)
+
+    def _send_frame(self, message: isotp.CanMessage) -> None:
+        frame = Frame(frame_id=message.arbitration_id, data=bytes(message.data), is_fd=message.is_fd)
+        until = self._clock() + FRAME_S
+        while True:
+            try:
+                self._bus.send(frame, timeout_s=_TURN_S)
+                return
+            except BusError:
+                if self._clock() >= until:
+                    raise
+                # Some drivers do not wait where the queue is full.
+                time.sleep(0.001)
+
+    def _note(self, error: Exception) -> None:
+        # Others, such as a doubled flow control frame, do not end what is being sent.
+        self._failed |= isinstance(error, _ENDS_SENDING)

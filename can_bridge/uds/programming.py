@@ -1,0 +1,167 @@
+"""The programming part of what the UDS server asks of the ECU, over the store of releases.
+
+What the store has no part in, identifiers of the vehicle, calibration and the self-test, is the job of an `Inner`.
+Answers of the routines: ERASE has the wanted offset (4), CHECK a `Verdict` (1); the others are empty, but for the
+self-test's, which is the inner one's. A request that was carried out already is answered alike when it comes again,
+because the tester may have missed the first answer.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.state import Phase
+from can_bridge.flashing.store import OutOfOrderError, Store
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.diagnostics import Long
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+from contract.errors import ConfigError, KeyFileError
+
+
+class Inner(Protocol):
+    """The rest of the ECU; every method but `reset` may raise `Refused`."""
+
+    def read(self, did: Did) -> bytes:
+        """All identifiers but CAPACITY, KEY_LIST, STORE and ACTIVE_SESSION."""
+        ...
+
+    def write(self, did: Did, value: bytes) -> Long[None]:
+        """CALIBRATION and CALIBRATION_STORED."""
+        ...
+
+    def self_test(self) -> Long[bytes]:
+        """Run the controller of the release that runs on what must lead to a finite plan; the status record."""
+        ...
+
+    def reset(self) -> None:
+        """Begin anew, as after power-on, as soon as what was answered has been sent."""
+
+
+class Programming:
+    """`Diagnostics` over a store, after a boot.
+
+    Args:
+        refusal: why the ECU may not be programmed now; None if it may.
+        report: what identifier STORE reads.
+    """
+
+    def __init__(
+        self, store: Store, inner: Inner, *, refusal: Callable[[], Nrc | None], report: Callable[[Store], bytes]
+    ) -> None:
+        self._store = store
+        self._inner = inner
+        self._refusal = refusal
+        self._report = report
+        self._announced_length = 0
+        self._is_updating = False
+        self._has_confirmed = False
+
+    @property
+    def is_updating(self) -> bool:
+        """Whether an image was announced since power-on: the jets stay shut until a reset."""
+        return self._is_updating
+
+    def enter(self, session: Session) -> None:
+        if session is Session.PROGRAMMING:
+            self._check_preconditions()
+
+    def leave(self) -> None:
+        self._store.drop()
+
+    def read(self, did: Did) -> bytes:
+        if did is Did.CAPACITY:
+            return self._store.capacity.to_bytes(4, "big")
+        if did is Did.KEY_LIST:
+            return (self._store.keys.version if self._store.keys else 0).to_bytes(4, "big")
+        if did is Did.STORE:
+            return self._report(self._store)
+        return self._inner.read(did)
+
+    def write(self, did: Did, value: bytes) -> Long[None]:
+        if did is not Did.KEY_LIST:
+            yield from self._inner.write(did, value)
+            return
+        with _as_refusals():
+            self._store.take_keys(value)
+
+    def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
+        with _as_refusals():
+            if routine is Routine.PRECONDITIONS:
+                self._check_preconditions()
+            elif routine is Routine.ERASE:
+                return (yield from self._announce(int.from_bytes(option[:4], "big"), option[4:]))
+            elif routine is Routine.CHECK:
+                return bytes([(yield from self._store.finish())])
+            elif routine is Routine.ACTIVATE:
+                self._store.activate()
+            elif routine is Routine.SELF_TEST:
+                return (yield from self._inner.self_test())
+            elif routine is Routine.CONFIRM:
+                self._confirm()
+            elif routine is Routine.REVERT:
+                yield from self._revert()
+        return b""
+
+    def download(self, offset: int, length: int) -> None:
+        if self._store.received is None:
+            raise Refused(Nrc.SEQUENCE_ERROR, "no image is announced")
+        if offset != self._store.received or offset + length != self._announced_length:
+            raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not those that are missing")
+
+    def transfer(self, data: bytes) -> Long[None]:
+        yield from ()
+        with _as_refusals():
+            self._store.append(data)
+
+    def exit(self) -> Long[None]:
+        # All bytes came, as the server has seen to; whether they are the announced ones is for CHECK to say.
+        yield from ()
+
+    def failed_attempts(self, level: Level) -> int:
+        return self._store.failed_attempts(level)
+
+    def keep_failed_attempts(self, level: Level, count: int) -> None:
+        with _as_refusals():
+            self._store.keep_failed_attempts(level, count)
+
+    def reset(self) -> None:
+        self._inner.reset()
+
+    def _check_preconditions(self) -> None:
+        if (code := self._refusal()) is not None:
+            raise Refused(code)
+
+    def _announce(self, length: int, sha256: bytes) -> Long[bytes]:
+        self._check_preconditions()
+        self._is_updating, self._has_confirmed = True, False
+        offset = yield from self._store.announce(length, sha256)
+        self._announced_length = length
+        return offset.to_bytes(4, "big")
+
+    def _confirm(self) -> None:
+        running = self._store.running
+        if running is not None and self._store.state.slots[running].phase == Phase.TRIAL:
+            self._store.confirm()
+            self._has_confirmed = True
+        elif not self._has_confirmed:
+            # A tester that confirms what does not run on trial takes another release for its own.
+            raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
+
+    def _revert(self) -> Long[None]:
+        verdict = yield from self._store.revert()
+        if verdict != Verdict.GOOD:
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the release before: {verdict.in_words}")
+
+
+@contextmanager
+def _as_refusals() -> Iterator[None]:
+    try:
+        yield
+    except MediumError as error:
+        raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
+    except OutOfOrderError as error:
+        raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
+    except (ConfigError, KeyFileError) as error:
+        raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error

@@ -1,0 +1,89 @@
+"""Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them.
+
+A seed is good for one answer. An attempt is counted, in memory that outlives a reset, before the answer is looked at:
+cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wrong ones in a row no seed is given for
+`DELAY_NS`, and again after each further one; a power-on in between starts the delay anew.
+"""
+
+from collections.abc import Callable
+from hmac import compare_digest
+from typing import Final, Protocol
+
+from can_bridge.uds.access_key import SEED_LENGTH, AccessKey
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.services import Level, Nrc
+
+MAX_ATTEMPTS: Final = 3
+DELAY_NS: Final = 10_000_000_000
+MOST_COUNTED: Final = 255
+
+
+class Attempts(Protocol):
+    """The counts that outlive a reset."""
+
+    def failed_attempts(self, level: Level) -> int: ...
+
+    def keep_failed_attempts(self, level: Level, count: int) -> None: ...
+
+
+class SecurityAccess:
+    """Which level is unlocked, and how the next one becomes so.
+
+    Args:
+        random_bytes: gives so many bytes that nobody can foresee.
+        attempts: may refuse with the code to answer by.
+    """
+
+    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Attempts) -> None:
+        self._key = key
+        self._random_bytes = random_bytes
+        self._attempts = attempts
+        self._unlocked: Level | None = None
+        self._asked: tuple[Level, bytes] | None = None
+        self._closed_until_ns: dict[Level, int] = {}
+
+    @property
+    def unlocked(self) -> Level | None:
+        return self._unlocked
+
+    def power_on(self, now_ns: int) -> None:
+        """A level with too many wrong attempts before gets its delay again: how long the power was off is unknown."""
+        for level in Level:
+            if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
+                self._closed_until_ns[level] = now_ns + DELAY_NS
+
+    def lock(self) -> None:
+        """At the end of a session."""
+        self._unlocked = self._asked = None
+
+    def seed(self, now_ns: int, level: Level) -> bytes:
+        """A new seed; zeros if the level is unlocked already. Raises Refused during the delay."""
+        if self._unlocked is level:
+            return bytes(SEED_LENGTH)
+        self._asked = None
+        if now_ns < self._closed_until_ns.get(level, now_ns):
+            raise Refused(Nrc.DELAY_NOT_EXPIRED)
+        seed = self._random_bytes(SEED_LENGTH)
+        if not any(seed):
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, "the source of random bytes gives zeros")
+        self._asked = level, seed
+        return seed
+
+    def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
+        """Unlock the level whose seed was given last.
+
+        Raises:
+            Refused: no seed of this level was asked for, or the answer is wrong.
+        """
+        if self._asked is None or self._asked[0] is not level:
+            raise Refused(Nrc.SEQUENCE_ERROR)
+        (_, seed), self._asked = self._asked, None
+        count = min(self._attempts.failed_attempts(level) + 1, MOST_COUNTED)
+        self._attempts.keep_failed_attempts(level, count)
+        if not compare_digest(self._key.answer(level, seed), answer):
+            if count < MAX_ATTEMPTS:
+                raise Refused(Nrc.INVALID_KEY)
+            self._closed_until_ns[level] = now_ns + DELAY_NS
+            raise Refused(Nrc.EXCEEDED_ATTEMPTS)
+        self._attempts.keep_failed_attempts(level, 0)
+        self._unlocked = level

@@ -1,0 +1,294 @@
+"""The ECU's side of UDS (ISO 14229-1): requests in, answers out, time as an argument.
+
+Every request is checked in the order of the standard's figures: is the service there, is it in this session, is the
+length right, is the sub-function there and in this session, is the level unlocked, is it its turn; then the ECU behind
+it may refuse for reasons of its own. One request is worked on at a time, in pieces, one for each `tick`.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+from can_bridge.uds.access_key import ANSWER_LENGTH, AccessKey
+from can_bridge.uds.diagnostics import Diagnostics, Long
+from can_bridge.uds.job import Job, negative
+from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.security import SecurityAccess
+from can_bridge.uds.services import MAX_BLOCK, MAX_REQUEST, Did, Level, Nrc, Routine, Service, Session
+from can_bridge.uds.sessions import SessionTimer, timing_record
+from can_bridge.uds.transfer import Transfer
+
+MAX_DIDS: Final = 16
+"""Identifiers that one request may read."""
+_SUPPRESS: Final = 0x80
+_HARD_RESET: Final = 1
+_START: Final = 1
+_PLAIN: Final = 0x00
+"""Data format of a download: neither compressed nor encrypted."""
+_FOUR_AND_FOUR: Final = 0x44
+"""Bytes of length and of address in a download request."""
+_TWO_BYTES: Final = 0x20
+"""Format of the block length in its answer."""
+_WITH_SUB_FUNCTION: Final[frozenset[int]] = frozenset(
+    {Service.SESSION, Service.RESET, Service.SECURITY, Service.ROUTINE, Service.TESTER_PRESENT}
+)
+_SESSIONS: Final[frozenset[int]] = frozenset(Session)
+_DIDS: Final[frozenset[int]] = frozenset(Did)
+
+
+class UdsServer:
+    """A server after power-on. It takes any bytes, and raises nothing that `diagnostics` does not.
+
+    Args:
+        diagnostics: the ECU around it.
+        random_bytes: gives so many bytes that nobody can foresee, for seeds.
+    """
+
+    def __init__(self, diagnostics: Diagnostics, key: AccessKey, random_bytes: Callable[[int], bytes]) -> None:
+        self._diagnostics = diagnostics
+        self._security = SecurityAccess(key, random_bytes, diagnostics)
+        self._timer = SessionTimer()
+        self._transfer: Transfer | None = None
+        self._job: Job | None = None
+        self._reset_is_due = False
+        self._now_ns: int | None = None
+        self._handlers: Final[dict[int, Callable[[bytes], Long[bytes]]]] = {
+            Service.SESSION: self._control_session,
+            Service.RESET: self._reset,
+            Service.READ: self._read,
+            Service.SECURITY: self._access,
+            Service.WRITE: self._write,
+            Service.ROUTINE: self._routine,
+            Service.DOWNLOAD: self._download,
+            Service.TRANSFER: self._take_block,
+            Service.EXIT: self._exit,
+            Service.TESTER_PRESENT: self._hear_tester,
+        }
+
+    @property
+    def session(self) -> Session:
+        return self._timer.session
+
+    @property
+    def unlocked(self) -> Level | None:
+        return self._security.unlocked
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a request or a reset is under way: `tick` goes on with it."""
+        return self._job is not None or self._reset_is_due
+
+    def request(self, now_ns: int, payload: bytes) -> list[bytes]:
+        """Take a whole request; its answers, none if it is suppressed or not ready yet."""
+        now_ns = self._at(now_ns)
+        if not payload:
+            return []
+        self._end_silent_session(now_ns)
+        self._timer.hear(now_ns)
+        if self.is_busy:
+            if payload == bytes([Service.TESTER_PRESENT, _SUPPRESS]):
+                return []
+            return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
+        is_quiet = len(payload) > 1 and payload[0] in _WITH_SUB_FUNCTION and bool(payload[1] & _SUPPRESS)
+        self._job = Job(now_ns, payload[0], self._answer(payload), is_quiet=is_quiet)
+        return self._go_on(now_ns)
+
+    def tick(self, now_ns: int) -> list[bytes]:
+        """Go on with what is under way: one piece of it, or the reset that was answered before.
+
+        Call it as often as there is time for a piece, at least every 20 ms while `is_busy`.
+        """
+        now_ns = self._at(now_ns)
+        if self._reset_is_due:
+            self._reset_is_due = False
+            self._diagnostics.reset()
+        self._end_silent_session(now_ns)
+        return self._go_on(now_ns)
+
+    def _at(self, now_ns: int) -> int:
+        """A clock that goes back stands still here."""
+        if self._now_ns is None:
+            self._security.power_on(now_ns)
+        self._now_ns = now_ns if self._now_ns is None else max(now_ns, self._now_ns)
+        return self._now_ns
+
+    def _go_on(self, now_ns: int) -> list[bytes]:
+        job, self._job = self._job, None
+        if job is None:
+            return []
+        answers = job.go_on(now_ns)
+        if job.is_done:
+            self._timer.hear(now_ns)
+        else:
+            self._job = job
+        return answers
+
+    def _end_silent_session(self, now_ns: int) -> None:
+        if self._job is None and self._timer.is_over(now_ns):
+            self._change_session(now_ns, Session.DEFAULT)
+
+    def _change_session(self, now_ns: int, session: Session) -> None:
+        if self._timer.session is not Session.DEFAULT:
+            self._diagnostics.leave()
+        self._security.lock()
+        self._transfer = None
+        self._timer.begin(now_ns, session)
+
+    def _answer(self, payload: bytes) -> Long[bytes]:
+        """What follows the first byte of the positive answer."""
+        service, body = payload[0], payload[1:]
+        permission = SERVICES.get(service)
+        if permission is None:
+            raise Refused(Nrc.SERVICE_NOT_SUPPORTED)
+        if self.session not in permission.sessions:
+            raise Refused(Nrc.SERVICE_NOT_IN_SESSION)
+        _check_length(len(payload) <= MAX_REQUEST)
+        if service in _WITH_SUB_FUNCTION:
+            _check_length(len(body) >= 1)
+            body = bytes([body[0] & ~_SUPPRESS]) + body[1:]
+        return (yield from self._handlers[service](body))
+
+    def _control_session(self, body: bytes) -> Long[bytes]:
+        if body[0] not in _SESSIONS:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        _check_length(len(body) == 1)
+        session = Session(body[0])
+        self._diagnostics.enter(session)
+        self._change_session(self._now(), session)
+        yield from ()
+        return body + timing_record()
+
+    def _reset(self, body: bytes) -> Long[bytes]:
+        if body[0] != _HARD_RESET:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        _check_length(len(body) == 1)
+        self._reset_is_due = True
+        yield from ()
+        return body
+
+    def _hear_tester(self, body: bytes) -> Long[bytes]:
+        if body[0] != 0:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        _check_length(len(body) == 1)
+        yield from ()
+        return body
+
+    def _read(self, body: bytes) -> Long[bytes]:
+        _check_length(len(body) > 0 and len(body) % 2 == 0 and len(body) <= 2 * MAX_DIDS)
+        answer = b""
+        for number in (body[i : i + 2] for i in range(0, len(body), 2)):
+            try:
+                answer += number + self._value(int.from_bytes(number, "big"))
+            except Refused as refusal:
+                # The standard leaves out what is not there, if anything else is.
+                if refusal.code is not Nrc.OUT_OF_RANGE:
+                    raise
+        if not answer:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        if 1 + len(answer) > MAX_REQUEST:
+            raise Refused(Nrc.RESPONSE_TOO_LONG)
+        yield from ()
+        return answer
+
+    def _value(self, number: int) -> bytes:
+        if number not in _DIDS:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        if number == Did.ACTIVE_SESSION:
+            return bytes([self.session])
+        return self._diagnostics.read(Did(number))
+
+    def _access(self, body: bytes) -> Long[bytes]:
+        # A level's seed has its number, the answer to the seed the next one.
+        number, is_answer = body[0] - (body[0] + 1) % 2, body[0] % 2 == 0
+        permission = LEVELS.get(number)
+        if permission is None:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        if self.session not in permission.sessions:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_IN_SESSION)
+        level = Level(number)
+        yield from ()
+        if not is_answer:
+            _check_length(len(body) == 1)
+            return body + self._security.seed(self._now(), level)
+        _check_length(len(body) == 1 + ANSWER_LENGTH)
+        self._security.unlock(self._now(), level, body[1:])
+        return body[:1]
+
+    def _write(self, body: bytes) -> Long[bytes]:
+        _check_length(len(body) > 2)
+        number, value = int.from_bytes(body[:2], "big"), body[2:]
+        permission = WRITABLE.get(number)
+        if permission is None or self.session not in permission.sessions:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        self._check_unlocked(permission)
+        _check_length(permission.length in (None, len(value)))
+        yield from self._diagnostics.write(Did(number), value)
+        return body[:2]
+
+    def _routine(self, body: bytes) -> Long[bytes]:
+        if body[0] != _START:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        _check_length(len(body) >= 3)
+        number, option = int.from_bytes(body[1:3], "big"), body[3:]
+        permission = ROUTINES.get(number)
+        if permission is None or self.session not in permission.sessions:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        self._check_unlocked(permission)
+        _check_length(permission.length in (None, len(option)))
+        routine = Routine(number)
+        if routine is Routine.ERASE:
+            self._transfer = None
+        return body[:3] + (yield from self._diagnostics.routine(routine, option))
+
+    def _download(self, body: bytes) -> Long[bytes]:
+        _check_length(len(body) >= 2)
+        if body[0] != _PLAIN or body[1] != _FOUR_AND_FOUR:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        _check_length(len(body) == 2 + 4 + 4)
+        self._check_unlocked(SERVICES[Service.DOWNLOAD])
+        offset, length = int.from_bytes(body[2:6], "big"), int.from_bytes(body[6:], "big")
+        under_way = self._transfer
+        if under_way is None or under_way.is_closed:
+            self._diagnostics.download(offset, length)
+            self._transfer = Transfer(offset, length)
+        elif under_way.has_begun or (under_way.offset, under_way.length) != (offset, length):
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
+        yield from ()
+        return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")
+
+    def _take_block(self, body: bytes) -> Long[bytes]:
+        _check_length(1 < len(body) < MAX_BLOCK)
+        self._check_unlocked(SERVICES[Service.TRANSFER])
+        counter, data = body[0], body[1:]
+        if self._transfer is None:
+            raise Refused(Nrc.SEQUENCE_ERROR)
+        if self._transfer.is_new(counter, data):
+            transfer, self._transfer = self._transfer, None
+            # If it fails there is no transfer any more: what the memory holds is known only after a new announcement.
+            yield from self._diagnostics.transfer(data)
+            transfer.taken(counter, data)
+            self._transfer = transfer
+        return body[:1]
+
+    def _exit(self, body: bytes) -> Long[bytes]:
+        _check_length(not body)
+        self._check_unlocked(SERVICES[Service.EXIT])
+        if self._transfer is None:
+            raise Refused(Nrc.SEQUENCE_ERROR)
+        self._transfer.check_complete()
+        if not self._transfer.is_closed:
+            yield from self._diagnostics.exit()
+            self._transfer.close()
+        return b""
+
+    def _check_unlocked(self, permission: Permission) -> None:
+        if permission.level is not None and self.unlocked is not permission.level:
+            raise Refused(Nrc.SECURITY_ACCESS_DENIED)
+
+    def _now(self) -> int:
+        return self._now_ns or 0
+
+
+def _check_length(is_right: bool) -> None:
+    if not is_right:
+        raise Refused(Nrc.INCORRECT_LENGTH)

@@ -1,0 +1,62 @@
+"""A release's calibration on a vehicle with limits, and a tool's key."""
+
+from dataclasses import replace
+from itertools import count
+from typing import Any
+
+import pytest
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.cmac import CMAC
+
+from can_bridge.calibration.segment import Segment
+from can_bridge.calibration.xcp_slave import XcpSlave
+from can_bridge.uds.services import Level
+from contract.calibration import WEIGHTS, Calibration, CalibrationLimits
+from contract.config.controller import CostWeights
+
+SECRET = bytes(range(16))
+REFERENCE = Calibration(
+    weights=CostWeights(drag_mean=1.0, drag_fluctuation=0.1, lift=0.01, smoothness=8.0),
+    action_limit=0.075,
+    command_step=0.0375,
+    delay_steps=1,
+)
+LIMITS = CalibrationLimits(
+    least=Calibration(
+        weights=CostWeights(**dict.fromkeys(WEIGHTS, 0.0)), action_limit=0, command_step=0, delay_steps=0
+    ),
+    greatest=Calibration(
+        weights=CostWeights(**dict.fromkeys(WEIGHTS, 1000.0)), action_limit=0.075, command_step=0.0375, delay_steps=6
+    ),
+)
+
+
+def changed(**values: Any) -> Calibration:
+    """The reference with other values; weights by their names."""
+    weights = {name: values.pop(name) for name in WEIGHTS if name in values}
+    return replace(REFERENCE, weights=replace(REFERENCE.weights, **weights), **values)
+
+
+@pytest.fixture
+def segment() -> Segment:
+    return Segment(REFERENCE, LIMITS)
+
+
+class CmacAccess:
+    """The key to a seed, as the vehicle's key makes it."""
+
+    def answer(self, level: Level, seed: bytes) -> bytes:
+        made = CMAC(AES(SECRET))
+        made.update(bytes([level]) + seed)
+        return made.finalize()
+
+
+@pytest.fixture
+def access() -> CmacAccess:
+    return CmacAccess()
+
+
+@pytest.fixture
+def slave(segment, access) -> XcpSlave:
+    seeds = count(1)
+    return XcpSlave(segment, access, lambda length: bytes([next(seeds)] * length))

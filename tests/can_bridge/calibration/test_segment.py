@@ -1,0 +1,183 @@
+import struct
+from contextlib import suppress
+from itertools import pairwise
+from math import inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.calibration.segment import Page, Segment
+from contract.calibration import NAMES
+from contract.errors import ConfigError
+from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
+from tests.examples import examples
+
+OFFSETS = {name: 4 * index for index, name in enumerate(NAMES)}
+
+
+def float_bytes(value: float) -> bytes:
+    return struct.pack("<f", value)
+
+
+def test_nothing_is_pending_at_first(segment):
+    assert segment.working is REFERENCE
+    assert not segment.is_pending
+    assert segment.take() is None
+
+
+def test_a_value_is_taken_once(segment):
+    segment.write(OFFSETS["effort"], float_bytes(0.5))
+    assert segment.is_pending
+    taken = segment.take()
+    assert taken.weights.effort == 0.5
+    assert (taken.weights.smoothness, taken.delay_steps) == (8.0, 1)
+    assert segment.take() is None
+
+
+def test_several_writes_are_taken_together(segment):
+    segment.write(OFFSETS["effort"], float_bytes(0.5))
+    segment.write(OFFSETS["delay_steps"], (3).to_bytes(4, "little"))
+    taken = segment.take()
+    assert (taken.weights.effort, taken.delay_steps) == (0.5, 3)
+
+
+def test_half_of_a_value_waits_for_the_rest(segment):
+    new = float_bytes(2.0)
+    segment.write(OFFSETS["effort"], new[:3])
+    assert segment.take() is None
+    assert segment.read(Page.WORKING, OFFSETS["effort"], 4) == new[:3] + b"\x00"
+    segment.write(OFFSETS["effort"] + 3, new[3:])
+    assert segment.take().weights.effort == 2.0
+
+
+def test_half_of_a_value_is_dropped_by_a_write_elsewhere(segment):
+    segment.write(OFFSETS["effort"], float_bytes(2.0)[:2])
+    segment.write(OFFSETS["rate"], float_bytes(3.0))
+    with pytest.raises(ConfigError, match=f"write from byte {OFFSETS['effort'] + 2}: must begin with a value"):
+        segment.write(OFFSETS["effort"] + 2, float_bytes(2.0)[2:])
+    taken = segment.take()
+    assert (taken.weights.effort, taken.weights.rate) == (0.0, 3.0)
+
+
+@examples(100)
+@given(
+    weights=st.lists(st.floats(0, 1000, width=32), min_size=7, max_size=7),
+    delay=st.integers(0, 6),
+    cuts=st.lists(st.integers(1, 39), unique=True).map(sorted),
+)
+def test_the_whole_set_may_come_in_pieces_and_only_whole_values_are_taken(weights, delay, cuts):
+    segment = Segment(REFERENCE, LIMITS)
+    raw = struct.pack("<9fI", *weights, 0.05, 0.02, delay)
+    old = REFERENCE.pack()
+    bounds = [0, *cuts, len(raw)]
+    for begin, end in pairwise(bounds):
+        segment.write(begin, raw[begin:end])
+        assert segment.read(Page.WORKING, 0, end) == raw[:end]
+        whole = end - end % 4
+        assert segment.working.pack() == raw[:whole] + old[whole:]
+    assert segment.in_force.pack() == raw
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_value_out_of_its_limits_is_refused_and_nothing_changes(segment, name):
+    too_great = (7).to_bytes(4, "little") if name == "delay_steps" else float_bytes(1000.001)
+    with pytest.raises(ConfigError, match=f"calibration: {name} = .*: must be in 0"):
+        segment.write(OFFSETS[name], too_great)
+    assert segment.working is REFERENCE
+
+
+@pytest.mark.parametrize("value", [nan, inf, -inf, -1.0, -1e-30])
+def test_what_is_no_weight_is_refused(segment, value):
+    with pytest.raises(ConfigError):
+        segment.write(OFFSETS["drag_mean"], float_bytes(value))
+    assert segment.working is REFERENCE
+
+
+def test_a_write_is_refused_as_a_whole(segment):
+    with pytest.raises(ConfigError):
+        segment.write(OFFSETS["effort"], float_bytes(1.0) + float_bytes(-1.0))
+    assert segment.working is REFERENCE
+
+
+def test_a_limit_may_be_reached_though_it_is_no_float32_and_is_not_passed(segment):
+    assert float(np.float32(0.075)) > 0.075
+    segment.write(OFFSETS["action_limit"], float_bytes(0.05))
+    segment.write(OFFSETS["action_limit"], float_bytes(0.075))
+    segment.write(OFFSETS["effort"], float_bytes(1.0))
+    assert segment.in_force.action_limit == 0.075
+    beyond = np.nextafter(np.float32(0.075), np.float32(1))
+    with pytest.raises(ConfigError, match="action_limit"):
+        segment.write(OFFSETS["action_limit"], beyond.tobytes())
+
+
+def test_the_releases_own_values_come_back_as_they_were(segment):
+    segment.write(OFFSETS["action_limit"], float_bytes(0.05))
+    segment.take()
+    segment.write(0, REFERENCE.pack())
+    assert segment.take() is REFERENCE
+
+
+def test_set_and_revert(segment):
+    segment.set(changed(effort=0.25))
+    assert segment.take().weights.effort == 0.25
+    segment.revert()
+    assert segment.take() is REFERENCE
+    with pytest.raises(ConfigError, match="delay_steps = 7"):
+        segment.set(changed(delay_steps=7))
+    with pytest.raises(ConfigError, match="no place in its 4 bytes"):
+        segment.set(changed(delay_steps=-1))
+    with pytest.raises(ConfigError, match="no place in its 4 bytes"):
+        segment.set(changed(effort=1e300))
+    assert segment.in_force is REFERENCE
+
+
+def test_the_page_in_force_is_selected(segment):
+    segment.write(OFFSETS["effort"], float_bytes(0.5))
+    segment.take()
+    segment.select(Page.REFERENCE)
+    assert segment.take() is REFERENCE
+    segment.write(OFFSETS["rate"], float_bytes(0.5))
+    assert segment.take() is None
+    segment.select(Page.WORKING)
+    taken = segment.take()
+    assert (taken.weights.effort, taken.weights.rate) == (0.5, 0.5)
+    assert segment.read(Page.REFERENCE, 0, 40) == REFERENCE.pack()
+
+
+def test_a_set_puts_the_working_page_in_force(segment):
+    segment.select(Page.REFERENCE)
+    segment.set(changed(effort=0.5))
+    assert segment.take().weights.effort == 0.5
+
+
+@pytest.mark.parametrize(("offset", "length"), [(-1, 1), (40, 1), (37, 4), (0, 41), (0, -1)])
+def test_what_lies_outside_is_refused(segment, offset, length):
+    with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
+        segment.read(Page.WORKING, offset, length)
+    if length > 0:
+        with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
+            segment.write(offset, bytes(length))
+
+
+def test_a_reference_out_of_the_limits_is_refused():
+    with pytest.raises(ConfigError, match=r"action_limit = 0\.08"):
+        Segment(changed(action_limit=0.08), LIMITS)
+
+
+@examples(200)
+@given(
+    writes=st.lists(
+        st.tuples(st.integers(0, 40), st.binary(max_size=8) | st.just(bytes(4)) | st.just(bytes.fromhex("0000803F"))),
+        max_size=30,
+    )
+)
+def test_whatever_is_written_what_is_in_force_keeps_the_limits(writes):
+    segment = Segment(REFERENCE, LIMITS)
+    for offset, data in writes:
+        with suppress(ConfigError):
+            segment.write(offset, data)
+        taken = segment.take()
+        if taken is not None:
+            LIMITS.check(taken)

@@ -1,0 +1,178 @@
+"""Identifiers of the calibration over UDS, and what of it outlives a loss of power."""
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from can_bridge.calibration.segment import Page, Segment
+from can_bridge.calibration.service import DIDS, CalibrationService
+from can_bridge.flashing.medium import MediumError
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.services import Did, Nrc
+from contract.calibration import Calibration, CalibrationLimits
+from contract.config.controller import CostWeights
+
+OWN = Calibration(weights=CostWeights(), action_limit=0.075, command_step=0.07, delay_steps=1)
+LIMITS = CalibrationLimits(
+    least=replace(
+        OWN, weights=CostWeights(drag_mean=0.0, drag_fluctuation=0.0, lift=0.0, smoothness=0.0), delay_steps=0
+    ),
+    greatest=replace(OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 10.0)), delay_steps=4),
+)
+WIRE = struct.Struct("<9fI")
+"""As a tool reads it that knows nothing of us."""
+
+
+class Kept:
+    """A record that may be worn out."""
+
+    def __init__(self, raw: bytes | None = None) -> None:
+        self.raw = raw
+        self.is_worn_out = False
+        self.writes = 0
+
+    def read(self) -> bytes | None:
+        return self.raw
+
+    def keep(self, raw: bytes | None) -> None:
+        if self.is_worn_out:
+            raise MediumError("no place is left that works", 0)
+        self.raw, self.writes = raw, self.writes + 1
+
+
+def service_of(kept: Kept, refusal: Nrc | None = None) -> tuple[CalibrationService, Segment]:
+    segment = Segment(OWN, LIMITS)
+    return CalibrationService(segment, kept=kept.read, keep=kept.keep, refusal=lambda: refusal), segment
+
+
+def write(service: CalibrationService, did: Did, value: bytes) -> None:
+    for _ in service.write(did, value):
+        pass
+
+
+def refused(service: CalibrationService, did: Did, value: bytes) -> Nrc:
+    with pytest.raises(Refused) as refusal:
+        write(service, did, value)
+    return refusal.value.code
+
+
+def values(**changes: float) -> bytes:
+    own = {
+        **{"drag_mean": 1.0, "drag_fluctuation": 0.1, "lift": 0.01, "lift_mean": 0.0, "smoothness": 8.0},
+        **{"effort": 0.0, "rate": 0.0, "action_limit": 0.075, "command_step": 0.07, "delay_steps": 1},
+        **changes,
+    }
+    *floats, delay_steps = own.values()
+    return WIRE.pack(*floats, int(delay_steps))
+
+
+def test_values_are_read_changed_and_read_back():
+    service, segment = service_of(Kept())
+    assert service.read(Did.CALIBRATION) == values()
+    write(service, Did.CALIBRATION, values(lift=0.5, action_limit=0.075, delay_steps=3))
+    assert service.read(Did.CALIBRATION) == values(lift=0.5, delay_steps=3)
+    taken = segment.take()
+    assert taken is not None
+    assert (taken.weights.lift, taken.delay_steps) == (0.5, 3)
+
+
+def test_the_limits_come_with_the_releases_own_values():
+    service, _ = service_of(Kept())
+    write(service, Did.CALIBRATION, values(lift=0.5))
+    raw = service.read(Did.CALIBRATION_LIMITS)
+    least, greatest, own = (WIRE.unpack(raw[start : start + WIRE.size]) for start in (0, 40, 80))
+    assert len(raw) == 120
+    np.testing.assert_array_equal(least, np.array([0.0] * 7 + [0.075, 0.07, 0.0], dtype=np.float32))
+    np.testing.assert_array_equal(greatest, np.array([10.0] * 7 + [0.075, 0.07, 4.0], dtype=np.float32))
+    assert WIRE.pack(*own) == values()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [values(lift=-0.1), values(lift=float("nan")), values(action_limit=0.0751), values(delay_steps=5), b"", bytes(39)],
+)
+def test_values_that_are_not_allowed_are_refused_whole(value):
+    service, segment = service_of(Kept())
+    assert refused(service, Did.CALIBRATION, value) is Nrc.OUT_OF_RANGE
+    assert service.read(Did.CALIBRATION) == values()
+    assert segment.take() is None
+
+
+def test_stored_values_come_back_after_power_on_and_leave_when_reverted():
+    kept = Kept()
+    service, _ = service_of(kept)
+    write(service, Did.CALIBRATION, values(lift=0.5))
+    assert service.read(Did.CALIBRATION_STORED) == b"\x00"
+    write(service, Did.CALIBRATION_STORED, b"\x01")
+    write(service, Did.CALIBRATION, values(lift=0.7))
+    again, segment = service_of(kept)
+    assert again.restore() is None
+    assert again.read(Did.CALIBRATION_STORED) == b"\x01"
+    assert again.read(Did.CALIBRATION) == values(lift=0.5)
+    assert segment.take() is not None
+    write(again, Did.CALIBRATION_STORED, b"\x00")
+    assert (kept.raw, again.read(Did.CALIBRATION)) == (None, values())
+    fresh, segment = service_of(kept)
+    assert fresh.restore() is None
+    assert segment.take() is None
+
+
+def test_the_page_in_force_is_what_is_stored():
+    kept = Kept()
+    service, segment = service_of(kept)
+    write(service, Did.CALIBRATION, values(lift=0.5))
+    segment.select(Page.REFERENCE)
+    assert service.read(Did.CALIBRATION) == values()
+    service.store()
+    assert kept.raw == values()
+
+
+@pytest.mark.parametrize("raw", [b"", bytes(41), values(action_limit=0.08), values(lift=float("inf"))])
+def test_a_record_that_this_vehicle_does_not_allow_is_not_used(raw):
+    kept = Kept(raw)
+    service, segment = service_of(kept)
+    assert "calibration" in str(service.restore())
+    assert segment.take() is None
+    assert kept.raw == raw
+
+
+def test_nothing_is_stored_while_that_is_refused_but_values_change():
+    kept = Kept(values(lift=0.5))
+    service, _ = service_of(kept, Nrc.CONDITIONS_NOT_CORRECT)
+    service.restore()
+    write(service, Did.CALIBRATION, values(lift=0.7))
+    for value in (b"\x00", b"\x01"):
+        assert refused(service, Did.CALIBRATION_STORED, value) is Nrc.CONDITIONS_NOT_CORRECT
+    assert (kept.raw, kept.writes) == (values(lift=0.5), 0)
+    assert service.read(Did.CALIBRATION) == values(lift=0.7)
+    # Where nothing is stored, to go back writes nothing.
+    service, _ = service_of(empty := Kept(), Nrc.CONDITIONS_NOT_CORRECT)
+    write(service, Did.CALIBRATION, values(lift=0.7))
+    write(service, Did.CALIBRATION_STORED, b"\x00")
+    assert (service.read(Did.CALIBRATION), empty.writes) == (values(), 0)
+
+
+def test_a_memory_that_fails_is_told_and_the_values_stay():
+    kept = Kept(values(lift=0.5))
+    service, _ = service_of(kept)
+    service.restore()
+    kept.is_worn_out = True
+    for value in (b"\x00", b"\x01"):
+        assert refused(service, Did.CALIBRATION_STORED, value) is Nrc.PROGRAMMING_FAILURE
+    assert service.read(Did.CALIBRATION) == values(lift=0.5)
+
+
+@pytest.mark.parametrize("value", [b"", b"\x02", b"\xff", b"\x01\x01"])
+def test_store_takes_one_of_two_bytes(value):
+    assert refused(service_of(Kept())[0], Did.CALIBRATION_STORED, value) is Nrc.OUT_OF_RANGE
+
+
+def test_other_identifiers_are_not_its_own():
+    service, _ = service_of(Kept())
+    for did in set(Did) - DIDS:
+        assert refused(service, did, bytes(40)) is Nrc.OUT_OF_RANGE
+        with pytest.raises(Refused):
+            service.read(did)
+    assert refused(service, Did.CALIBRATION_LIMITS, bytes(120)) is Nrc.OUT_OF_RANGE

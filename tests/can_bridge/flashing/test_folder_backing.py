@@ -1,0 +1,118 @@
+"""The store's place in a folder: nothing that was kept is lost with the supply."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.folder_backing import FolderBacking
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.lossy_files import LossyFiles
+from tests.can_bridge.flashing.sessions import Witness, run
+from tests.examples import examples
+
+PLAN = [(Slot.A, 1), (Slot.B, 2), (Slot.A, 3)]
+LENGTHS = {1: 900, 2: 1301, 3: 620}
+
+
+def play(files: LossyFiles, cuts: list[int]) -> None:
+    """The plan with cuts, each so many calls after the one before; then to its end."""
+    witness = Witness(LENGTHS)
+
+    def power_on() -> FolderBacking:
+        return FolderBacking(Path("unused"), files=files, capacity=2048)
+
+    for cut in cuts:
+        files.power_on(files.calls + cut)
+        if run(power_on, witness, PLAN):
+            return
+    files.power_on()
+    assert run(power_on, witness, PLAN)
+
+
+def every_cut(seeds: int) -> None:
+    files = LossyFiles()
+    play(files, [])
+    for cut in range(files.calls):
+        for seed in range(seeds):
+            play(LossyFiles(seed), [cut])
+
+
+def test_every_cut_leaves_the_old_or_the_new():
+    every_cut(3)
+
+
+@examples(300)
+@given(st.integers(0, 2**32), st.lists(st.integers(0, 200), max_size=12))
+def test_many_cuts_in_a_row(seed, cuts):
+    play(LossyFiles(seed), cuts)
+
+
+def test_planted_defects_are_found(monkeypatch):
+    def found(defect) -> bool:
+        with monkeypatch.context() as patch:
+            defect(patch)
+            try:
+                every_cut(4)
+            except Exception:  # noqa: BLE001  (whatever shows it)
+                return True
+        return False
+
+    sync = LossyFiles.sync
+    assert found(lambda patch: patch.setattr(LossyFiles, "sync_folder", lambda self: None))
+    assert found(
+        lambda patch: patch.setattr(
+            LossyFiles, "sync", lambda self, name: None if name.startswith("record") else sync(self, name)
+        )
+    ), "renamed before it was synchronised"
+    assert found(
+        lambda patch: patch.setattr(
+            LossyFiles, "sync", lambda self, name: None if name.startswith("slot") else sync(self, name)
+        )
+    ), "a checkpoint before the slot was synchronised"
+
+
+def test_it_outlives_the_process(tmp_path):
+    backing = FolderBacking(tmp_path / "ecu")
+    for _ in backing.clear(Slot.B):
+        pass
+    backing.append(Slot.B, b"first ")
+    backing.keep(Kind.STATE, b"state")
+    backing.append(Slot.B, b"lost")
+    again = FolderBacking(tmp_path / "ecu")
+    assert again.records() == {Kind.STATE: b"state"}
+    again.begin_again(Slot.B, 6)
+    again.append(Slot.B, b"second")
+    assert again.read(Slot.B, 0, 12) == b"first second"
+    with pytest.raises(MediumError, match="nothing was written at byte 12"):
+        again.read(Slot.B, 3, 10)
+    assert {path.name for path in (tmp_path / "ecu").iterdir()} == {"state.record", "slot_b.image"}
+    assert {path.stat().st_mode & 0o777 for path in (tmp_path / "ecu").iterdir()} == {0o600}
+
+
+@pytest.mark.parametrize("damage", [b"", b"SWR1", b"x" * 40])
+def test_a_damaged_record_is_none(tmp_path, damage):
+    backing = FolderBacking(tmp_path)
+    backing.keep(Kind.KEYS, b"keys")
+    (tmp_path / "keys.record").write_bytes(damage)
+    assert backing.records() == {}
+
+
+def test_what_the_system_refuses_is_one_line(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(MediumError, match=r"store .*file: File exists"):
+        FolderBacking(tmp_path / "file")
+    backing = FolderBacking(tmp_path / "folder", capacity=10)
+    with pytest.raises(MediumError, match="clear it"):
+        backing.append(Slot.A, b"x")
+    for _ in backing.clear(Slot.A):
+        pass
+    with pytest.raises(MediumError, match="holds 10 bytes"):
+        backing.append(Slot.A, bytes(11))
+    with pytest.raises(MediumError, match="0 bytes are there, must be 5 or more"):
+        backing.begin_again(Slot.A, 5)
+    (tmp_path / "folder" / "record.new").mkdir()
+    with pytest.raises(MediumError, match=r"record\.new"):
+        backing.keep(Kind.STATE, b"")

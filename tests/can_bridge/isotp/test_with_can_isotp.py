@@ -1,0 +1,179 @@
+"""The endpoint and the library can-isotp as the two ends of a connection, without a clock: each has its turn."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.isotp.settings import IsoTpSettings, classic
+from can_bridge.wire.frame import Frame
+from tests.examples import examples
+
+isotp = pytest.importorskip("isotp")
+
+TESTER, ECU = 0x7E0, 0x7E8
+CLASSIC = classic(receive_id=TESTER, send_id=ECU)
+FD = IsoTpSettings(receive_id=TESTER, send_id=ECU)
+SHORT_FD = replace(FD, frame_length=16)
+SETTINGS = pytest.mark.parametrize("settings", [CLASSIC, FD, SHORT_FD], ids=["classic", "fd", "fd-16"])
+LENGTHS = [1, 6, 7, 8, 9, 14, 15, 61, 62, 63, 64, 118, 119, 124, 125, 126, 1000, 4094, 4095]
+
+
+class Connection:
+    """Both ends, and what the wire does to frames."""
+
+    def __init__(
+        self, settings: IsoTpSettings, *, on_wire: Callable[[Frame], list[Frame]] = lambda frame: [frame], **parameters
+    ) -> None:
+        self.ecu = Endpoint(settings)
+        self.on_wire = on_wire
+        self.to_tester: deque[Frame] = deque()
+        self.errors: list[Exception] = []
+        self.now_ns = 0
+        self.tester = isotp.TransportLayerLogic(
+            rxfn=self._to_tester,
+            txfn=self._from_tester,
+            address=isotp.Address(isotp.AddressingMode.Normal_11bits, txid=TESTER, rxid=ECU),
+            error_handler=self.errors.append,
+            params={
+                "stmin": 0,
+                "blocksize": 0,
+                "can_fd": settings.is_fd,
+                "tx_data_length": settings.frame_length,
+                "tx_padding": 0xCC,
+                "wftmax": 10,
+                **parameters,
+            },
+        )
+
+    def _to_tester(self, timeout):
+        if not self.to_tester:
+            return None
+        frame = self.to_tester.popleft()
+        return isotp.CanMessage(arbitration_id=frame.frame_id, data=frame.data, is_fd=frame.is_fd)
+
+    def _from_tester(self, message):
+        for frame in self.on_wire(
+            Frame(frame_id=message.arbitration_id, data=bytes(message.data), is_fd=message.is_fd)
+        ):
+            self.ecu.receive(self.now_ns, frame)
+
+    def turn(self) -> bool:
+        """Both ends once; whether any frame went."""
+        sent = self.tester.process().sent
+        frames = [each for frame in self.ecu.poll(self.now_ns) for each in self.on_wire(frame)]
+        self.to_tester += frames
+        return bool(sent or frames)
+
+    def run(self) -> None:
+        while self.turn():
+            pass
+
+
+@SETTINGS
+@pytest.mark.parametrize("length", LENGTHS)
+def test_messages_arrive_whole_in_both_directions(settings, length):
+    connection = Connection(settings)
+    request, response = bytes(i * 7 % 251 for i in range(length)), bytes(i * 11 % 241 for i in range(length))
+    connection.tester.send(request)
+    connection.ecu.send(response)
+    connection.run()
+    assert connection.ecu.take() == [request]
+    assert connection.tester.recv() == response
+    assert connection.errors == []
+
+
+@SETTINGS
+def test_every_length_up_to_some_frames_arrives(settings):
+    connection = Connection(settings)
+    for length in range(1, 3 * settings.frame_length):
+        message = bytes(i % 256 for i in range(length))
+        connection.tester.send(message)
+        connection.ecu.send(message)
+        connection.run()
+        assert connection.ecu.take() == [message]
+        assert connection.tester.recv() == message
+    assert connection.errors == []
+
+
+@SETTINGS
+@pytest.mark.parametrize("block_size", [1, 7, 255])
+def test_blocks_are_asked_for_and_obeyed(settings, block_size):
+    connection = Connection(replace(settings, block_size=block_size), blocksize=block_size)
+    connection.tester.send(bytes(4095))
+    connection.ecu.send(bytes(4095))
+    connection.run()
+    assert connection.ecu.take() == [bytes(4095)]
+    assert connection.tester.recv() == bytes(4095)
+    assert connection.errors == []
+
+
+def test_the_library_hears_our_overflow():
+    connection = Connection(replace(FD, max_message=100))
+    connection.tester.send(bytes(101))
+    connection.run()
+    assert connection.ecu.take() == []
+    assert [type(error) for error in connection.errors] == [isotp.errors.OverflowError]
+
+
+def test_we_hear_the_librarys_overflow():
+    connection = Connection(FD, max_frame_size=100)
+    connection.ecu.send(bytes(101))
+    connection.run()
+    assert connection.tester.recv() is None
+    assert connection.ecu.losses.aborted_transmissions == 1
+    assert connection.ecu.is_idle
+
+
+@examples(200)
+@given(
+    settings=st.sampled_from([CLASSIC, FD, SHORT_FD]),
+    lengths=st.lists(st.integers(1, 400), min_size=1, max_size=4),
+    faults=st.lists(st.sampled_from(["pass"] * 8 + ["lose", "double", "swap"]), max_size=200),
+    both=st.booleans(),
+)
+def test_of_lost_doubled_and_swapped_frames_only_whole_messages_come(settings, lengths, faults, both):
+    """Frames change place with their neighbour. Sixteen places away the sequence number would not show it, nor would
+    anything show a first frame that comes after that of the next message; no bus delays a frame so long."""
+    coming = iter(faults)
+    held: dict[int, Frame] = {}
+
+    def on_wire(frame: Frame) -> list[Frame]:
+        fault = next(coming, "pass")
+        before = held.pop(frame.frame_id, None)
+        after = [before] if before else []
+        if fault == "swap" and not before:
+            held[frame.frame_id] = frame
+            return []
+        return {"lose": [], "double": [frame, frame]}.get(fault, [frame]) + after
+
+    # The library's own timers would wait for real time, so it gives up at once between messages.
+    connection = Connection(settings, on_wire=on_wire)
+    sent, replies = [], []
+    for index, length in enumerate(lengths):
+        message = bytes((i + 50 * index) % 256 for i in range(length))
+        sent.append(message)
+        connection.tester.send(message)
+        if both:
+            replies.append(message[::-1])
+            connection.ecu.send(replies[-1])
+        connection.run()
+        connection.tester.stop_sending()
+        connection.tester.stop_receiving()
+        connection.to_tester.clear()
+        held.clear()
+        connection.now_ns += 10**10
+        connection.ecu.poll(connection.now_ns)
+    found = connection.ecu.take()
+    assert all(message in sent for message in found)
+    answers = []
+    while (answer := connection.tester.recv()) is not None:
+        answers.append(bytes(answer))
+    assert all(answer in replies for answer in answers)
+    if not set(faults) - {"pass"}:
+        assert found == sent
+        assert answers == replies

@@ -1,0 +1,122 @@
+"""An ECU behind the server whose answers a test decides, and which notes what it is asked."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.diagnostics import Long
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+
+SECRET = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
+MS = 1_000_000
+S = 1000 * MS
+
+
+class ScriptedEcu:
+    """Notes calls as tuples of name and arguments; refuses those that `refusals` names; works in `pieces` pieces."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[Any, ...]] = []
+        self.refusals: dict[str, Nrc] = {}
+        self.pieces = 0
+        self.values = {Did.SERIAL_NUMBER: b"0815", Did.HARDWARE: b"bench", Did.CAPACITY: bytes(4)}
+        self.status = b""
+        self.attempts = dict.fromkeys(Level, 0)
+
+    def enter(self, session: Session) -> None:
+        self._note("enter", session)
+
+    def leave(self) -> None:
+        self._note("leave")
+
+    def read(self, did: Did) -> bytes:
+        self._note("read", did)
+        if did not in self.values:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        return self.values[did]
+
+    def write(self, did: Did, value: bytes) -> Long[None]:
+        return self._work("write", did, value)
+
+    def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
+        yield from self._work("routine", routine, option)
+        return self.status
+
+    def download(self, offset: int, length: int) -> None:
+        self._note("download", offset, length)
+
+    def transfer(self, data: bytes) -> Long[None]:
+        return self._work("transfer", data)
+
+    def exit(self) -> Long[None]:
+        return self._work("exit")
+
+    def failed_attempts(self, level: Level) -> int:
+        return self.attempts[level]
+
+    def keep_failed_attempts(self, level: Level, count: int) -> None:
+        self._note("keep", level, count)
+        self.attempts[level] = count
+
+    def reset(self) -> None:
+        self._note("reset")
+
+    def _note(self, *call: Any) -> None:
+        self.calls.append(call)
+        if call[0] in self.refusals:
+            raise Refused(self.refusals[call[0]])
+
+    def _work(self, *call: Any) -> Long[None]:
+        for _ in range(self.pieces):
+            yield
+        self._note(*call)
+
+
+class Bench:
+    """A server, the ECU behind it, and a clock.
+
+    Attributes:
+        seeds: the next random bytes; after these, ones counted up.
+    """
+
+    def __init__(self, ecu: ScriptedEcu | None = None, *, now_ns: int = 0) -> None:
+        self.ecu = ecu or ScriptedEcu()
+        self.key = AccessKey(SECRET)
+        self.now_ns = now_ns
+        self.seeds: list[bytes] = []
+        self._drawn = 0
+        self.server = UdsServer(self.ecu, self.key, self._random_bytes)
+
+    def ask(self, *parts: int | bytes | Sequence[int]) -> bytes | None:
+        """The one answer to a request, None if there was none."""
+        answers = self.server.request(self.now_ns, payload(*parts))
+        assert len(answers) <= 1
+        return answers[0] if answers else None
+
+    def wait(self, nanoseconds: int) -> list[bytes]:
+        """One tick after so long."""
+        self.now_ns += nanoseconds
+        return self.server.tick(self.now_ns)
+
+    def unlock(self, level: Level = Level.PROGRAMMING) -> None:
+        """Into the level's session, with the right key."""
+        session = Session.PROGRAMMING if level is Level.PROGRAMMING else Session.EXTENDED
+        assert self.ask(0x10, session) is not None
+        seed = self.ask(0x27, level)
+        assert seed is not None
+        assert self.ask(0x27, level + 1, self.key.answer(level, seed[2:])) == bytes([0x67, level + 1])
+
+    def _random_bytes(self, count: int) -> bytes:
+        self._drawn += 1
+        return self.seeds.pop(0) if self.seeds else self._drawn.to_bytes(count, "big")
+
+
+def payload(*parts: int | bytes | Sequence[int]) -> bytes:
+    """Bytes of single values, strings of bytes and sequences."""
+    return b"".join(bytes([part]) if isinstance(part, int) else bytes(part) for part in parts)
+
+
+def refused(service: int, code: Nrc) -> bytes:
+    return bytes([0x7F, service, code])

@@ -1,0 +1,217 @@
+"""Other weights, bounds and delay in flight: from one control period to the next, as a whole, and never wider."""
+
+from dataclasses import replace
+from itertools import cycle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.command_gate import GateLimits, Intervention
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Mode
+from contract.calibration import NAMES, WEIGHTS, Calibration
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
+from contract.errors import ConfigError
+from contract.operating_point import OperatingPoint
+from firmware_sim.ecu.calibrating import limits_of, release_calibration
+from firmware_sim.ecu.ecu import Ecu
+from tests.examples import examples
+
+WINDOW, HORIZON = 4, 5
+SCALE = OperatingPoint().flow_rate_scale
+QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE
+LIMIT, STEP = FlowConfig().action_limit, EcuConfig().command_step
+
+
+class WeighedController:
+    """As the recording one, and keeps the weights that it was given."""
+
+    def __init__(self, inner) -> None:
+        self.inner = inner
+        self.weights: list[tuple[float, ...]] = []
+
+    def control_step(self, window, plan, free, weights=None):
+        assert weights is not None
+        self.weights.append(tuple(weights.tolist()))
+        return self.inner.control_step(window, plan, free, weights)
+
+
+def calibration_of(bench, **changes) -> Calibration:
+    own = release_calibration(bench.bundle, bench.config)
+    weights = {name: changes.pop(name) for name in WEIGHTS if name in changes}
+    return replace(own, weights=replace(own.weights, **weights), **changes)
+
+
+def calibrate(bench, **changes) -> None:
+    bench.ecu = bench.ecu.calibrated(calibration_of(bench, **changes))
+
+
+def numbered(recording_controller):
+    """A controller none of whose actions comes twice soon, in steps of the wire."""
+    counter = iter(range(100_000))
+    return recording_controller(lambda i: 0.0016 * (next(counter) % 40))
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("plan_ahead", [False, True])
+def test_the_releases_own_values_change_no_bit(bench_of, recording_controller, delay, plan_ahead):
+    """Also where the calibration is rounded to float32, as over the bus: 0.075 and 0.1 are no float32."""
+    settings = {"delay_steps": delay, "plan_ahead": plan_ahead}
+    plain, other = (bench_of(WeighedController(numbered(recording_controller)), **settings) for _ in range(2))
+    for k in range(30):
+        frames = [bench.pressure((0.1 * k, -0.02 * k, 0.3, 0.4)) for bench in (plain, other)]
+        if k % 3 == 0:
+            other.ecu = other.ecu.calibrated(calibration_of(other).as_kept())
+        elif k % 7 == 0:
+            calibrate(other)
+        now_ns = plain.now_ns
+        assert plain.ecu.step(now_ns, frames[:1]) == other.ecu.step(now_ns, frames[1:])
+        plain.now_ns = other.now_ns = now_ns + plain.config.period_ns
+    assert plain.ecu.state == other.ecu.state
+    assert plain.ecu.trace.mode is Mode.CONTROL
+    assert plain.controller.weights == other.controller.weights
+
+
+def test_the_weights_are_those_of_the_period(bench_of, recording_controller):
+    controller = WeighedController(recording_controller())
+    bench = bench_of(controller)
+    bench.into_control()
+    calibrate(bench, lift=0.5, effort=2.0)
+    bench.good(2)
+    before, after = CostWeights(), CostWeights(lift=0.5, effort=2.0)
+    assert controller.weights == [before.as_tuple(), *[after.as_tuple()] * 2]
+
+
+def test_the_ecu_before_goes_on_with_its_own_values(bench_of, recording_controller):
+    bench = bench_of(recording_controller(lambda i: LIMIT))
+    bench.into_control()
+    first, narrowed = bench.ecu, bench.ecu.calibrated(calibration_of(bench, action_limit=0.02))
+    state, frame = first.state, bench.pressure()
+    assert first.next(state, bench.now_ns, [frame]).trace.action == pytest.approx(LIMIT, abs=QUANTUM)
+    assert narrowed.next(state, bench.now_ns, [frame]).trace.action == pytest.approx(0.02, abs=QUANTUM)
+
+
+bounds = st.fixed_dictionaries(
+    {"action_limit": st.floats(0.05 * LIMIT, LIMIT), "command_step": st.floats(0.05 * STEP, STEP)}
+).map(lambda item: {name: max(value, 0.0501 * LIMIT) for name, value in item.items()})
+
+
+@examples(60)
+@given(
+    changes=st.lists(st.tuples(st.integers(1, 4), bounds), min_size=1, max_size=6),
+    wanted=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=20),
+    lost=st.sets(st.integers(0, 25)),
+)
+def test_no_command_is_ever_beyond_the_bounds_in_force(bench_of, changes, wanted, lost):
+    plan, bench = cycle(wanted), bench_of()
+    bench.controller.plan = lambda i: next(plan)
+    sent, number = bench.into_control().flow_m2_per_s / SCALE, 0
+    for periods, values in changes:
+        calibrate(bench, **values)
+        limit, step = (np.float32(values[name]) for name in ("action_limit", "command_step"))
+        for _ in range(periods):
+            command = bench.step() if number in lost else bench.step(bench.pressure())
+            number += 1
+            action = command.flow_m2_per_s / SCALE
+            assert abs(action) <= limit + 1e-9
+            assert command.enable or action == 0.0
+            # The range has the last word over the step, and shutting is never slowed down.
+            reached = np.clip(sent, -limit, limit)
+            assert not command.enable or abs(action - reached) <= step + QUANTUM
+            sent = action
+
+
+def test_a_narrower_range_bounds_the_very_next_command(bench_of, recording_controller):
+    bench = bench_of(recording_controller(lambda i: LIMIT))
+    assert bench.into_control().flow_m2_per_s == pytest.approx(LIMIT * SCALE, abs=FLOW_RESOLUTION_M2_PER_S)
+    calibrate(bench, action_limit=0.02, command_step=0.01)
+    command = bench.good(1)[0]
+    assert command.flow_m2_per_s <= 0.02 * SCALE
+    assert command.flow_m2_per_s == pytest.approx(0.02 * SCALE, abs=FLOW_RESOLUTION_M2_PER_S)
+    assert Intervention.RANGE in bench.ecu.trace.interventions
+    calibrate(bench)
+    back = [command.flow_m2_per_s / SCALE for command in bench.good(2)]
+    assert back == pytest.approx([LIMIT, LIMIT], abs=QUANTUM)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"action_limit": 1.001 * LIMIT}, "action_limit = 0.075075: must be in 0.00375..0.075"),
+        ({"action_limit": 0.0}, "action_limit = 0"),
+        ({"action_limit": -LIMIT}, "action_limit"),
+        ({"command_step": 1.001 * STEP}, "command_step"),
+        ({"command_step": 0.0}, "command_step"),
+        ({"delay_steps": HORIZON}, "delay_steps = 5: must be in 0..4"),
+        ({"lift": -0.1}, "lift"),
+        ({"lift": 1001.0}, "lift = 1001: must be in 0..1000"),
+        ({"lift": float("nan")}, "lift"),
+    ],
+)
+def test_values_out_of_the_limits_are_refused_and_change_nothing(bench, changes, message):
+    bench.into_control()
+    before = bench.ecu
+    with pytest.raises(ConfigError, match=message):
+        calibrate(bench, **changes)
+    assert bench.ecu is before
+
+
+def test_limits_are_the_vehicles_and_a_release_may_weigh_more(bundle_of):
+    config = Config(ecu=EcuConfig(command_step=0.04, plan_ahead=True))
+    limits = limits_of(bundle_of(mpc=MpcConfig(horizon=HORIZON, weights=CostWeights(smoothness=5000.0))), config)
+    greatest = dict(zip(NAMES, limits.greatest.values, strict=True))
+    assert (greatest["command_step"], greatest["action_limit"]) == (0.04, LIMIT)
+    assert (greatest["smoothness"], greatest["lift"]) == (5000.0, 1000.0)
+    assert greatest["delay_steps"] == HORIZON - 2  # planning ahead settles one more
+
+
+def test_the_gate_is_never_wider_than_the_vehicle(bundle_of):
+    """float32(0.075) is greater than 0.075: a step that rounds up is still no wider."""
+    vehicle = GateLimits.from_config(Config())
+    wide = Config(flow=FlowConfig(action_limit=0.08), ecu=EcuConfig(command_step=float(np.float32(0.075))))
+    narrowed = GateLimits.from_config(wide).narrowed(vehicle)
+    assert narrowed == vehicle
+    slim = GateLimits.from_config(Config(flow=FlowConfig(action_limit=0.05), ecu=EcuConfig(command_step=0.01)))
+    assert slim.narrowed(vehicle) == slim
+    assert vehicle.narrowed(slim) == slim
+
+
+@pytest.mark.parametrize("plan_ahead", [False, True])
+@pytest.mark.parametrize(("before", "after"), [(0, 1), (1, 0), (0, 3), (3, 0), (2, 1)])
+def test_another_delay_settles_what_is_under_way_by_it(bench_of, recording_controller, before, after, plan_ahead):
+    controller = numbered(recording_controller)
+    bench = bench_of(controller, delay_steps=before, plan_ahead=plan_ahead)
+    commands = bench.good(WINDOW + 9)
+    calibrate(bench, delay_steps=after)
+    commands += bench.good(3)
+    settled = after + plan_ahead
+    for back in (3, 2, 1):
+        window, plan, free = controller.calls[-back]
+        sent = [command.flow_m2_per_s / SCALE for command in commands[:-back]]
+        np.testing.assert_array_equal(free, [0.0] * settled + [1.0] * (HORIZON - settled))
+        np.testing.assert_array_equal(plan[1 : settled + 1], sent[len(sent) - settled :])
+        # In force, by the delay as it is now, when each row was sampled; the padded first rows aside.
+        in_force = sent[: len(sent) - settled][-WINDOW:]
+        known = slice(max(0, after - before), None)
+        np.testing.assert_array_equal(window[known, 4], in_force[known])
+    # No jump: without a new plan the next action would have been the same.
+    assert {command.mode for command in commands[WINDOW + 1 :]} == {Mode.CONTROL}
+
+
+def test_a_state_goes_with_its_calibration(bench_of, recording_controller):
+    bench = bench_of(numbered(recording_controller))
+    bench.into_control()
+    state = bench.ecu.state
+    calibrate(bench, delay_steps=2)
+    with pytest.raises(ValueError, match="calibration"):
+        bench.ecu.restore(state)
+    fresh = Ecu(bench.bundle, numbered(recording_controller), bench.config).calibrated(
+        calibration_of(bench, delay_steps=2)
+    )
+    fresh.restore(bench.ecu.state)
+    assert fresh.state == bench.ecu.state
