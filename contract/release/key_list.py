@@ -5,7 +5,7 @@ knows its root key from production on. It takes a list only if the root key sign
 that of the list it has, so that an old list cannot bring a revoked key back.
 """
 
-from collections.abc import Iterable
+import re
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,7 +19,8 @@ from contract.release.signing import PublicKey
 SCHEMA: Final = "stillwake-keys/1"
 LARGEST_VERSION: Final = 2**32 - 1
 MAX_KEYS: Final = 16
-_KEY_BYTES: Final = 32
+_FIELDS: Final = ["keys", "revoked", "schema", "version"]
+_KEY: Final = re.compile("[0-9a-f]{64}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,7 @@ class KeyList:
 
 
 def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
-    """The signed list: a line of JSON, then the signature as in `manifest.sig`."""
+    """The signed list: JSON, then the signature as in `manifest.sig`."""
     body = {
         "schema": SCHEMA,
         "version": listed.version,
@@ -76,19 +77,21 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
         raise KeyFileError(f"key list: the signature {found}, must be by the root key {root.fingerprint}")
     try:
         body = strict_json.decode(text)
+        if sorted(body) != _FIELDS:
+            raise ValueError("must have keys, revoked, schema and version, and nothing else")
         if body["schema"] != SCHEMA:
             raise ValueError(f"schema {quoted(body['schema'])}, this version reads {SCHEMA!r}")
         version = body["version"]
         if type(version) is not int:
             raise ValueError(f"version {quoted(version)} must be a whole number")
         return KeyList(version=version, keys=_keys(body["keys"]), revoked=_keys(body["revoked"]))
-    except (ValueError, KeyError, TypeError) as error:
+    except ValueError as error:
         raise KeyFileError(f"key list: is damaged ({shown(error)})") from error
 
 
-def _keys(texts: Iterable[str]) -> frozenset[PublicKey]:
-    keys = frozenset(PublicKey(bytes.fromhex(text)) for text in texts)
-    for key in keys:
-        if len(key.raw) != _KEY_BYTES:
-            raise ValueError(f"a key of {len(key.raw)} bytes: must have {_KEY_BYTES}")
-    return keys
+def _keys(texts: object) -> frozenset[PublicKey]:
+    if not isinstance(texts, list) or not all(isinstance(text, str) and _KEY.fullmatch(text) for text in texts):
+        raise ValueError("keys must be a list of texts of 64 hex digits")
+    if len(set(texts)) != len(texts):
+        raise ValueError("a key is there twice")
+    return frozenset(PublicKey(bytes.fromhex(text)) for text in texts)

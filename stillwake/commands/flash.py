@@ -106,13 +106,13 @@ def flash(
 
 
 def _running(facts: "EcuFacts") -> str:
-    running = facts.running
-    return "no release" if running is None else f"{running.name} {running.digest[:12]}, {running.phase.lower()}"
+    running = facts.store.running_slot
+    return "no release" if running is None else f"{running.name} {running.digest[:12]}, {running.phase.name.lower()}"
 
 
 def _boots_left(flashed: "Flashed") -> int:
-    running = flashed.after.running
-    return 0 if running is None else flashed.after.slots[running].boots_left
+    running = flashed.after.running_slot
+    return 0 if running is None else running.boots_left
 
 
 def _effort(flashed: "Flashed", length: int) -> str:
@@ -125,6 +125,7 @@ def _effort(flashed: "Flashed", length: int) -> str:
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
     """What would be flashed, beside what the ECU says."""
+    from can_bridge.flashing.backing import Slot
     from contract.release.bundle import dbc_sha256
 
     manifest = release.manifest
@@ -136,6 +137,6 @@ def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
     table.add_row("control period", f"{period_ms:g} ms", f"{facts.period_ns / 1e6:g} ms")
     table.add_row("security version", str(manifest.security_version), f"{facts.store.least_security_version} or more")
     table.add_row("bytes", str(length), f"{facts.capacity} at most")
-    for slot, held in facts.store.slots.items():
-        table.add_row(f"slot {slot.name}", "", f"{held.phase.lower()} {held.name}".strip())
+    for slot, held in zip(Slot, facts.store.slots, strict=True):
+        table.add_row(f"slot {slot.name}", "", f"{held.phase.name.lower()} {held.name}".strip())
     return table

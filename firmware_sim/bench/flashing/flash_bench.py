@@ -1,8 +1,8 @@
 """A vehicle, an ECU that can be flashed, and a tester on one simulated bus, in virtual time.
 
-The vehicle samples once a control period, and the ECU steps a fixed time after it. Between the steps the ECU looks at
-its diagnosis every `SERVICE_NS`, as a process does that is woken by frames; the tester does so too. Time passes only
-while somebody waits for it (`advance`).
+The vehicle samples once a control period, and the ECU steps a fixed time after it. Between the steps ECU and tester
+look at what is for them `SERVICE_NS` after a frame of diagnosis, as processes do that are woken by frames. Time passes
+only while somebody waits for it (`advance`).
 """
 
 from collections.abc import Callable, Sequence
@@ -29,11 +29,12 @@ from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu, is_diagnostic
 
 SERVICE_NS: Final = 1_000_000
-"""Between two looks at diagnosis, of the ECU and of the tester."""
+"""From a frame to its being looked at, by the ECU and by the tester."""
 STEP_OFFSET_NS: Final = 4_000_000
 """From the sampling of pressures to the control step, as `ecu.step_offset_ms` is by default."""
 _ROOM: Final = 16
 """Frames that wait for the bus from which on a node gives it no more."""
+_DIAGNOSTIC: Final = frozenset({REQUEST_ID, RESPONSE_ID})
 _AMPLITUDE_CP: Final = 0.3
 _SENSORS: Final = ("upper_39", "lower_39", "base_0", "base_9")
 
@@ -75,9 +76,9 @@ class FlashBench:
         wish: Callable[[int], bool] = lambda now_ns: False,
         capture: Callable[[Frame], None] = lambda frame: None,
     ) -> None:
-        self.bus = SimulatedBus(config.bus, capture)
+        self.bus = SimulatedBus(config.bus, self._heard)
         self.ecu = ecu
-        self._config, self._wish = config, wish
+        self._config, self._wish, self._capture = config, wish, capture
         self._messages = message_set(config.bus)
         self._vehicle = VehicleNode(_SENSORS, config)
         self._vehicle_port, self._ecu_port = self.bus.port("vehicle"), self.bus.port("ecu")
@@ -87,11 +88,11 @@ class FlashBench:
         self._answers: list[bytes] = []
         self._for_control: list[Frame] = []
         self._for_service: list[Frame] = []
+        self._looks = False
         self.periods = 0
         self.status: EcuStatus | None = None
         self.largest_flow = 0.0
         self._period()
-        self._look()
 
     def advance(self, seconds: float, stop: Callable[[], bool] = lambda: False) -> bool:
         """Let time pass, up to so much or until `stop()`; whether it was."""
@@ -100,6 +101,7 @@ class FlashBench:
     def ask(self, payload: bytes) -> None:
         """Have the tester send a request."""
         self._endpoint.send(payload)
+        self._look_soon()
 
     def answer(self, seconds: float) -> bytes | None:
         """The next answer to the tester, None if none comes in so long."""
@@ -119,6 +121,8 @@ class FlashBench:
         cp = _AMPLITUDE_CP * np.sin(phase + np.arange(sensors.COUNT))
         self._hear_ecu()
         self._send(self._vehicle_port, [self._vehicle.sample(cp, enable_request=self._wish(now_ns), now_ns=now_ns)])
+        # Time alone ends what waits for a frame that was lost.
+        self._look_soon()
         self.bus.call_at(now_ns + STEP_OFFSET_NS, self._step)
         self.bus.call_at(now_ns + self._config.period_ns, self._period)
 
@@ -132,28 +136,45 @@ class FlashBench:
                     self.largest_flow = max(self.largest_flow, abs(command.flow_m2_per_s))
 
     def _step(self) -> None:
-        self._serve()
+        self._sort()
         frames, self._for_control = self._for_control, []
         self._send(self._ecu_port, self.ecu.control(self.bus.now_ns, frames, self._ecu_port.health()))
         self.periods += 1
 
-    def _serve(self) -> None:
+    def _heard(self, frame: Frame) -> None:
+        self._capture(frame)
+        if frame.frame_id in _DIAGNOSTIC:
+            self._look_soon()
+
+    def _look_soon(self) -> None:
+        if not self._looks:
+            self._looks = True
+            self.bus.call_at(self.bus.now_ns + SERVICE_NS, self._look)
+
+    def _sort(self) -> None:
         received = self._ecu_port.receive_all()
         self._for_control += [frame for frame in received if not is_diagnostic(frame)]
         self._for_service += [frame for frame in received if is_diagnostic(frame)]
+
+    def _serve(self) -> None:
+        self._sort()
         if len(self._ecu_port.queue) < _ROOM:
             frames, self._for_service = self._for_service, []
             self._send(self._ecu_port, self.ecu.service(self.bus.now_ns, frames))
 
     def _look(self) -> None:
+        self._looks = False
         self._serve()
         now_ns = self.bus.now_ns
         for frame in self._tester.receive_all():
             self._endpoint.receive(now_ns, frame)
+        sent: list[Frame] = []
         if len(self._tester_port.queue) < _ROOM:
-            self._send(self._tester, self._endpoint.poll(now_ns))
+            sent = self._endpoint.poll(now_ns)
+            self._send(self._tester, sent)
         self._answers += self._endpoint.take()
-        self.bus.call_at(now_ns + SERVICE_NS, self._look)
+        if sent or self.ecu.is_busy:
+            self._look_soon()
 
     @staticmethod
     def _send(port: Bus | SimulatedPort, frames: Sequence[Frame]) -> None:

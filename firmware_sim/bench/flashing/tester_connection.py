@@ -1,5 +1,6 @@
 """udsoncan's connection to an ECU on the bench: while its client waits for an answer, virtual time passes."""
 
+import logging
 from typing import Any
 
 from udsoncan.connections import BaseConnection
@@ -13,6 +14,9 @@ class BenchConnection(BaseConnection):
 
     def __init__(self, bench: FlashBench) -> None:
         super().__init__("bench")
+        for name in ("UdsClient", "Connection"):
+            # Without a handler Python prints their warnings to stderr.
+            logging.getLogger(name).addHandler(logging.NullHandler())
         self._bench = bench
         self._is_open = False
 

@@ -32,11 +32,12 @@ class DiagnosticLink:
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
         self._endpoint = Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
         self._server = server
+        self._is_sending = False
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is something to do without another frame."""
-        return self._server.is_busy or not self._endpoint.is_idle
+        """Whether there is something to do at once, without another frame; time alone may end a reception later."""
+        return self._server.is_busy or self._is_sending
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take frames, do at most one piece of long work, and give out what is to be sent now."""
@@ -47,7 +48,9 @@ class DiagnosticLink:
             self._send(self._server.request(now_ns, request))
         if not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
-        return self._endpoint.poll(now_ns)
+        sent = self._endpoint.poll(now_ns)
+        self._is_sending = bool(sent)
+        return sent
 
     def _send(self, answers: Sequence[bytes]) -> None:
         for answer in answers:

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from udsoncan.client import Client
 
+from can_bridge.flashing.state import Phase
 from can_bridge.tester.sequence import Flashed, Options, flash
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import Did
@@ -24,7 +25,7 @@ def kept() -> Played:
     period_ns = manifest.operating_point.period_ns(manifest.control_period)
     old = SHIPPED[:100]
     return Played(
-        running=Held(image=old, announced=(100, hashlib.sha256(old).digest()), phase="CONFIRMED", name="old"),
+        running=Held(image=old, announced=(100, hashlib.sha256(old).digest()), phase=Phase.CONFIRMED, name="old"),
         dids={
             Did.HARDWARE: b"bench",
             Did.SERIAL_NUMBER: b"7",

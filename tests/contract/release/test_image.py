@@ -1,0 +1,128 @@
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.errors import BundleContainerError
+from contract.release.container import MAX_FILES, is_plain_name, read_files
+from contract.release.image import files_of, image_of
+from stillwake.shipped import BUNDLE
+from tests.examples import examples
+
+NAMES = st.text(min_size=1, max_size=20).filter(is_plain_name)
+FILES = st.dictionaries(NAMES, st.binary(max_size=60), max_size=6)
+SMALL = {"manifest.json": b"{}", "manifest.sig": b"sig", "b": b"", "a": b"12"}
+BY_HAND = (
+    b"SWIMAGE1"
+    + bytes.fromhex("0000004a 00000004")
+    + bytes.fromhex("000d 00000002")
+    + b"manifest.json"
+    + bytes.fromhex("000c 00000003")
+    + b"manifest.sig"
+    + bytes.fromhex("0001 00000002")
+    + b"a"
+    + bytes.fromhex("0001 00000000")
+    + b"b"
+    + b"{}sig12"
+)
+"""The layout of `contract.release.image`, written down from its description."""
+
+
+def entry(name: bytes, size: int) -> bytes:
+    return struct.pack(">HI", len(name), size) + name
+
+
+def an_image(*entries: bytes, contents: bytes = b"", count: int | None = None) -> bytes:
+    """Of any list of files, with the length that fits."""
+    body = b"".join(entries) + contents
+    return b"SWIMAGE1" + struct.pack(">II", 16 + len(body), len(entries) if count is None else count) + body
+
+
+def test_the_layout_is_as_described():
+    assert image_of(SMALL) == BY_HAND
+    assert files_of(BY_HAND) == SMALL
+
+
+@examples(100)
+@given(FILES)
+def test_what_goes_in_comes_out(files):
+    assert files_of(image_of(files)) == files
+
+
+@examples(50)
+@given(FILES, st.randoms(use_true_random=False))
+def test_equal_bundles_have_equal_images(files, random):
+    names = list(files)
+    random.shuffle(names)
+    assert image_of({name: files[name] for name in names}) == image_of(files)
+
+
+def test_the_shipped_release_has_an_image_whose_manifest_comes_first():
+    files = read_files(BUNDLE)
+    image = image_of(files)
+    assert list(files_of(image)) == ["manifest.json", "manifest.sig", "controller.onnx", "sensors.onnx"]
+    assert files_of(image) == files
+
+
+def test_no_truncated_and_no_longer_image_is_read():
+    for length in range(len(BY_HAND)):
+        with pytest.raises(BundleContainerError):
+            files_of(BY_HAND[:length])
+    with pytest.raises(BundleContainerError, match="says that it has"):
+        files_of(BY_HAND + b"\0")
+
+
+def test_no_flipped_bit_of_the_header_or_the_list_goes_unseen():
+    """Of the sizes and names it may give other names; but never the same files."""
+    for bit in range(8 * (len(BY_HAND) - 7)):
+        damaged = bytearray(BY_HAND)
+        damaged[bit // 8] ^= 1 << bit % 8
+        try:
+            found = files_of(bytes(damaged))
+        except BundleContainerError:
+            continue
+        assert found != SMALL
+        assert bit >= 8 * 16
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (b"", "image of 0 bytes: must have 16 or more"),
+        (b"SWIMAGE2" + BY_HAND[8:], "begins with 5357494d41474532: must begin with 5357494d41474531"),
+        (an_image(count=65), "image of 65 files: at most 64"),
+        (an_image(count=1), "ends within its list"),
+        (an_image(entry(b"a", 1)), "its files end at"),
+        (an_image(entry(b"a", 0), contents=b"x"), "its files end at"),
+        (an_image(entry(b"a", 2**32 - 1)), "its files end at"),
+        (an_image(entry(b"a", 0), entry(b"a", 0)), "'a' must be a plain file name, once"),
+        (an_image(entry(b"", 0)), "'' must be a plain"),
+        (an_image(entry(b"../a", 0)), "'../a' must be a plain"),
+        (an_image(entry(b"/a", 0)), "'/a' must be a plain"),
+        (an_image(entry(b"a\x1b[2J", 0)), "must be a plain"),
+        (an_image(entry(b"\xff", 0)), "not UTF-8"),
+        (an_image(struct.pack(">HI", 9, 0) + b"short"), "must be a plain|end at"),
+    ],
+)
+def test_what_is_no_image_is_refused_in_one_line(image, message):
+    with pytest.raises(BundleContainerError, match=message) as refused:
+        files_of(image)
+    assert str(refused.value).isprintable()
+
+
+@examples(200)
+@given(st.binary(max_size=200))
+def test_any_bytes_are_refused_or_are_files(tail):
+    image = b"SWIMAGE1" + struct.pack(">I", 12 + len(tail)) + tail
+    try:
+        files = files_of(image)
+    except BundleContainerError:
+        return
+    assert sum(map(len, files.values())) <= len(image)
+
+
+def test_no_image_is_made_of_more_files_than_a_bundle_may_have():
+    image_of({str(number): b"" for number in range(MAX_FILES)})
+    with pytest.raises(BundleContainerError, match="more than 64 files"):
+        image_of({str(number): b"" for number in range(MAX_FILES + 1)})
