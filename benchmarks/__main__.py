@@ -61,12 +61,14 @@ MEASUREMENTS: Final = {
     "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
+    "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
     "ecu-c": Measurement(
         "ecu.in_c.main", "the ECU in C beside Python's, to the bit; mutants, branches", "half an hour"
     ),
+    "flash": Measurement("flash.proof", "flashing with the supply cut at every write; hostile requests", "10 minutes"),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"

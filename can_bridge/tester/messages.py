@@ -26,8 +26,7 @@ class NoAnswerError(FlashError):
 
     def __init__(self, step: str) -> None:
         super().__init__(
-            f"no answer from the ECU to: {step}; see that it has power, and that interface, channel and bus.frames are "
-            "its own"
+            f"the ECU does not {step}; see that it has power, and that interface, channel and bus.frames are its own"
         )
 
 

@@ -15,8 +15,10 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from can_bridge.flashing.report import Report, SlotReport
+from can_bridge.flashing.state import Phase
 from can_bridge.tester.asking import Asking, KeyOf
-from can_bridge.tester.facts import EcuFacts, SlotFacts, StoreFacts, read_facts, read_store
+from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
 from can_bridge.tester.transfer import Progress, Transfer, Transferred, enter_programming
 from can_bridge.uds.services import Routine, Session
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 BOOT_S: Final = 30.0
 """To wait for an ECU to come back from a reset."""
+THERE_S: Final = 3.0
+"""To wait for the first answer."""
 RESET_S: Final = 0.5
 """From the answer to a reset until the ECU is gone."""
 RESETS: Final = 3
@@ -40,8 +44,6 @@ class Step(Enum):
 
     IDENTIFY = auto()
     PRECONDITIONS = auto()
-    GO_BACK = auto()
-    """A release on trial that is another one is given up first."""
     TRANSFER = auto()
     ACTIVATE = auto()
     RESET = auto()
@@ -86,7 +88,7 @@ class Flashed:
 
     end: End
     before: EcuFacts
-    after: StoreFacts
+    after: Report
     transferred: Transferred | None = None
     unanswered: int = 0
     seconds: float = 0.0
@@ -96,7 +98,7 @@ def flash(
     client: Client,
     image: bytes,
     *,
-    key: KeyOf,
+    key: KeyOf | None,
     options: Options = Options(),
     judge: Callable[[EcuFacts], None] = lambda facts: None,
     progress: Progress = lambda received, length: None,
@@ -109,7 +111,7 @@ def flash(
     Args:
         client: open; its settings are made here.
         image: as `contract.release.image` makes it.
-        key: answers a seed of the programming level.
+        key: answers a seed of the programming level; a dry run needs none.
         judge: raises FlashError if the ECU, by what it says of itself, must not be flashed with this image.
         progress: told of every block.
         say: told of every step.
@@ -158,7 +160,7 @@ class _Flashing:
     def run(self, elapsed: Callable[[], float]) -> Flashed:
         asking, transferred = self._asking, None
         self._say(Step.IDENTIFY)
-        asking.wait_until_there(1.0, "which session is it")
+        asking.wait_until_there(THERE_S, "say which session it is in")
         asking.session(Session.EXTENDED)
         before = read_facts(asking)
         after = before.store
@@ -173,7 +175,7 @@ class _Flashing:
                 seconds=elapsed(),
             )
 
-        if self._is_ours(before.running) and _phase(before.running) == "CONFIRMED":
+        if self._is_ours(after.running_slot) and after.running == after.active:
             asking.session(Session.DEFAULT)
             return ended(End.ALREADY)
         self._judge(before)
@@ -182,10 +184,8 @@ class _Flashing:
         if self._options.dry_run:
             asking.session(Session.DEFAULT)
             return ended(End.WOULD_FLASH)
-        if not self._is_ours(before.running):
-            if _phase(before.running) == "TRIAL":
-                self._say(Step.GO_BACK)
-                self._go_back()
+        running = after.running_slot
+        if running is None or not self._is_ours(running) or running.phase is not Phase.TRIAL:
             transferred = self._bring()
         after = self._try_out()
         if not self._options.confirm:
@@ -216,18 +216,14 @@ class _Flashing:
             self._say(Step.RESET)
             reset_and_wait(self._asking)
             store = read_store(self._asking)
-            running = None if store.running is None else store.slots[store.running]
-            if self._is_ours(running):
+            if self._is_ours(store.running_slot):
                 return
-            if not any(self._is_ours(slot) and slot.phase == "TRIAL" for slot in store.slots.values()):
+            if not any(self._is_ours(slot) and slot.phase is Phase.TRIAL for slot in store.slots):
                 break
             enter_programming(self._asking)
-        raise NotPassedError(
-            "the ECU did not start the new release; "
-            + ("no release runs" if running is None else f"{running.name} runs, the one before")
-        )
+        raise NotPassedError(f"the ECU did not start the new release; {_runs(store)}")
 
-    def _try_out(self) -> StoreFacts:
+    def _try_out(self) -> Report:
         """Self-test of the release that runs on trial; where it does not pass, back to the one before."""
         self._say(Step.SELF_TEST)
         try:
@@ -240,14 +236,10 @@ class _Flashing:
             self._asking.routine(Routine.SELF_TEST)
         except RefusedError as refused:
             store = self._go_back()
-            running = None if store.running is None else store.slots[store.running]
-            raise NotPassedError(
-                f"the new release did not pass its self-test ({refused}); "
-                + ("no release runs" if running is None else f"{running.name} runs again")
-            ) from refused
+            raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
         return read_store(self._asking)
 
-    def _go_back(self) -> StoreFacts:
+    def _go_back(self) -> Report:
         """From a trial to the confirmed release."""
         enter_programming(self._asking)
         self._asking.routine(Routine.REVERT)
@@ -260,7 +252,7 @@ class _Flashing:
             self._asking.session(Session.PROGRAMMING)
             self._asking.reset(times=1)
 
-    def _is_ours(self, slot: SlotFacts | None) -> bool:
+    def _is_ours(self, slot: SlotReport | None) -> bool:
         return slot is not None and slot.digest == self._digest != ""
 
 
@@ -272,5 +264,6 @@ def digest_of(image: bytes) -> str:
         return ""
 
 
-def _phase(slot: SlotFacts | None) -> str:
-    return "" if slot is None else slot.phase
+def _runs(store: Report) -> str:
+    running = store.running_slot
+    return "no release runs" if running is None else f"{running.name} runs"

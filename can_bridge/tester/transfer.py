@@ -141,7 +141,7 @@ class Transfer:
 
     def _wait_for(self, failure: FlashError) -> None:
         try:
-            self._asking.wait_until_there(START_S, "are you there")
+            self._asking.wait_until_there(START_S, "answer")
         except NoAnswerError:
             raise failure from None
 

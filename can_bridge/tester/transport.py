@@ -28,7 +28,7 @@ SEND_S: Final = 10.0
 FRAME_S: Final = 1.0
 """For one frame: the queue of a CAN controller may be full for as long as others send."""
 _TURN_S: Final = 0.02
-_FLOW_CONTROL_MS: Final = 1000
+FLOW_CONTROL_MS: Final = 1000
 """N_Bs and N_Cr (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
 _ENDS_SENDING: Final = (
@@ -76,8 +76,8 @@ class BusConnection(BaseConnection):
                 "tx_padding": PADDING,
                 "max_frame_size": MAX_REQUEST,
                 "wftmax": _MOST_WAITS,
-                "rx_flowcontrol_timeout": _FLOW_CONTROL_MS,
-                "rx_consecutive_frame_timeout": _FLOW_CONTROL_MS,
+                "rx_flowcontrol_timeout": FLOW_CONTROL_MS,
+                "rx_consecutive_frame_timeout": FLOW_CONTROL_MS,
             },
         )
 

@@ -41,6 +41,7 @@ BEGINNINGS = (
     "firmware_sim.campaign.conduct.execute",
     "wake.pictures.drawing.save_figure",
     "can_bridge.tools.raw_bus.open_bus",
+    "can_bridge.tester.transport.open_client",
     "firmware_sim.ecu.daemon.service.serve",
     "firmware_sim.latency.running.recorded",
 )

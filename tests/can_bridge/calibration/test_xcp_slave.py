@@ -54,7 +54,8 @@ def unlocked(slave, access) -> XcpSlave:
 
 
 def test_connect_says_what_there_is(slave):
-    assert ask(slave, CONNECT) == "FF 01 00 08 08 00 01 01"
+    assert ask(slave, CONNECT) == "FF 01 80 08 08 00 01 01"
+    assert ask(slave, "FB") == "FF 00 00 00 00 00 00 10"
     assert slave.is_connected
 
 
@@ -85,6 +86,20 @@ def test_the_name_of_the_a2l_file(slave):
     assert ask(slave, "F5 07") == "FF " + b"stillwa".hex(" ").upper()
     assert ask(slave, "F5 02") == "FF " + b"ke".hex(" ").upper()
     assert ask(slave, "FA 04") == "FF 00 00 00 00 00 00 00"
+
+
+@pytest.mark.parametrize("command", ["F6 00 00 00 02 00 00 20", "F4 02 00 00 00 00 00 20"])
+def test_after_the_name_memory_is_read_again(slave, command):
+    assert ask(slave, CONNECT, "FA 01", command, "F5 02") == "FF 80 3F"
+
+
+def test_a_new_connection_begins_anew(unlocked, access):
+    ask(unlocked, "F6 00 00 00 00 00 00 20", "EB 02 00 01", "FE", CONNECT)
+    assert ask(unlocked, "F5 01") == DENIED
+    unlock(unlocked, access)
+    assert ask(unlocked, "EA 02 00") == "FF 00 00 00"
+    ask(unlocked, "FA 01", "FE", CONNECT)
+    assert ask(unlocked, "F5 01") == DENIED
 
 
 def test_memory_is_read_by_address(slave):
@@ -128,6 +143,7 @@ def test_a_wrong_key_ends_the_connection(slave, access, segment, flip):
 def test_a_key_is_good_for_one_seed(slave, access):
     ask(slave, CONNECT)
     assert unlock(slave, access) == "FF 00"
+    assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F8 00 01") == "FF 00"
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     ask(slave, CONNECT)
@@ -143,6 +159,7 @@ def test_seed_and_key_come_in_order(slave):
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F8 00 04") == RANGE
     assert ask(slave, "F8 02 01") == RANGE
+    assert ask(slave, "F8 00 01", "F8 00 04", "F8 01 01") == SEQUENCE
     assert ask(slave, "F8 00 01", "F7 10 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F8 00 01", "F8 01 01", "F8 01 01", "F8 01 01") == SEQUENCE
     ask(slave, "F8 00 01", "F8 01 01", "F8 01 01")
@@ -157,7 +174,10 @@ def test_the_end_of_a_connection_locks(unlocked, again):
 
 
 def test_a_connection_that_is_left_alone_ends(unlocked, segment):
+    assert ask(unlocked, EFFORT, now_ns=IDLE_NS // 2) == "FF"
     assert ask(unlocked, EFFORT, now_ns=IDLE_NS) == "FF"
+    assert ask(unlocked, "FD", now_ns=2 * IDLE_NS) == "FF 00 00 00 00 00"
+    assert ask(unlocked, "FD", now_ns=IDLE_NS) == "FF 00 00 00 00 00"
     assert ask(unlocked, ONE, now_ns=2 * IDLE_NS + 1) == ""
     assert not unlocked.is_connected
     assert not segment.is_pending
@@ -245,6 +265,13 @@ def test_storing_is_asked_for_and_reported(unlocked):
     assert ask(unlocked, "FD") == "FF 00 00 00 00 00"
     ask(unlocked, "F9 01 00 00", "FE")
     assert unlocked.stored() == []
+
+
+def test_storing_that_failed_is_over_without_an_event(unlocked):
+    ask(unlocked, "F9 01 00 00")
+    unlocked.not_stored()
+    assert not unlocked.wants_store
+    assert ask(unlocked, "FD") == "FF 00 00 00 00 00"
 
 
 @pytest.mark.parametrize("command", ["FF", "FA", "F8 00", "F6 00 00 00 00 00 00", "F4 04", "F3 00 00 00 28", "E8 00"])

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from udsoncan.client import Client
 
+from can_bridge.flashing.state import Phase
 from can_bridge.tester.sequence import Flashed, Options, flash
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import Did
@@ -18,13 +19,13 @@ from tests.can_bridge.tester.played_ecu import SECRET, Held, Line, Played, Virtu
 SHIPPED = image_of(read_files(BUNDLE))
 
 
-@pytest.fixture
-def kept() -> Played:
+def played() -> Played:
+    """With a confirmed release named old, and room for the shipped one."""
     manifest = bundle.load(BUNDLE).manifest
     period_ns = manifest.operating_point.period_ns(manifest.control_period)
     old = SHIPPED[:100]
     return Played(
-        running=Held(image=old, announced=(100, hashlib.sha256(old).digest()), phase="CONFIRMED", name="old"),
+        running=Held(image=old, announced=(100, hashlib.sha256(old).digest()), phase=Phase.CONFIRMED, name="old"),
         dids={
             Did.HARDWARE: b"bench",
             Did.SERIAL_NUMBER: b"7",
@@ -34,6 +35,11 @@ def kept() -> Played:
             Did.PERIOD_NS: period_ns.to_bytes(8, "big"),
         },
     )
+
+
+@pytest.fixture
+def kept() -> Played:
+    return played()
 
 
 @pytest.fixture

@@ -1,15 +1,17 @@
-"""An ECU in virtual time behind the real server: two slots of the plainest kind, and every way to go wrong on demand."""
+"""An ECU in virtual time behind the real server: two plain slots, and every way to go wrong on demand."""
 
 import hashlib
-import json
 from collections import deque
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
+from can_bridge.flashing import report
+from can_bridge.flashing.backing import Slot
+from can_bridge.flashing.report import Report, SlotReport
+from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.matching import answers
 from can_bridge.tester.sequence import digest_of
@@ -46,21 +48,22 @@ class Held:
 
     image: bytes = b""
     announced: tuple[int, bytes] = (0, b"")
-    phase: str = "EMPTY"
+    phase: Phase = Phase.EMPTY
     name: str = ""
     boots_left: int = 0
 
-    def report(self) -> dict[str, Any]:
-        known = self.phase not in ("EMPTY", "FILLING")
-        return {
-            "phase": self.phase,
-            "name": self.name,
-            "digest": digest_of(self.image) if known else "",
-            "security_version": 1 if known else 0,
-            "received": len(self.image),
-            "length": self.announced[0],
-            "boots_left": self.boots_left,
-        }
+    def report(self) -> SlotReport:
+        known = self.phase not in (Phase.EMPTY, Phase.FILLING)
+        return SlotReport(
+            phase=self.phase,
+            name=self.name,
+            digest=(digest_of(self.image) or hashlib.sha256(self.image).hexdigest()) if known else "",
+            security_version=1 if known else 0,
+            received=len(self.image),
+            length=max(self.announced[0], len(self.image)),
+            boots_left=self.boots_left,
+            verdict=None,
+        )
 
 
 @dataclass
@@ -111,14 +114,19 @@ class PlayedEcu:
     def read(self, did: Did) -> bytes:
         if did is Did.STORE:
             kept = self.kept
-            return json.dumps(
-                {
-                    "slots": {"A": kept.running.report(), "B": kept.other.report()},
-                    "running": "A" if kept.running.phase in ("CONFIRMED", "TRIAL") else None,
-                    "least_security_version": 1,
-                    "key_list_version": 1,
-                }
-            ).encode()
+            runs = kept.running.phase in (Phase.CONFIRMED, Phase.TRIAL)
+            return report.encode(
+                Report(
+                    slots=(kept.running.report(), kept.other.report()),
+                    running=Slot.A if runs else None,
+                    active=Slot.A if kept.running.phase is Phase.CONFIRMED else None,
+                    next_boot=None,
+                    reason=None,
+                    least_security_version=1,
+                    key_list_version=1,
+                    failed_attempts=dict.fromkeys(Level, 0),
+                )
+            )
         if did not in self.kept.dids:
             raise Refused(Nrc.OUT_OF_RANGE)
         return self.kept.dids[did]
@@ -135,29 +143,29 @@ class PlayedEcu:
                 if kept.in_use:
                     raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
             case Routine.ERASE:
-                if kept.running.phase == "TRIAL":
-                    raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
                 asked = int.from_bytes(option[:4], "big"), option[4:]
                 if kept.other.announced != asked:
-                    kept.other = Held(announced=asked, phase="FILLING")
+                    kept.other = Held(announced=asked, phase=Phase.FILLING)
                 return len(kept.other.image).to_bytes(4, "big")
             case Routine.CHECK:
                 verdict = kept.verdict
                 if hashlib.sha256(kept.other.image).digest() != kept.other.announced[1]:
                     verdict = Verdict.WRONG_HASH
-                kept.other = replace(kept.other, phase="CHECKED") if verdict is Verdict.GOOD else Held(phase="BAD")
+                kept.other = (
+                    replace(kept.other, phase=Phase.CHECKED) if verdict is Verdict.GOOD else Held(phase=Phase.BAD)
+                )
                 return bytes([verdict])
             case Routine.ACTIVATE:
-                if kept.other.phase != "CHECKED":
+                if kept.other.phase not in (Phase.CHECKED, Phase.TRIAL):
                     raise Refused(Nrc.SEQUENCE_ERROR)
-                kept.other = replace(kept.other, phase="TRIAL", boots_left=3)
+                kept.other = replace(kept.other, phase=Phase.TRIAL, boots_left=3)
             case Routine.SELF_TEST:
                 if not kept.passes:
                     raise Refused(Nrc.PROGRAMMING_FAILURE)
             case Routine.CONFIRM:
-                kept.running = replace(kept.running, phase="CONFIRMED", boots_left=0)
+                kept.running = replace(kept.running, phase=Phase.CONFIRMED, boots_left=0)
             case Routine.REVERT:
-                kept.running, kept.other = kept.other, replace(kept.running, phase="BAD")
+                kept.running, kept.other = kept.other, replace(kept.running, phase=Phase.BAD)
         return b""
 
     def download(self, offset: int, length: int) -> None:
@@ -188,11 +196,11 @@ class PlayedEcu:
     def reset(self) -> None:
         kept = self.kept
         kept.resets += 1
-        if kept.other.phase == "TRIAL":
+        if kept.other.phase == Phase.TRIAL:
             if kept.starts:
                 kept.running, kept.other = replace(kept.other, boots_left=kept.other.boots_left - 1), kept.running
             else:
-                kept.other = replace(kept.other, phase="BAD")
+                kept.other = replace(kept.other, phase=Phase.BAD)
         self._on_reset()
 
 

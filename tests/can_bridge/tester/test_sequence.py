@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.messages import (
     AccessError,
@@ -35,7 +36,7 @@ def test_a_release_is_brought_started_tested_and_confirmed(flashing: Call, kept:
     flashed = flashing(say=steps.append, progress=lambda *count: told.append(count))
     assert flashed.end is End.CONFIRMED
     assert kept.running.image == SHIPPED
-    assert kept.running.phase == "CONFIRMED"
+    assert kept.running.phase == Phase.CONFIRMED
     assert kept.resets == 1
     assert kept.log == [
         *(Routine.PRECONDITIONS, Routine.ERASE, Routine.CHECK, Routine.ACTIVATE, Routine.SELF_TEST, Routine.CONFIRM)
@@ -62,14 +63,14 @@ def test_counters_of_blocks_wrap_to_zero(flashing: Call, line: Line) -> None:
 
 
 def test_what_runs_and_is_confirmed_is_left_alone(flashing: Call, kept: Played, line: Line) -> None:
-    kept.running = Held(image=SHIPPED, phase="CONFIRMED", name="same")
+    kept.running = Held(image=SHIPPED, phase=Phase.CONFIRMED, name="same")
     assert flashing().end is End.ALREADY
     assert kept.written == kept.resets == 0
     assert kept.log == []
 
 
 def test_what_runs_on_trial_is_tested_and_confirmed(flashing: Call, kept: Played) -> None:
-    kept.running = Held(image=SHIPPED, phase="TRIAL", boots_left=1, name="same")
+    kept.running = Held(image=SHIPPED, phase=Phase.TRIAL, boots_left=1, name="same")
     flashed = flashing()
     assert flashed.end is End.CONFIRMED
     assert flashed.transferred is None
@@ -77,10 +78,10 @@ def test_what_runs_on_trial_is_tested_and_confirmed(flashing: Call, kept: Played
     assert kept.resets == 0
 
 
-def test_another_release_on_trial_is_given_up_first(flashing: Call, kept: Played) -> None:
-    kept.running, kept.other = Held(image=b"x", phase="TRIAL", name="other"), replace(kept.running)
+def test_another_release_on_trial_is_written_over(flashing: Call, kept: Played) -> None:
+    kept.running = Held(image=SHIPPED[:50], phase=Phase.TRIAL, name="other")
     assert flashing().end is End.CONFIRMED
-    assert kept.log.index(Routine.REVERT) < kept.log.index(Routine.ERASE)
+    assert Routine.ERASE in kept.log
     assert kept.running.image == SHIPPED
 
 
@@ -91,7 +92,7 @@ def test_an_ecu_without_a_release_is_flashed(flashing: Call, kept: Played) -> No
 
 
 def test_an_image_that_is_there_as_a_whole_is_only_checked(flashing: Call, kept: Played) -> None:
-    kept.other = Held(image=SHIPPED, announced=(len(SHIPPED), SHA256), phase="CHECKED")
+    kept.other = Held(image=SHIPPED, announced=(len(SHIPPED), SHA256), phase=Phase.CHECKED)
     flashed = flashing()
     assert flashed.end is End.CONFIRMED
     assert flashed.transferred is not None
@@ -101,7 +102,7 @@ def test_an_image_that_is_there_as_a_whole_is_only_checked(flashing: Call, kept:
 
 @pytest.mark.parametrize("had", [1, 31, 32, 5000, len(SHIPPED) - 1])
 def test_an_interrupted_transfer_goes_on_where_it_stood(flashing: Call, kept: Played, had: int) -> None:
-    kept.other = Held(image=SHIPPED[:had], announced=(len(SHIPPED), SHA256), phase="FILLING")
+    kept.other = Held(image=SHIPPED[:had], announced=(len(SHIPPED), SHA256), phase=Phase.FILLING)
     flashed = flashing()
     assert flashed.end is End.CONFIRMED
     assert kept.written == len(SHIPPED) - had
@@ -119,7 +120,7 @@ def test_a_dry_run_writes_nothing(flashing: Call, kept: Played, line: Line) -> N
 
 def test_without_confirmation_it_stays_on_trial(flashing: Call, kept: Played) -> None:
     assert flashing(confirm=False).end is End.ON_TRIAL
-    assert kept.running.phase == "TRIAL"
+    assert kept.running.phase == Phase.TRIAL
     assert Routine.SELF_TEST in kept.log
 
 
@@ -137,7 +138,7 @@ def test_a_wrong_key_is_refused_and_nothing_written(flashing: Call, kept: Played
         flashing(secret=bytes(16 * [9]))
     assert kept.log == [Routine.PRECONDITIONS]
     # The ECU is not kept from its work.
-    assert kept.running.phase == "CONFIRMED"
+    assert kept.running.phase == Phase.CONFIRMED
 
 
 def test_the_third_wrong_key_says_how_long_to_wait(flashing: Call) -> None:
@@ -157,10 +158,7 @@ def test_the_delay_after_wrong_keys_is_waited_for(flashing: Call, kept: Played, 
     assert time.clock() - began >= 9.0
 
 
-@pytest.mark.parametrize("routine", [Routine.PRECONDITIONS, None])
-def test_a_vehicle_in_use_is_not_touched(
-    flashing: Call, kept: Played, monkeypatch: pytest.MonkeyPatch, routine: Routine | None
-) -> None:
+def test_a_vehicle_in_use_is_not_touched(flashing: Call, kept: Played) -> None:
     kept.in_use = True
     with pytest.raises(NotNowError, match="withdraw the enable request"):
         flashing()
@@ -174,18 +172,22 @@ def test_a_vehicle_that_starts_after_the_reset_leaves_it_on_trial(flashing: Call
 
     with pytest.raises(NotNowError, match="runs on trial, and was not confirmed"):
         flashing(say=say)
-    assert kept.running.phase == "TRIAL"
+    assert kept.running.phase == Phase.TRIAL
+    kept.in_use = False
     assert flashing().end is End.CONFIRMED
 
 
 @pytest.mark.parametrize("verdict", [verdict for verdict in Verdict if verdict is not Verdict.GOOD])
-def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(flashing: Call, kept: Played, verdict: Verdict) -> None:
+def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(
+    flashing: Call, kept: Played, time: VirtualTime, verdict: Verdict
+) -> None:
     kept.verdict = verdict
     with pytest.raises(ImageRefusedError) as caught:
         flashing()
     assert caught.value.verdict is verdict
     assert verdict.in_words in str(caught.value)
     assert Routine.ACTIVATE not in kept.log
+    time.sleep(1.0)
     assert kept.resets == 1
     assert kept.running.name == "old"
 
@@ -198,7 +200,7 @@ def test_a_release_that_does_not_start_is_told(flashing: Call, kept: Played) -> 
 
 def test_a_failed_self_test_goes_back(flashing: Call, kept: Played) -> None:
     kept.passes = False
-    with pytest.raises(NotPassedError, match="did not pass its self-test .*; old runs again"):
+    with pytest.raises(NotPassedError, match="did not pass its self-test; old runs again"):
         flashing()
     assert kept.running.name == "old"
     assert Routine.CONFIRM not in kept.log
@@ -214,7 +216,7 @@ def test_no_ecu_is_told_within_seconds(flashing: Call, kept: Played, time: Virtu
 
 def test_an_ecu_that_falls_silent_is_gone_on_with_later(flashing: Call, kept: Played) -> None:
     kept.dead_after = 40_000
-    with pytest.raises(LostError, match="of 97[0-9]* bytes .* the same command goes on from there"):
+    with pytest.raises(LostError, match=f"of {len(SHIPPED)} bytes .* the same command goes on from there"):
         flashing()
     kept.is_dead, kept.dead_after = False, None
     flashed = flashing()
@@ -233,8 +235,6 @@ def test_an_ecu_that_resets_itself_is_gone_on_with(flashing: Call, kept: Played)
 
 
 def test_slow_memory_is_waited_for(flashing: Call, kept: Played) -> None:
-    kept.writing_ns = 20_000_000_000
-    assert flashing(SHIPPED[:5000] + bytes(10), confirm=False) if False else True
     kept.writing_ns = 3_000_000_000
     assert flashing().end is End.CONFIRMED
     assert kept.written == len(SHIPPED)
@@ -253,30 +253,32 @@ def test_a_memory_that_fails_is_given_up(flashing: Call, kept: Played, monkeypat
     assert kept.running.name == "old"
 
 
-def test_the_answer_to_every_request_may_be_lost_once(flashing: Call, kept: Played, line: Line) -> None:
+def test_any_one_request_or_answer_may_be_lost(flashing: Call, kept: Played, line: Line) -> None:
     """Each in turn: whatever of the sequence is not answered is asked again, and nothing is written twice."""
     flashing()
-    count = len(line.heard)
-    for lost in range(0, count, 1):
+    for lost in range(len(line.heard)):
         for to_ecu in (True, False):
-            again = replace(kept, running=_old(), other=Held(), written=0, log=[])
-            number = [0]
-
-            def lose(_payload: bytes, is_request: bool, lost: int = lost, to_ecu: bool = to_ecu) -> bool:
-                if is_request is not to_ecu:
-                    return False
-                number[0] += 1
-                return number[0] == lost + 1
-
+            again = replace(kept, running=_old(), other=Held(), written=0, resets=0, log=[])
             time = VirtualTime()
             its = Line(again, time)
-            its.lose = lose
+            its.lose = _loses(lost, to_ecu=to_ecu)
             _flash(its, time)
             assert again.running.image == SHIPPED, (lost, to_ecu)
-            assert again.running.phase == "CONFIRMED"
+            assert again.running.phase == Phase.CONFIRMED
             assert again.written == len(SHIPPED)
-            # A trial has three boots, and needs one.
+            # A trial has three boots.
             assert again.resets <= 2
+
+
+def _loses(number: int, *, to_ecu: bool) -> Callable[[bytes, bool], bool]:
+    """Loses one payload in one direction."""
+    left = [number]
+
+    def lose(_payload: bytes, is_request: bool) -> bool:
+        left[0] -= is_request is to_ecu
+        return is_request is to_ecu and left[0] == -1
+
+    return lose
 
 
 @given(seed=st.randoms(use_true_random=False), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
@@ -296,7 +298,7 @@ def test_lost_and_doubled_payloads_only_cost_time(seed: Any, rate: float, double
 
 
 def _old() -> Held:
-    return Held(image=SHIPPED[:100], announced=(100, bytes(32)), phase="CONFIRMED", name="old")
+    return Held(image=SHIPPED[:100], announced=(100, bytes(32)), phase=Phase.CONFIRMED, name="old")
 
 
 def _flash(line: Line, time: VirtualTime) -> Flashed:

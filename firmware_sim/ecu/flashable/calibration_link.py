@@ -1,0 +1,65 @@
+"""Calibration of the release that runs: its segment, by UDS and by XCP, and what is stored of it."""
+
+from collections.abc import Callable, Sequence
+
+from can_bridge.calibration.segment import Segment
+from can_bridge.calibration.service import CalibrationService
+from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
+from can_bridge.calibration.xcp_slave import XcpSlave
+from can_bridge.flashing.store import Store
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.services import Nrc
+from can_bridge.wire.frame import Frame
+from contract.calibration import Calibration
+from contract.config.tree import Config
+from contract.release.bundle import Bundle
+from firmware_sim.ecu.calibrating import limits_of, release_calibration
+from firmware_sim.ecu.flashable.supplies import Supplies
+
+
+class CalibrationLink:
+    """Of one release, from its boot on.
+
+    Args:
+        bundle: that runs.
+        refusal: why nothing may be stored now; values in force can always be changed.
+    """
+
+    def __init__(
+        self, bundle: Bundle, store: Store, config: Config, supplies: Supplies, *, refusal: Callable[[], Nrc | None]
+    ) -> None:
+        self._segment = Segment(release_calibration(bundle, config), limits_of(bundle, config))
+        self._is_fd = config.bus.frames == "fd"
+        self._xcp = XcpSlave(self._segment, supplies.access, supplies.random_bytes)
+        self.service = CalibrationService(
+            self._segment,
+            kept=lambda: store.calibration(bundle.digest),
+            keep=store.keep_calibration,
+            refusal=refusal,
+        )
+        if (error := self.service.restore()) is not None:
+            supplies.tell("calibration_dropped", f"stored calibration not used: {error}")
+
+    def take(self) -> Calibration | None:
+        """For the beginning of a control period: other values than before, once."""
+        return self._segment.take()
+
+    def xcp(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+        """Take the tool's frames; those to it. Storing that is asked for waits until it is allowed."""
+        packets = [packet for frame in frames for packet in self._xcp.command(now_ns, frame.data)]
+        if self._xcp.wants_store:
+            try:
+                self.service.store()
+            except Refused:
+                pass
+            else:
+                packets += self._xcp.stored()
+        return [
+            Frame(frame_id=RESPONSE_ID, data=packet, timestamp_ns=max(0, now_ns), is_fd=self._is_fd)
+            for packet in packets
+        ]
+
+
+def is_for_xcp(frame: Frame) -> bool:
+    """Whether a received frame is the tool's."""
+    return frame.frame_id == COMMAND_ID and not frame.is_extended

@@ -1,0 +1,207 @@
+"""The ECU as a vehicle runs it: it boots a release from its store, controls, and can be flashed and calibrated.
+
+`step` is a control period and one look at diagnosis, a function of time and received frames like
+`firmware_sim.ecu.ecu.Ecu.step`. Who has time between two periods calls `control` once a period and `service` in
+between, as often as it likes; a thread of its own may do the latter. A reset loses what a loss of power would lose: the
+release is booted anew and every counter begins at 0, but freshness values, which no receiver would believe twice.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.flashing.backing import Backing
+from can_bridge.flashing.boot import Boot
+from can_bridge.flashing.store import Store
+from can_bridge.secoc.node import Authentication
+from can_bridge.uds.services import REQUEST_ID
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import EcuStatus, Reason
+from contract.config.tree import Config
+from firmware_sim.ecu.ecu import Ecu, Trace
+from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
+from firmware_sim.ecu.flashable.power_cycle import PowerCycle
+from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
+from firmware_sim.ecu.flashable.supplies import Supplies
+from firmware_sim.ecu.flashable.telling import Access, tell_access
+from firmware_sim.ecu.flashable.vehicle_wish import VehicleWish
+
+
+class FlashableEcu:
+    """A `firmware_sim.ecu.stepped.SteppedEcu` with a store, just powered on.
+
+    Args:
+        backing: of the store.
+        config: bus, E2E and fail-safe settings, operating point and control period of the vehicle.
+        supplies: what it was given at production.
+        authentication: with `bus.key`, what the ECU needs of it.
+        boot_ns: for which it hears and sends nothing after a reset. In real time booting takes what it takes.
+
+    Attributes:
+        resets: since power-on.
+
+    Raises:
+        ConfigError: `bus.key` without `authentication`, or the other way round.
+    """
+
+    def __init__(
+        self,
+        backing: Backing,
+        config: Config,
+        supplies: Supplies,
+        *,
+        authentication: Authentication | None = None,
+        boot_ns: int = 0,
+    ) -> None:
+        self._backing, self._config, self._supplies = backing, config, supplies
+        self._authentication, self._boot_ns = authentication, boot_ns
+        self._wish = VehicleWish()
+        self._silent_until_ns: int | None = None
+        self._service_ns = 0
+        self._wants_reset = False
+        self.resets = 0
+        # The service works in a new cycle as soon as it is booted, the control from its next period on.
+        self._serviced = self._controlled = self._power_on()
+        self._ecu: Ecu | ShutEcu = self._controlled.ecu
+
+    @property
+    def state(self) -> EcuState:
+        """After the latest step."""
+        return self._ecu.state
+
+    @property
+    def trace(self) -> Trace:
+        """Of the latest step."""
+        return self._ecu.trace
+
+    @property
+    def frames_rejected(self) -> int:
+        """Pressure frames that came but were not accepted."""
+        return self._ecu.frames_rejected
+
+    @property
+    def boot(self) -> Boot:
+        """What the latest one came to."""
+        return self._serviced.boot
+
+    @property
+    def store(self) -> Store:
+        """As of the latest boot."""
+        return self._serviced.store
+
+    @property
+    def access(self) -> Access:
+        """Where the tester stands."""
+        return self._serviced.access
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether `service` has something to do without another frame."""
+        return self._wants_reset or self._serviced.link.is_busy
+
+    def restore(self, state: EcuState) -> None:
+        """Let the control go on from a state of an ECU with the same release and settings; the store stays."""
+        self._ecu.restore(state)
+
+    def status(self) -> EcuStatus:
+        """Health counters as of the latest step."""
+        return self._ecu.status()
+
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
+    ) -> list[Frame]:
+        """One control period, and one call of `service`.
+
+        Args:
+            now_ns: time of the step, in the clock of the frames' timestamps.
+            frames: everything received since the last step, oldest first.
+            health: of the CAN controller, for the status.
+            fault: for which the ECU must switch itself off, found by what is around it.
+
+        Returns:
+            A JetCommand and an EcuStatus, and what diagnosis sends. Nothing while it boots.
+        """
+        for_service = [frame for frame in frames if is_diagnostic(frame)]
+        for_control = [frame for frame in frames if not is_diagnostic(frame)] if for_service else frames
+        sent = self.control(now_ns, for_control, health, fault=fault)
+        return sent + self.service(now_ns, for_service)
+
+    def control(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
+    ) -> list[Frame]:
+        """One control period, without diagnosis; arguments as for `step`."""
+        if self._is_silent(now_ns):
+            return []
+        self._take_over()
+        self._calibrate()
+        if self._wants_reset:
+            # What is booted next knows nothing of the jets that run now.
+            fault = Reason.NO_RELEASE
+        before = self._ecu.state
+        sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
+        self._wish = self._wish.seen(before, self._ecu.state, now_ns)
+        return sent
+
+    def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+        """Diagnosis: take frames, do at most one piece of long work, and return what is to be sent now."""
+        if self._is_silent(now_ns) or self._serviced is not self._controlled:
+            return []
+        if self._wants_reset:
+            self._reset(now_ns)
+            return []
+        self._service_ns = now_ns
+        cycle = self._serviced
+        before = cycle.access
+        sent = cycle.link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
+        tell_access(self._supplies.tell, before, cycle.access)
+        if cycle.calibration is not None:
+            sent += cycle.calibration.xcp(now_ns, [frame for frame in frames if is_for_xcp(frame)])
+        return sent
+
+    # Between the two.
+
+    def _power_on(self) -> PowerCycle:
+        return PowerCycle(
+            self._backing,
+            self._config,
+            self._supplies,
+            self._authentication,
+            wish=lambda: self._wish,
+            now_ns=lambda: self._service_ns,
+            on_reset=self._ask_for_reset,
+        )
+
+    def _is_silent(self, now_ns: int) -> bool:
+        return self._silent_until_ns is not None and now_ns < self._silent_until_ns
+
+    def _ask_for_reset(self) -> None:
+        self._wants_reset = True
+
+    def _reset(self, now_ns: int) -> None:
+        self._serviced = self._power_on()
+        self._silent_until_ns = now_ns + self._boot_ns
+        self.resets += 1
+
+    def _take_over(self) -> None:
+        """Control by what was booted from now on: here and not where it was booted, which may be another thread."""
+        cycle = self._serviced
+        if cycle is self._controlled:
+            return
+        before = self._ecu.state
+        cycle.ecu.restore(replace(cycle.ecu.state, verifier=before.verifier, freshness=before.freshness))
+        self._ecu, self._wish = cycle.ecu, VehicleWish()
+        self._wants_reset = False
+        self._controlled = cycle
+
+    def _calibrate(self) -> None:
+        """Other values from this period on."""
+        calibration = self._controlled.calibration
+        if calibration is None or (values := calibration.take()) is None or isinstance(self._ecu, ShutEcu):
+            return
+        self._ecu = self._ecu.calibrated(values)
+
+
+def is_diagnostic(frame: Frame) -> bool:
+    """Whether a received frame is for diagnosis or calibration."""
+    return (frame.frame_id == REQUEST_ID and not frame.is_extended) or is_for_xcp(frame)

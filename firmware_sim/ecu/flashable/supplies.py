@@ -1,0 +1,39 @@
+"""What an ECU is given at production and by its surroundings, and what no reset changes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from can_bridge.uds.access_key import AccessKey
+from contract.controller.interface import Controller
+from contract.controller.onnx_session import OnnxController
+from contract.release.bundle import Bundle
+from contract.release.signing import PublicKey
+
+
+def nobody(event: str, line: str, **fields: str | int | float) -> None:
+    """Tells nobody."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Supplies:
+    """Of one ECU.
+
+    Attributes:
+        root: key that signs key lists.
+        access: shared with the tester.
+        random_bytes: gives so many bytes that nobody can foresee.
+        hardware: name of the hardware, which a bundle may demand.
+        serial: number of this one.
+        software: version of stillwake.
+        controller_of: makes a bundle's controller; raises BundleError for one that does not run here.
+        tell: called with an event's name, its line, and its fields.
+    """
+
+    root: PublicKey
+    access: AccessKey = field(repr=False)
+    random_bytes: Callable[[int], bytes]
+    hardware: str = "generic"
+    serial: str = "0"
+    software: str = ""
+    controller_of: Callable[[Bundle], Controller] = OnnxController.of
+    tell: Callable[..., None] = nobody

@@ -1,0 +1,78 @@
+"""What happens in flashing and is worth a line in the log."""
+
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from can_bridge.flashing.boot import Boot, BootReason
+from can_bridge.flashing.state import TRIAL_BOOTS
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.services import Level, Routine, Session
+
+Tell = Callable[..., None]
+
+
+class Access(NamedTuple):
+    """Where a tester stands.
+
+    Attributes:
+        attempts: wrong keys in a row, by level.
+    """
+
+    session: Session
+    unlocked: Level | None
+    attempts: Mapping[Level, int]
+
+
+_DONE: Final = {
+    Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
+    Routine.ACTIVATE: (
+        "activated",
+        "the release that was written is activated: booted on trial from the next reset on",
+    ),
+    Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
+    Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
+}
+
+
+def tell_boot(tell: Tell, boot: Boot) -> None:
+    """What was booted, and why."""
+    verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
+    if boot.bundle is None or boot.slot is None:
+        tell("no_release", "no release is in order: jets shut, waiting to be flashed", **verdicts)
+        return
+    name, digest = boot.bundle.manifest.name, boot.bundle.digest
+    event, words = "booted", boot.reason.in_words
+    if boot.reason is BootReason.TRIAL:
+        event, words = "trial", f"on trial, boot {TRIAL_BOOTS - boot.boots_left} of {TRIAL_BOOTS} without confirmation"
+    elif boot.reason is BootReason.REVERTED:
+        event = "reverted"
+    tell(
+        event,
+        f"booted slot {boot.slot.name}: {name} {digest[:12]}, {words}",
+        slot=boot.slot.name,
+        release=name,
+        digest=digest,
+        boots_left=boot.boots_left,
+        **verdicts,
+    )
+
+
+def tell_access(tell: Tell, before: Access, after: Access) -> None:
+    """A session that began or ended, a level that was unlocked, a key that was refused."""
+    if after.session is not before.session:
+        tell("session", f"{after.session.name.lower()} session", session=after.session.name)
+    if after.unlocked is not None and after.unlocked is not before.unlocked:
+        tell("unlocked", f"a tester unlocked {after.unlocked.name.lower()}", level=after.unlocked.name)
+    for level, count in after.attempts.items():
+        if count > before.attempts[level]:
+            words = f"a tester's key for {level.name.lower()} was refused, {count} in a row"
+            tell("key_refused", words, level=level.name, count=count)
+
+
+def tell_routine(tell: Tell, routine: Routine, answer: bytes) -> None:
+    """A routine that was run."""
+    if routine is Routine.CHECK and answer and answer[0] in Verdict.__members__.values():
+        verdict = Verdict(answer[0])
+        tell("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
+    elif routine in _DONE:
+        tell(*_DONE[routine])

@@ -1,0 +1,91 @@
+"""The played ECU on a bus of python-can, in a thread and in real time."""
+
+import random
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from tests.can_bridge.tester.played_ecu import SECRET, Played, PlayedEcu
+
+
+class Fate:
+    """What becomes of a frame: 0, 1 or 2 copies of it arrive."""
+
+    def __init__(self, seed: int = 0, *, lost: float = 0.0, doubled: float = 0.0) -> None:
+        self._random = random.Random(seed)
+        self._lost, self._doubled = lost, doubled
+
+    def copies(self) -> int:
+        chance = self._random.random()
+        return 0 if chance < self._lost else 2 if chance < self._lost + self._doubled else 1
+
+
+@contextmanager
+def served(kept: Played, config: BusConfig, fate: Fate | None = None) -> Iterator[Callable[[], int]]:
+    """Yields what says how many frames have come."""
+    fate = fate or Fate()
+    stop, count, faults = Event(), [0], list[BaseException]()
+
+    def run() -> None:
+        try:
+            with PythonCanBus.open(config, accept={REQUEST_ID}) as bus:
+                _pump(bus, kept, config, fate, stop, count)
+        except BaseException as error:  # noqa: BLE001  (the test fails by it below)
+            faults.append(error)
+
+    thread = Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield lambda: count[0]
+    finally:
+        stop.set()
+        thread.join()
+    assert faults == []
+
+
+class _Node:
+    """What a reset builds anew."""
+
+    def __init__(self, kept: Played, config: BusConfig) -> None:
+        self._kept, self._config = kept, config
+        self.power_on()
+
+    def power_on(self) -> None:
+        is_fd = self._config.frames == "fd"
+        settings = IsoTpSettings(
+            receive_id=REQUEST_ID, send_id=RESPONSE_ID, frame_length=64 if is_fd else 8, is_fd=is_fd
+        )
+        self.endpoint = Endpoint(settings)
+        self.server = UdsServer(PlayedEcu(self._kept, self.power_on), AccessKey(SECRET), random.randbytes)
+
+
+def _pump(bus: PythonCanBus, kept: Played, config: BusConfig, fate: Fate, stop: Event, count: list[int]) -> None:
+    node = _Node(kept, config)
+    while not stop.is_set():
+        frame = bus.receive(0.002)
+        endpoint, server, now_ns = node.endpoint, node.server, time.monotonic_ns()
+        if kept.is_dead:
+            continue
+        if frame is not None:
+            count[0] += 1
+            for _ in range(fate.copies()):
+                endpoint.receive(now_ns, frame)
+        answers = [answer for request in endpoint.take() for answer in server.request(now_ns, request)]
+        for answer in answers + server.tick(now_ns):
+            endpoint.send(answer)
+        for sent in endpoint.poll(now_ns):
+            _send(bus, sent, fate)
+
+
+def _send(bus: PythonCanBus, frame: Frame, fate: Fate) -> None:
+    for _ in range(fate.copies()):
+        bus.send(frame)

@@ -1,0 +1,73 @@
+"""The tester's own sequence on the simulated bus, beside the control traffic: with and without lost frames."""
+
+from pathlib import Path
+
+import pytest
+
+from can_bridge.bus.faults.loss import Drop
+from can_bridge.tester.messages import NotNowError
+from can_bridge.tester.sequence import End
+from can_bridge.wire.messages import Mode
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision
+
+pytest.importorskip("udsoncan")
+from firmware_sim.bench.flashing.figures import flash_on, flash_time
+from firmware_sim.bench.flashing.flash_bench import FlashBench
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+
+BOOT_NS = 300_000_000
+
+
+def made(folder: Path, config: Config) -> tuple[FlashableEcu, Rig]:
+    provision(folder / "ecu", image("first"))
+    rig = Rig(folder / "ecu", config, boot_ns=BOOT_NS)
+    return rig.ecu, rig
+
+
+@pytest.mark.parametrize(
+    ("frames", "bits"),
+    [
+        # Payload of a frame and its bits at 500 kbit/s and 2 Mbit/s, without stuff bits: the least it can take.
+        ("fd", lambda length: length / 63 * (29 / 500e3 + 560 / 2e6)),
+        ("classic", lambda length: length / 7 * (111 / 500e3)),
+    ],
+)
+def test_the_time_is_that_of_the_frames(tmp_path: Path, frames: str, bits) -> None:
+    config = Config(bus=BusConfig(frames=frames))
+    ecu, rig = made(tmp_path, config)
+    found = flash_time(ecu, image("second"), config, key=ACCESS.answer)
+    assert found.end is End.CONFIRMED
+    least = bits(len(image("second"))) + BOOT_NS / 1e9
+    assert least < found.seconds < 2 * least + 1.0
+    assert (found.unanswered, found.attempts) == (0, 1)
+    assert ecu.boot.bundle is not None
+    assert ecu.boot.bundle.manifest.name == "second"
+    assert "confirmed" in rig.told.names()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frames", ["fd", "classic"])
+def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path, frames: str) -> None:
+    config = Config(bus=BusConfig(frames=frames))
+    ecu, _ = made(tmp_path, config)
+    losses = [Drop(probability=0.01, at="send"), Drop(probability=0.01, at="receive")]
+    found = flash_time(ecu, image("second"), config, key=ACCESS.answer, losses=losses, seed=1)
+    assert found.end is End.CONFIRMED
+    assert found.unanswered > 0
+
+
+def test_a_vehicle_in_control_keeps_it(tmp_path: Path) -> None:
+    # The bench's pressures are sines: no wake, and the check of the sensors would say so.
+    config = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
+    ecu, rig = made(tmp_path, config)
+    bench = FlashBench(ecu, config, wish=lambda now_ns: now_ns > 100_000_000)
+    bench.advance(2.0)
+    assert bench.status is not None
+    assert bench.status.state is Mode.CONTROL
+    assert bench.largest_flow > 0.0
+    with pytest.raises(NotNowError):
+        flash_on(bench, image("second"), key=ACCESS.answer)
+    assert bench.status.state is Mode.CONTROL
+    assert "update" not in rig.told.names()

@@ -1,0 +1,141 @@
+"""Boot, update, trial, confirmation and revert as they show on the wire."""
+
+from pathlib import Path
+
+import pytest
+
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.wire.messages import Mode, Reason
+from contract.release.image import files_of
+from contract.release.manifest import MANIFEST, open_manifest
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import STRANGER, Rig, image, provision
+
+CONFIRM, REVERT, SELF_TEST, ACTIVATE = (b"\x31\x01\x02" + bytes([low]) for low in (6, 7, 4, 5))
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    provision(tmp_path / "ecu", image("first"))
+    return Rig(tmp_path / "ecu")
+
+
+def hash_of(raw: bytes) -> int:
+    return int(open_manifest(Path("image"), files_of(raw)[MANIFEST]).digest[:8], 16)
+
+
+def test_without_a_release_it_says_so_and_can_be_flashed(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", None)
+    rig = Rig(tmp_path / "ecu")
+    rig.wish = True
+    rig.run(100)
+    last = rig.statuses[-1]
+    assert (last.state, last.reason, last.bundle_hash) == (Mode.FAULT, Reason.NO_RELEASE, 0)
+    assert {(c.enable, c.flow_m2_per_s, c.mode) for c in rig.commands} == {(False, 0.0, Mode.FAULT)}
+    # A wish does not stand against it: there is nothing to interrupt. It does once a release runs.
+    rig.start(image("first"))
+    rig.wish = False
+    rig.run(1100)
+    rig.programming()
+    rig.good(CONFIRM)
+    rig.run(100)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    assert rig.told.names()[0] == "no_release"
+
+
+def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
+    rig.run(50)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    assert rig.write(image("second")) is Verdict.GOOD
+    # While it is written, and until the reset, the mode is UPDATE.
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    rig.good(ACTIVATE)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    rig.reset()
+    assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
+    assert rig.statuses[-1].reason is not Reason.UPDATING
+    rig.programming()
+    rig.good(CONFIRM)
+    for _ in range(5):
+        rig.power_on()
+        rig.run(50)
+        assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
+    names = rig.told.names()
+    order = ["booted", "session", "unlocked", "update", "checked", "activated", "trial", "confirmed", "booted"]
+    places = [names.index(order[0])]
+    for name in order[1:]:
+        places.append(names.index(name, places[-1] + 1))
+    assert places == sorted(places)
+
+
+def test_an_unconfirmed_release_goes_after_three_boots(rig: Rig) -> None:
+    rig.start(image("second"))
+    found = []
+    for _ in range(4):
+        rig.run(50)
+        found.append(rig.statuses[-1].bundle_hash)
+        rig.power_on()
+    first, second = hash_of(image("first")), hash_of(image("second"))
+    assert found == [second, second, second, first]
+    assert "reverted" in rig.told.names()
+
+
+def test_revert_leads_back_at_once(rig: Rig) -> None:
+    rig.start(image("second"))
+    rig.programming()
+    rig.good(REVERT)
+    rig.reset()
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+
+
+def test_a_wrong_image_is_never_booted(rig: Rig) -> None:
+    assert rig.write(image("foreign", key=STRANGER)) is Verdict.UNKNOWN_KEY
+    assert rig.ask(ACTIVATE) == b"\x7f\x31\x24"
+    rig.reset()
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+
+
+def test_the_reset_is_answered_before_it_happens_and_restarts_all_counters(rig: Rig) -> None:
+    rig.wish = False
+    rig.run(300)
+    rig.programming()
+    counter = rig.sender.state.counter
+    rig.good(b"\x11\x01")
+    assert rig.ecu.resets == 0
+    before = len(rig.sent)
+    rig.run(60)
+    assert rig.ecu.resets == 1
+    assert rig.sender.state.counter != counter
+    first = next(f for f in rig.sent[before:] if rig.ecu.resets and f.frame_id == 0x130 and f.data[2] == 0)
+    assert first.data[2] == 0  # the E2E counter
+    # The session is over, and what was unlocked is locked.
+    assert rig.ask(b"\x31\x01\x02\x06") == b"\x7f\x31\x7f"
+
+
+def test_a_silent_ecu_boots(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", boot_ns=200_000_000)
+    rig.programming()
+    rig.good(b"\x11\x01")
+    rig.run(25)
+    before = len(rig.sent)
+    rig.run(150)
+    assert len(rig.sent) == before
+    rig.run(50)
+    assert len(rig.sent) > before
+
+
+def test_an_interrupted_transfer_goes_on_after_a_power_cut(rig: Rig) -> None:
+    raw = image("second")
+    rig.programming()
+    there = 0
+    for there in rig.blocks(raw, rig.announce(raw)):
+        if there > 30_000:
+            break
+    rig.power_on()
+    rig.run(40)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    rig.programming()
+    assert rig.announce(raw) == there
+    for _ in rig.blocks(raw, there):
+        pass
+    assert rig.good(b"\x31\x01\xff\x01")[4] == Verdict.GOOD

@@ -1,0 +1,208 @@
+"""An ECU with a store in a folder, and a tester that talks to it frame by frame: no bus, no process, time by hand."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.flashing.folder_backing import FolderBacking
+from can_bridge.flashing.store import Store
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Level
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from contract.config.tree import Config
+from contract.release import bundle as bundles
+from contract.release import signing
+from contract.release.image import image_of
+from contract.release.key_list import KeyList, encode
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from firmware_sim.ecu.flashable.supplies import Supplies
+from stillwake.shipped import BUNDLE
+from tests.firmware_sim.conftest import RecordingController
+
+ROOT = Ed25519PrivateKey.from_private_bytes(b"root" * 8)
+MAKER = Ed25519PrivateKey.from_private_bytes(b"make" * 8)
+STRANGER = Ed25519PrivateKey.from_private_bytes(b"else" * 8)
+ACCESS = AccessKey(bytes(range(16)))
+MS = 1_000_000
+
+
+@cache
+def shipped() -> bundles.Bundle:
+    return bundles.load(BUNDLE)
+
+
+@cache
+def image(name: str, security_version: int = 1, key: Ed25519PrivateKey = MAKER, **changes: Any) -> bytes:
+    """The shipped release under another name, signed by another key."""
+    manifest = replace(shipped().manifest, name=name, security_version=security_version, **changes)
+    return image_of(bundles.pack(manifest, shipped().files, key))
+
+
+def keys(version: int = 1, *allowed: Ed25519PrivateKey) -> bytes:
+    listed = frozenset(map(signing.public_key, allowed or (MAKER,)))
+    return encode(KeyList(version=version, keys=listed), ROOT)
+
+
+def provision(folder: Path, first: bytes | None) -> FolderBacking:
+    backing = FolderBacking(folder)
+    Store.provision(
+        backing,
+        root=signing.public_key(ROOT),
+        keys=keys(),
+        image=first,
+        hardware="bench",
+        fits=lambda bundle: Verdict.GOOD,
+    )
+    return backing
+
+
+@dataclass
+class Told:
+    """What an ECU said to its log."""
+
+    events: list[tuple[str, str, dict[str, Any]]]
+
+    def __call__(self, event: str, line: str, **fields: Any) -> None:
+        self.events.append((event, line, fields))
+
+    def names(self) -> list[str]:
+        return [event for event, _, _ in self.events]
+
+
+class Rig:
+    """Steps once a period, and looks at diagnosis each millisecond; frames arrive the moment they are sent."""
+
+    def __init__(self, folder: Path, config: Config | None = None, controller_of: Any = None, **others: Any) -> None:
+        self.config = Config() if config is None else config
+        self.told = Told([])
+        self.supplies = Supplies(
+            root=signing.public_key(ROOT),
+            access=ACCESS,
+            random_bytes=Random(1).randbytes,
+            hardware="bench",
+            serial="42",
+            software="0.7.0",
+            controller_of=(lambda bundle: RecordingController()) if controller_of is None else controller_of,
+            tell=self.told,
+        )
+        self.folder, self.others = folder, others
+        self.now_ns = MS
+        self.due_ns = self.now_ns
+        self.sender = E2eSender(PRESSURE)
+        self.tester = Endpoint(IsoTpSettings(receive_id=RESPONSE_ID, send_id=REQUEST_ID))
+        self.wish: bool | None = None
+        self.answers: list[bytes] = []
+        self.commands: list[JetCommand] = []
+        self.statuses: list[EcuStatus] = []
+        self.sent: list[Frame] = []
+        self.extra: Sequence[Frame] = ()
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Anew, as after a loss of power."""
+        self.ecu = FlashableEcu(FolderBacking(self.folder), self.config, self.supplies, **self.others)
+
+    def millisecond(self) -> None:
+        if self.now_ns >= self.due_ns:
+            self.due_ns += self.config.period_ns
+            frames = [] if self.wish is None else [self.pressure(self.wish)]
+            self.take(self.ecu.control(self.now_ns, frames))
+        to_ecu = [*self.extra, *self.tester.poll(self.now_ns)]
+        self.take(self.ecu.service(self.now_ns, to_ecu))
+        self.now_ns += MS
+
+    def take(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            if frame.frame_id == RESPONSE_ID:
+                self.tester.receive(self.now_ns, frame)
+            elif frame.frame_id == JET_COMMAND.frame_id:
+                command = codec.parse_jet_command(frame.data)
+                assert command is not None
+                self.commands.append(command)
+            elif frame.frame_id == ECU_STATUS.frame_id:
+                status = codec.parse_ecu_status(frame.data)
+                assert status is not None
+                self.statuses.append(status)
+        self.sent += frames
+        self.answers += self.tester.take()
+
+    def run(self, milliseconds: int) -> None:
+        for _ in range(milliseconds):
+            self.millisecond()
+
+    def pressure(self, enable: bool) -> Frame:
+        scale = self.config.operating_point.dynamic_pressure
+        values = tuple(0.1 * scale * (1 + 0.1 * (self.sender.state.counter % 7) + i) for i in range(4))
+        message = Pressure(pressure_pa=values, valid=(True,) * 4, enable_request=enable, age_ns=0)
+        return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
+
+    def ask(self, request: bytes, patience_ms: int = 30_000) -> bytes:
+        """The final answer to a request; response-pending is waited out."""
+        self.tester.send(request)
+        for _ in range(patience_ms):
+            self.millisecond()
+            while self.answers:
+                answer = self.answers.pop(0)
+                if answer[:1] != b"\x7f" or answer[2] != 0x78:
+                    return answer
+        raise AssertionError(f"no answer to {request[:8].hex()}")
+
+    def good(self, request: bytes) -> bytes:
+        answer = self.ask(request)
+        assert answer[0] == request[0] + 0x40, (request[:8].hex(), answer.hex())
+        return answer
+
+    # The steps of flashing.
+
+    def programming(self) -> None:
+        self.good(b"\x10\x02")
+        self.unlock(Level.PROGRAMMING)
+
+    def unlock(self, level: Level) -> None:
+        seed = self.good(bytes([0x27, level]))[2:]
+        self.good(bytes([0x27, level + 1]) + ACCESS.answer(level, seed))
+
+    def announce(self, raw: bytes) -> int:
+        answer = self.good(b"\x31\x01\xff\x00" + len(raw).to_bytes(4, "big") + sha256(raw).digest())
+        return int.from_bytes(answer[4:], "big")
+
+    def blocks(self, raw: bytes, offset: int, size: int = 4064) -> Iterator[int]:
+        """Sends block by block, yielding how many bytes are there."""
+        self.good(b"\x34\x00\x44" + offset.to_bytes(4, "big") + (len(raw) - offset).to_bytes(4, "big"))
+        for number, at in enumerate(range(offset, len(raw), size), start=1):
+            self.good(bytes([0x36, number % 256]) + raw[at : at + size])
+            yield min(at + size, len(raw))
+        self.good(b"\x37")
+
+    def write(self, raw: bytes) -> Verdict:
+        """All of an image, and the ECU's verdict on it."""
+        self.programming()
+        for _ in self.blocks(raw, self.announce(raw)):
+            pass
+        return Verdict(self.good(b"\x31\x01\xff\x01")[4])
+
+    def reset(self) -> None:
+        before = self.ecu.resets
+        self.good(b"\x11\x01")
+        while self.ecu.resets == before or self.ecu.store.last_boot is None:
+            self.millisecond()
+        self.run(2 * self.config.period_ns // MS)
+
+    def start(self, raw: bytes) -> None:
+        """An image written, and started on trial."""
+        assert self.write(raw) is Verdict.GOOD
+        self.good(b"\x31\x01\x02\x05")
+        self.reset()
