@@ -237,6 +237,11 @@ class TestChoice:
         assert client.routine(Routine.CONFIRM) == refused(0x31, Nrc.SEQUENCE_ERROR)
         assert client.phases() == [Phase.CONFIRMED, Phase.TRIAL]
 
+    def test_what_is_confirmed_is_not_confirmed_again(self, client):
+        """A tester whose release was given up must not take the one before for its own."""
+        client.unlock()
+        assert client.routine(Routine.CONFIRM) == refused(0x31, Nrc.SEQUENCE_ERROR)
+
     def test_repeated_requests_are_answered_alike(self, client):
         """The tester missed an answer."""
         client.bring("newer")
