@@ -61,6 +61,7 @@ MEASUREMENTS: Final = {
     "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
+    "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),

@@ -18,6 +18,7 @@ import typer
 
 from stillwake.commands.bench import bench
 from stillwake.commands.bundle import bundle
+from stillwake.commands.calibrate import calibrate
 from stillwake.commands.campaign import campaign
 from stillwake.commands.can import can
 from stillwake.commands.config import config
@@ -72,7 +73,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, campaign, vehicle, flash, mcu),
+    CONTROL: (run, report, campaign, vehicle, flash, calibrate, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),

@@ -31,7 +31,8 @@ block "IF_DATA" taggedunion if_data {
         enum { "ADDRESS_GRANULARITY_BYTE" = 1, "ADDRESS_GRANULARITY_WORD" = 2, "ADDRESS_GRANULARITY_DWORD" = 4 };
         taggedstruct {
           ("OPTIONAL_CMD" enum {
-            "GET_ID" = 250, "SET_REQUEST" = 249, "GET_SEED" = 248, "UNLOCK" = 247, "SET_MTA" = 246, "UPLOAD" = 245,
+            "GET_COMM_MODE_INFO" = 251, "GET_ID" = 250, "SET_REQUEST" = 249, "GET_SEED" = 248, "UNLOCK" = 247,
+            "SET_MTA" = 246, "UPLOAD" = 245,
             "SHORT_UPLOAD" = 244, "BUILD_CHECKSUM" = 243, "DOWNLOAD" = 240, "SET_CAL_PAGE" = 235, "GET_CAL_PAGE" = 234,
             "GET_PAG_PROCESSOR_INFO" = 233, "GET_SEGMENT_INFO" = 232, "GET_PAGE_INFO" = 231, "COPY_CAL_PAGE" = 228
           })*;

@@ -11,6 +11,9 @@ MAX_CTO: Final = 8
 """Bytes of a command or an answer: of a classic frame, which CAN FD can carry as well."""
 PROTOCOL_VERSION: Final = 1
 TRANSPORT_VERSION: Final = 1
+DRIVER_VERSION: Final = 0x10
+COMM_MODE: Final = 0x80
+"""Of CONNECT's answer: little-endian, addresses of bytes, no block mode; GET_COMM_MODE_INFO says the rest."""
 CAL_PAG: Final = 0x01
 """The resource of calibration and of its pages; we have no other."""
 
@@ -38,6 +41,7 @@ class Command(IntEnum):
     DISCONNECT = 0xFE
     GET_STATUS = 0xFD
     SYNCH = 0xFC
+    GET_COMM_MODE_INFO = 0xFB
     GET_ID = 0xFA
     SET_REQUEST = 0xF9
     GET_SEED = 0xF8

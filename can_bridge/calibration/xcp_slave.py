@@ -49,6 +49,7 @@ class XcpSlave:
             Command.DISCONNECT: self._disconnect,
             Command.GET_STATUS: self._status,
             Command.SYNCH: self._synch,
+            Command.GET_COMM_MODE_INFO: self._comm_mode_info,
             Command.GET_ID: self._get_id,
             Command.SET_REQUEST: self._set_request,
             Command.GET_SEED: self._get_seed,
@@ -72,13 +73,17 @@ class XcpSlave:
 
     @property
     def wants_store(self) -> bool:
-        """The tool asked to have the calibration in force stored; `stored` ends that."""
+        """The tool asked to have the calibration in force stored; `stored` or `not_stored` ends that."""
         return self._wants_store
 
     def stored(self) -> list[bytes]:
         """The calibration was stored: the packets that tell the tool."""
         self._wants_store = False
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
+
+    def not_stored(self) -> None:
+        """Storing failed: the tool sees its request gone without the event that says it was done."""
+        self._wants_store = False
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
         """A packet from the tool; returns those to it. Never raises on what comes over the wire."""
@@ -114,12 +119,11 @@ class XcpSlave:
     def _connect(self) -> bytes:
         self._end()
         self._is_connected = True
-        basic_mode = 0  # little-endian, addresses of bytes, no block mode
         return struct.pack(
             "<4BH2B",
             xcp.RESPONSE,
             xcp.CAL_PAG,
-            basic_mode,
+            xcp.COMM_MODE,
             MAX_CTO,
             MAX_CTO,
             xcp.PROTOCOL_VERSION,
@@ -143,6 +147,10 @@ class XcpSlave:
 
     def _synch(self, data: bytes) -> bytes:
         raise Denied(Error.CMD_SYNCH)
+
+    def _comm_mode_info(self, data: bytes) -> bytes:
+        """Neither blocks of commands nor a queue of them."""
+        return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:
         """Of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""

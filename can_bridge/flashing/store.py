@@ -229,7 +229,8 @@ class Store:
         """Keep the release that runs on trial; nothing changes if it is confirmed already.
 
         Raises:
-            OutOfOrderError: no release runs, or it is neither on trial nor confirmed any more.
+            OutOfOrderError: no release runs, or it is neither on trial nor confirmed any more, or its key may no longer
+                sign.
             MediumError: it cannot be kept.
         """
         slot = self._running
@@ -237,6 +238,9 @@ class Store:
         if slot is None or phase not in (Phase.TRIAL, Phase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated one must run")
         if phase == Phase.TRIAL:
+            if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
+                # It would not boot again, and the one before may be too old from now on.
+                raise OutOfOrderError("the release on trial is signed by a key that was taken off the list: revert it")
             self._confirm(slot)
 
     def _confirm(self, slot: Slot) -> None:

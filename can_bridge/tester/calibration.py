@@ -119,7 +119,8 @@ def _keep(asking: Asking, value: bytes, step: str) -> None:
         if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
             raise
         raise NotNowError(
-            f"the ECU refused to {step} now: its jets are enabled; withdraw the enable request and try again"
+            f"the ECU refused to {step} now: its jets are enabled; what is in force stays; withdraw the enable request "
+            "and try again"
         ) from refused
 
 

@@ -54,7 +54,8 @@ def unlocked(slave, access) -> XcpSlave:
 
 
 def test_connect_says_what_there_is(slave):
-    assert ask(slave, CONNECT) == "FF 01 00 08 08 00 01 01"
+    assert ask(slave, CONNECT) == "FF 01 80 08 08 00 01 01"
+    assert ask(slave, "FB") == "FF 00 00 00 00 00 00 10"
     assert slave.is_connected
 
 
@@ -245,6 +246,13 @@ def test_storing_is_asked_for_and_reported(unlocked):
     assert ask(unlocked, "FD") == "FF 00 00 00 00 00"
     ask(unlocked, "F9 01 00 00", "FE")
     assert unlocked.stored() == []
+
+
+def test_storing_that_failed_is_over_without_an_event(unlocked):
+    ask(unlocked, "F9 01 00 00")
+    unlocked.not_stored()
+    assert not unlocked.wants_store
+    assert ask(unlocked, "FD") == "FF 00 00 00 00 00"
 
 
 @pytest.mark.parametrize("command", ["FF", "FA", "F8 00", "F6 00 00 00 00 00 00", "F4 04", "F3 00 00 00 28", "E8 00"])

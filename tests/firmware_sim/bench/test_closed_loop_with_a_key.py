@@ -21,7 +21,7 @@ from firmware_sim.runs.run_folder import RunFolder
 
 pytestmark = pytest.mark.slow  # whole runs of the loop
 
-PERIODS = 50
+PERIODS = 20
 
 
 def run(folder, release, key: str):
@@ -29,15 +29,15 @@ def run(folder, release, key: str):
         folder,
         release,
         Config(bus=BusConfig(key=key)),
-        lead_in=7.0,
-        controlled=0.2 * (PERIODS - 35),
+        lead_in=2.0,
+        controlled=0.2 * (PERIODS - 10),
         settle=0.0,
         averages=False,
     )
 
 
-def test_one_setting_authenticates_both_nodes(random_release, tmp_path):
-    release = bundle.load(random_release)
+def test_one_setting_authenticates_both_nodes(short_release, tmp_path):
+    release = bundle.load(short_release)
     secret = secrets.token_bytes(16)
     write_key(tmp_path / "key", secret)
     folder = tmp_path / "run"

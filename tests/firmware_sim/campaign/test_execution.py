@@ -12,6 +12,7 @@ from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.task import Timing
 from tests.firmware_sim.campaign.conftest import scenario_of
+from wake.recording import parallel
 
 pytestmark = pytest.mark.processes  # starts dask workers, which run the real wake
 
@@ -49,10 +50,12 @@ def test_one_worker_and_three_write_the_same_bytes(campaign, tmp_path) -> None:
     assert one.safe
 
 
-def test_a_scheduler_that_is_not_there_is_said(campaign) -> None:
+def test_a_scheduler_that_is_not_there_is_said(campaign, monkeypatch) -> None:
     from tests.firmware_sim.campaign.test_task import TASK
     from wake.truck.state import developed_state
 
+    # dask asks again and again until then.
+    monkeypatch.setattr(parallel, "_CONNECT_S", 1.0)
     with pytest.raises(StillwakeError, match="cannot reach scheduler"):
         execute(
             [TASK],

@@ -1,0 +1,1 @@
+"""Flashing over CAN: hostile requests, cut supplies, and what a transfer takes."""

@@ -1,0 +1,145 @@
+"""What a hostile or clumsy tester sends: sound sequences, and everything that can be made of their requests."""
+
+import hashlib
+from collections.abc import Generator, Sequence
+from random import Random
+from typing import Final
+
+from benchmarks.flash.fuzz_ecu import KEY
+from benchmarks.flash.fuzz_images import pool
+from can_bridge.uds.services import MAX_BLOCK, Did, Level, Routine, Service, Session
+from contract.calibration import PACKED_BYTES
+
+Plan = Generator[bytes, bytes | None, None]
+"""Requests in their order; each is sent the last answer to the one before it."""
+
+_PROGRAMMING: Final = bytes([Service.SESSION, Session.PROGRAMMING])
+_EXTENDED: Final = bytes([Service.SESSION, Session.EXTENDED])
+_EXIT: Final = bytes([Service.EXIT])
+_RESET: Final = bytes([Service.RESET, 1])
+_SEED: Final = 2 + 16
+"""Bytes of the answer with a seed."""
+_BLOCK_LENGTHS: Final = (MAX_BLOCK - 2, MAX_BLOCK - 2, 4000, 3000, 2048)
+_LONGEST_NOISE: Final = 64
+
+
+def routine(number: Routine, option: bytes = b"") -> bytes:
+    """Start it."""
+    return bytes([Service.ROUTINE, 1]) + number.to_bytes(2, "big") + option
+
+
+def any_plan(rng: Random) -> Plan:
+    """What a tester may want."""
+    kinds = (flashing, flashing, flashing, flashing, choosing, keys, calibrating)
+    return rng.choice(kinds)(rng)
+
+
+def flashing(rng: Random) -> Plan:
+    """The sequence of `stillwake flash`, with any image; it may end before its end."""
+    image = rng.choice(list(pool().images.values()))
+    yield _EXTENDED
+    yield routine(Routine.PRECONDITIONS)
+    yield from _unlocking(Level.PROGRAMMING)
+    answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
+    offset = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
+    if offset < len(image):
+        missing = len(image) - offset
+        yield bytes([Service.DOWNLOAD, 0x00, 0x44]) + offset.to_bytes(4, "big") + missing.to_bytes(4, "big")
+        size = rng.choice(_BLOCK_LENGTHS)
+        for number, at in enumerate(range(offset, len(image), size), start=1):
+            yield bytes([Service.TRANSFER, number % 256]) + image[at : at + size]
+        yield _EXIT
+    yield routine(Routine.CHECK)
+    if rng.random() < 0.2:
+        return
+    yield routine(Routine.ACTIVATE)
+    yield _RESET
+    yield from choosing(rng)
+
+
+def choosing(rng: Random) -> Plan:
+    """What follows a reset."""
+    yield from _unlocking(Level.PROGRAMMING)
+    yield routine(Routine.SELF_TEST)
+    yield routine(rng.choice((Routine.CONFIRM, Routine.CONFIRM, Routine.REVERT)))
+    yield _RESET
+
+
+def keys(rng: Random) -> Plan:
+    """Another key list."""
+    yield from _unlocking(Level.PROGRAMMING)
+    lists = pool().foreign_lists if rng.random() < 0.5 else pool().key_lists
+    yield bytes([Service.WRITE]) + Did.KEY_LIST.to_bytes(2, "big") + rng.choice(lists)
+
+
+def calibrating(rng: Random) -> Plan:
+    """Values, sound or not."""
+    yield from _unlocking(Level.CALIBRATION)
+    yield bytes([Service.WRITE]) + Did.CALIBRATION.to_bytes(2, "big") + rng.randbytes(PACKED_BYTES)
+    yield bytes([Service.WRITE]) + Did.CALIBRATION_STORED.to_bytes(2, "big") + bytes([rng.randrange(3)])
+
+
+def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    """A request that is in no plan.
+
+    Args:
+        sent: before; not empty.
+        seed: that the ECU gave last, None if it gave none.
+    """
+    return rng.choice((_random, _of_a_service, _damaged, _damaged, _again, _again, _wrong_key, _any_routine))(
+        rng, sent, seed
+    )
+
+
+def _unlocking(level: Level) -> Plan:
+    yield _PROGRAMMING if level is Level.PROGRAMMING else _EXTENDED
+    answer = yield bytes([Service.SECURITY, level])
+    if answer is not None and len(answer) == _SEED and any(answer[2:]):
+        yield bytes([Service.SECURITY, level + 1]) + KEY.answer(level, answer[2:])
+
+
+def _random(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    return rng.randbytes(rng.randrange(_LONGEST_NOISE))
+
+
+def _of_a_service(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    head = bytes([rng.choice(list(Service)), rng.choice((0, 1, 2, 3, 4, 0x81, 0x82, 0x83, rng.randrange(256)))])
+    return head + rng.randbytes(rng.choice((0, 0, 1, 2, 9, 16, 36, rng.randrange(_LONGEST_NOISE))))
+
+
+def _damaged(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    raw = bytearray(rng.choice(sent))
+    for _ in range(rng.choice((1, 1, 1, 2, 4))):
+        kind = rng.randrange(5)
+        if kind == 0 and raw:
+            raw[rng.randrange(len(raw))] ^= 1 << rng.randrange(8)
+        elif kind == 1 and raw:
+            # The first bytes say what a request is.
+            raw[rng.randrange(min(4, len(raw)))] = rng.randrange(256)
+        elif kind == 2:
+            del raw[rng.randrange(len(raw) + 1) :]
+        elif kind == 3:
+            raw += rng.randbytes(rng.randrange(1, 8))
+        elif raw:
+            at = rng.randrange(len(raw))
+            raw[at:at] = raw[:at][-8:]
+    return bytes(raw)
+
+
+def _again(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    return sent[-1] if rng.random() < 0.5 else rng.choice(sent)
+
+
+def _wrong_key(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    """Zeros, the seed, the other level's, one bit wrong, or an old one."""
+    level = rng.choice(list(Level))
+    seed = bytes(16) if seed is None else seed
+    right = KEY.answer(level, seed)
+    other = KEY.answer(Level.PROGRAMMING if level is Level.CALIBRATION else Level.CALIBRATION, seed)
+    flipped = bytes([right[0] ^ 1 << rng.randrange(8)]) + right[1:]
+    guess = rng.choice((bytes(16), b"\xff" * 16, seed, other, flipped, rng.randbytes(16), KEY.answer(level, bytes(16))))
+    return bytes([Service.SECURITY, level + 1]) + guess
+
+
+def _any_routine(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+    return routine(rng.choice(list(Routine)), rng.choice((b"", b"", rng.randbytes(36))))

@@ -1,0 +1,166 @@
+"""The file as a tool reads it: by a small strict reader, and by a2ltool and pya2l where they are installed."""
+
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from can_bridge.calibration.a2l import a2l_text
+from can_bridge.calibration.segment import ADDRESS, Page
+from can_bridge.calibration.xcp import Command
+from contract.calibration import NAMES
+from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
+
+TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|/begin|/end|[^\s"]+')
+A2LTOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
+DATA_TYPES = {"FLOAT32_IEEE": "<f", "ULONG": "<I"}
+
+
+class Block(NamedTuple):
+    """What stands between /begin and /end: words, and blocks within."""
+
+    keyword: str
+    words: list[str]
+    blocks: list["Block"]
+
+    def all(self, keyword: str) -> list["Block"]:
+        return [block for block in self.blocks if block.keyword == keyword]
+
+    def one(self, keyword: str) -> "Block":
+        (block,) = self.all(keyword)
+        return block
+
+    def after(self, word: str) -> str:
+        return self.words[self.words.index(word) + 1]
+
+
+def read(text: str) -> Block:
+    """Raises AssertionError for blocks that do not close."""
+    root = Block("", [], [])
+    open_blocks = [root]
+    # The meta language has its own grammar; whether the rest follows it is for the tools below.
+    tokens = iter(TOKEN.findall(re.sub(r"(?s)/begin A2ML.*?/end A2ML", "", text)))
+    for token in tokens:
+        if token == "/begin":
+            block = Block(next(tokens), [], [])
+            open_blocks[-1].blocks.append(block)
+            open_blocks.append(block)
+        elif token == "/end":
+            assert next(tokens) == open_blocks.pop().keyword
+        else:
+            open_blocks[-1].words.append(token)
+    assert open_blocks == [root]
+    return root
+
+
+@pytest.fixture
+def text(segment) -> str:
+    return a2l_text(segment, release='truck "wake"\\4.1\näöü')
+
+
+@pytest.fixture
+def module(text) -> Block:
+    return read(text).one("PROJECT").one("MODULE")
+
+
+def test_it_is_plain_text_of_version_1_71(text):
+    assert text.isascii()
+    assert read(text).words == ["ASAP2_VERSION", "1", "71"]
+    assert max(map(len, text.splitlines())) <= 132
+
+
+def test_names_are_escaped(module):
+    assert module.one("MOD_PAR").after("VERSION") == r'"truck \"wake\"\\4.1????"'
+
+
+def test_every_value_is_where_the_file_says(module):
+    layouts = {block.words[0]: block.words[3] for block in module.all("RECORD_LAYOUT")}
+    raw = changed(**{name: 0.5 + index for index, name in enumerate(NAMES[:7])}, delay_steps=5).pack()
+    found = {}
+    for block in module.all("CHARACTERISTIC"):
+        name, _, kind, address, layout = block.words[:5]
+        assert kind == "VALUE"
+        (found[name],) = struct.unpack_from(DATA_TYPES[layouts[layout]], raw, int(address, 16) - ADDRESS)
+    assert list(found) == list(NAMES)
+    assert list(found.values())[:7] == [0.5 + index for index in range(7)]
+    assert found["action_limit"] == pytest.approx(0.075)
+    assert found["command_step"] == pytest.approx(0.0375)
+    assert found["delay_steps"] == 5
+    assert module.one("MOD_COMMON").after("BYTE_ORDER") == "MSB_LAST"
+
+
+def test_limits_and_units(module):
+    units = {block.words[0]: block.words[-1] for block in module.all("COMPU_METHOD")}
+    rows = zip(module.all("CHARACTERISTIC"), LIMITS.least.values, LIMITS.greatest.values, strict=True)
+    for block, least, greatest in rows:
+        assert block.words[5] == "0"
+        assert [float(word) for word in block.words[7:]] == [least, greatest]
+        assert block.words[6] in units
+    conversions = {block.words[0]: units[block.words[6]] for block in module.all("CHARACTERISTIC")}
+    assert conversions["action_limit"] == conversions["command_step"] == '"U_inf W"'
+    assert conversions["delay_steps"] == '"control periods"'
+    assert {conversions[name] for name in NAMES[:7]} == {'""'}
+
+
+def test_every_value_is_in_one_group(module):
+    assert [name for block in module.all("GROUP") for name in block.one("REF_CHARACTERISTIC").words] == list(NAMES)
+
+
+def test_the_segment_and_its_pages(module):
+    memory = module.one("MOD_PAR").one("MEMORY_SEGMENT")
+    assert memory.words[2:] == ["DATA", "RAM", "INTERN", "0x20000000", "0x28", *["-1"] * 5]
+    assert len(REFERENCE.pack()) == 0x28
+    described = memory.one("IF_DATA").one("SEGMENT")
+    assert described.words == ["0", "2", "0", "0", "0"]
+    writable = {int(page.words[0]): page.words[3] for page in described.all("PAGE")}
+    assert writable == {
+        Page.WORKING: "XCP_WRITE_ACCESS_DONT_CARE",
+        Page.REFERENCE: "XCP_WRITE_ACCESS_NOT_ALLOWED",
+    }
+
+
+def test_how_a_tool_reaches_the_ecu(module, slave):
+    interface = module.one("IF_DATA")
+    can = interface.one("XCP_ON_CAN")
+    assert (can.after("CAN_ID_MASTER"), can.after("CAN_ID_SLAVE")) == ("0x7d0", "0x7d8")
+    assert can.after("BAUDRATE") == "500000"
+    assert can.one("CAN_FD").after("CAN_FD_DATA_TRANSFER_BAUDRATE") == "2000000"
+    protocol = interface.one("PROTOCOL_LAYER").words
+    (connected,) = slave.command(0, b"\xff\x00")
+    assert [int(word) for word in protocol[8:10]] == [connected[3], int.from_bytes(connected[4:6], "little")]
+    assert "BYTE_ORDER_MSB_LAST" in protocol
+    announced = {Command[protocol[i + 1]] for i, word in enumerate(protocol) if word == "OPTIONAL_CMD"}
+    for command in announced:
+        assert slave.command(0, bytes([command]) + bytes(7)) != [b"\xfe\x20"]
+
+
+def test_classic_can_has_no_part_of_can_fd(segment):
+    module = read(a2l_text(segment, release="r", data_bitrate=None)).one("PROJECT").one("MODULE")
+    assert module.one("IF_DATA").one("XCP_ON_CAN").blocks == []
+
+
+@pytest.mark.processes
+@pytest.mark.skipif(A2LTOOL is None, reason="a2ltool is not installed")
+def test_a2ltool_finds_nothing_to_complain_of(text, tmp_path):
+    path = tmp_path / "stillwake.a2l"
+    path.write_text(text, encoding="ascii")
+    command = [str(A2LTOOL), "--strict", "--check", "--show-xcp", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "No problems found" in done.stdout
+    assert "CAN id master: 0x7D0" in done.stdout
+    assert "CAN id slave: 0x7D8" in done.stdout
+
+
+def test_pya2l_reads_the_same(text):
+    pya2l = pytest.importorskip("pya2l.parser")
+    with pya2l.A2lParser() as parser:
+        tree = parser.tree_from_a2l(text.encode("ascii"))
+    (module,) = tree.PROJECT.MODULE
+    assert [value.Name.Value for value in module.CHARACTERISTIC] == list(NAMES)
+    assert [value.Address.Value for value in module.CHARACTERISTIC] == [ADDRESS + 4 * index for index in range(10)]

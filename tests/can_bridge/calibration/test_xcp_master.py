@@ -1,0 +1,104 @@
+"""The slave and pyxcp's master, on a bus that answers at once."""
+
+import logging
+import queue
+import struct
+
+import can
+import pytest
+
+from can_bridge.calibration.segment import ADDRESS
+from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
+from can_bridge.uds.services import Level
+from tests.can_bridge.calibration.conftest import REFERENCE
+
+config = pytest.importorskip("pyxcp.config")
+masters = pytest.importorskip("pyxcp.master")
+types = pytest.importorskip("pyxcp.types")
+checksum = pytest.importorskip("pyxcp.checksum")
+EFFORT = ADDRESS + 20
+
+
+class SlaveBus(can.BusABC):
+    """The slave behind python-can's interface."""
+
+    def __init__(self, slave):
+        self._slave = slave
+        self._answers: queue.Queue[can.Message] = queue.Queue()
+        super().__init__(channel=0)
+
+    def send(self, msg, timeout=None):
+        assert msg.arbitration_id == COMMAND_ID
+        for answer in self._slave.command(0, bytes(msg.data)):
+            self._answers.put(can.Message(arbitration_id=RESPONSE_ID, data=answer, is_extended_id=False))
+
+    def _recv_internal(self, timeout):
+        try:
+            return self._answers.get(timeout=timeout), False
+        except queue.Empty:
+            return None, False
+
+
+@pytest.fixture
+def master(slave):
+    settings = {
+        "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": RESPONSE_ID, "interface": "virtual"}}
+    }
+    application = config.create_application_from_config(settings, log_level=logging.ERROR)
+    bus = SlaveBus(slave)
+    master = masters.Master("can", config=application, transport_layer_interface=bus)
+    with master:
+        yield master
+    bus.shutdown()
+    config.reset_application()
+
+
+def unlock(master, access) -> None:
+    seed = b"".join(bytes(master.getSeed(mode, 1).seed) for mode in (0, 1, 1))
+    key = access.answer(Level.CALIBRATION, seed)
+    for begin in range(0, 16, 6):
+        master.unlock(16 - begin, key[begin : begin + 6])
+
+
+def test_a_master_connects_reads_writes_and_stores(master, slave, segment, access):
+    found = master.connect()
+    assert (found.maxCto, found.maxDto, found.commModeBasic.byteOrder) == (8, 8, types.ByteOrder.INTEL)
+    assert master.slaveProperties.supportsCalpag
+    assert not master.slaveProperties.supportsDaq
+    assert master.identifier(types.XcpGetIdType.FILENAME) == "stillwake"
+    assert master.getStatus().resourceProtectionStatus.calpag
+
+    master.setMta(ADDRESS)
+    assert master.fetch(40) == REFERENCE.pack()
+    with pytest.raises(types.XcpResponseError, match="ACCESS_LOCKED"):
+        master.transport.request(types.Command.SET_REQUEST, 1, 0, 0)
+    unlock(master, access)
+    assert not master.getStatus().resourceProtectionStatus.calpag
+
+    master.setMta(EFFORT)
+    master.download(struct.pack("<f", 0.25))
+    assert segment.take().weights.effort == 0.25
+    whole = struct.pack("<9fI", 1, 2, 3, 4, 5, 6, 7, 0.05, 0.025, 2)
+    assert not master.getCommModeInfo().commModeOptional.masterBlockMode
+    # Its `push` does not wait for answers, even without block mode (0.29).
+    master.setMta(ADDRESS)
+    for begin in range(0, 40, 6):
+        master.download(whole[begin : begin + 6])
+    assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7)
+    master.setMta(ADDRESS)
+    answer = master.buildChecksum(40)
+    assert answer.checksum == checksum.check(whole, "XCP_CRC_32")
+
+    assert master.getCalPage(1, 0) == 0
+    master.setCalPage(0x83, 0, 1)
+    assert segment.take() is REFERENCE
+    assert master.shortUpload(4, EFFORT) == bytes(4)
+    master.setCalPage(0x83, 0, 0)
+    master.copyCalPage(0, 1, 0, 0)
+    assert segment.in_force is REFERENCE
+    master.setRequest(1, 0)
+    assert slave.wants_store
+    assert master.getStatus().sessionStatus.storeCalRequest
+    slave.stored()
+    master.disconnect()
+    assert not slave.is_connected

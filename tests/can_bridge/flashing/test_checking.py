@@ -1,0 +1,138 @@
+"""Every verdict by a bundle that is at fault in this one thing."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.flashing.checking import Rules, check
+from can_bridge.flashing.verdicts import Verdict
+from contract.operating_point import OperatingPoint
+from contract.release import key_list, signing, strict_json
+from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.image import files_of, image_of
+from contract.release.key_list import KeyList
+from contract.release.manifest import MANIFEST
+from contract.release.signing import public_key
+from contract.release.strict_json import digest_of
+from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, fits, image, keys
+from tests.examples import examples
+
+RULES = Rules(
+    keys=key_list.decode(keys(2, RELEASE, revoked=(SECOND,)), public_key(ROOT)),
+    hardware=HARDWARE,
+    fits=fits,
+    least_security_version=3,
+)
+GOOD = image(version=3)
+
+
+def with_file(name: str, content: bytes | None) -> bytes:
+    files = files_of(GOOD)
+    if content is None:
+        del files[name]
+    else:
+        files[name] = content
+    return image_of(files)
+
+
+def with_manifest(**changes: object) -> bytes:
+    """A changed manifest, its own hash and its signature put right."""
+    files = files_of(GOOD)
+    body = json.loads(files[MANIFEST]) | changes
+    del body["manifest_sha256"]
+    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
+    return image_of(files | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
+
+
+def test_a_release_in_order_is_good_and_comes_with_its_bundle():
+    verdict, bundle = check(GOOD, RULES)
+    assert verdict == Verdict.GOOD
+    assert bundle is not None
+    assert bundle.signer == public_key(RELEASE)
+    assert bundle.is_trusted
+    assert bundle.files == {CONTROLLER: files_of(GOOD)[CONTROLLER]}
+    assert check(image(version=2**32 - 1, hardware=HARDWARE), RULES)[0] == Verdict.GOOD
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        (b"", Verdict.DAMAGED),
+        (GOOD[:-1], Verdict.DAMAGED),
+        (GOOD + b"\0", Verdict.DAMAGED),
+        (with_file(MANIFEST, None), Verdict.DAMAGED),
+        (with_file(CONTROLLER, None), Verdict.DAMAGED),
+        (with_file(CONTROLLER, b"other"), Verdict.DAMAGED),
+        (with_file("more.txt", b""), Verdict.DAMAGED),
+        (with_manifest(schema="stillwake-bundle/99"), Verdict.DAMAGED),
+        (with_manifest(window=33), Verdict.DAMAGED),
+        (with_file(SIGNATURE, None), Verdict.UNSIGNED),
+        (with_file(SIGNATURE, b""), Verdict.BAD_SIGNATURE),
+        (with_file(SIGNATURE, signing.sign(RELEASE, b"other")), Verdict.BAD_SIGNATURE),
+        (with_file(MANIFEST, files_of(GOOD)[MANIFEST] + b" "), Verdict.BAD_SIGNATURE),
+        (image(version=3, key=STRANGER), Verdict.UNKNOWN_KEY),
+        (image(version=3, key=SECOND), Verdict.REVOKED_KEY),
+        (with_manifest(dbc_sha256="0" * 64), Verdict.WRONG_DBC),
+        (image(version=3, hardware="other"), Verdict.WRONG_HARDWARE),
+        (image(version=3, control_period=0.1), Verdict.WRONG_PERIOD),
+        (image(version=3, operating_point=OperatingPoint(speed=30.0)), Verdict.WRONG_VEHICLE),
+        (image(version=2), Verdict.TOO_OLD),
+        (image(version=0), Verdict.TOO_OLD),
+    ],
+)
+def test_what_is_wrong_is_the_verdict(wrong, expected):
+    assert check(wrong, RULES) == (expected, None)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        (image(version=2, key=STRANGER, hardware="other"), Verdict.UNKNOWN_KEY),
+        (image(version=2, hardware="other", control_period=0.1), Verdict.WRONG_HARDWARE),
+        (image(version=2, control_period=0.1), Verdict.WRONG_PERIOD),
+    ],
+)
+def test_the_first_check_that_fails_counts(wrong, expected):
+    assert check(wrong, RULES)[0] == expected
+
+
+def test_an_old_schema_is_too_old_for_any_store():
+    body = json.loads(files_of(GOOD)[MANIFEST])
+    files = files_of(GOOD)
+    for name in ("security_version", "hardware", "manifest_sha256"):
+        del body[name]
+    body["schema"] = "stillwake-bundle/4"
+    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
+    old = image_of(files | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
+    assert check(old, replace(RULES, least_security_version=1))[0] == Verdict.TOO_OLD
+
+
+def test_without_a_key_list_nothing_is_taken():
+    rules = replace(RULES, keys=None)
+    assert check(GOOD, rules)[0] == Verdict.UNKNOWN_KEY
+    assert check(with_file(SIGNATURE, None), rules)[0] == Verdict.UNSIGNED
+
+
+def test_every_key_of_the_list_may_sign():
+    both = KeyList(version=1, keys=frozenset({public_key(RELEASE), public_key(SECOND)}))
+    for key in (RELEASE, SECOND):
+        assert check(image(version=3, key=key), replace(RULES, keys=both))[0] == Verdict.GOOD
+
+
+@examples(150)
+@given(st.integers(0, len(GOOD) - 1), st.integers(1, 255))
+def test_no_changed_byte_is_good(at, change):
+    damaged = bytearray(GOOD)
+    damaged[at] ^= change
+    verdict, bundle = check(bytes(damaged), RULES)
+    assert verdict in (Verdict.DAMAGED, Verdict.BAD_SIGNATURE, Verdict.UNKNOWN_KEY, Verdict.UNSIGNED)
+    assert bundle is None
+
+
+@examples(50)
+@given(st.dictionaries(st.sampled_from([MANIFEST, SIGNATURE, CONTROLLER, "x"]), st.binary(max_size=300)))
+def test_any_files_get_a_verdict(files):
+    assert check(image_of(files), RULES)[0] in (Verdict.DAMAGED, Verdict.UNSIGNED, Verdict.BAD_SIGNATURE)

@@ -1,0 +1,101 @@
+"""An ECU with nothing but a calibration behind the real server, and a connection to it without a bus."""
+
+from collections import deque
+from dataclasses import replace
+
+from udsoncan.connections import BaseConnection
+
+from can_bridge.calibration.segment import Segment
+from can_bridge.calibration.service import CalibrationService
+from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import Did, Nrc, Session
+from contract.calibration import Calibration, CalibrationLimits
+from contract.config.controller import CostWeights
+
+SECRET = bytes(range(1, 17))
+KEY = AccessKey(SECRET)
+# 0.07 is less as float32, 0.075 is more.
+OWN = Calibration(weights=CostWeights(), action_limit=0.07, command_step=0.075, delay_steps=0)
+LIMITS = CalibrationLimits(
+    least=replace(
+        OWN,
+        weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 0.0)),
+        action_limit=0.01,
+        command_step=0.01,
+    ),
+    greatest=replace(OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 10.0)), delay_steps=3),
+)
+
+
+class Ecu:
+    """What is around the server: a segment, a record, and jets."""
+
+    def __init__(self) -> None:
+        self.raw: bytes | None = None
+        self.jets = False
+        self.has_release = True
+        self.attempts = 0
+        self.buses: list[tuple[str, str, str]] = []
+        """Interface, channel and frames of each that it was asked on."""
+        self.power_on()
+
+    def power_on(self) -> None:
+        self.segment = Segment(OWN, LIMITS)
+        self.service = CalibrationService(
+            self.segment,
+            kept=lambda: self.raw,
+            keep=lambda raw: setattr(self, "raw", raw),
+            refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.jets else None,
+        )
+        self.service.restore()
+        self.server = UdsServer(self, KEY, lambda count: bytes(range(7, 7 + count)))  # type: ignore[arg-type]
+
+    def enter(self, session: Session) -> None: ...
+
+    def leave(self) -> None: ...
+
+    def read(self, did: Did) -> bytes:
+        if not self.has_release:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        return self.service.read(did)
+
+    def write(self, did: Did, value: bytes):
+        return self.service.write(did, value)
+
+    def failed_attempts(self, level) -> int:
+        return self.attempts
+
+    def keep_failed_attempts(self, level, count: int) -> None:
+        self.attempts = count
+
+
+class Direct(BaseConnection):
+    """The server at the other end of nothing."""
+
+    def __init__(self, ecu: Ecu) -> None:
+        super().__init__()
+        self.ecu, self.now_ns = ecu, 0
+        self.answers: deque[bytes] = deque()
+
+    def open(self):
+        return self
+
+    def close(self) -> None: ...
+
+    def is_open(self) -> bool:
+        return True
+
+    def empty_rxqueue(self) -> None:
+        self.answers.clear()
+
+    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
+        self.now_ns += 1_000_000
+        self.answers.extend(self.ecu.server.request(self.now_ns, payload))
+
+    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
+        while not self.answers:
+            self.now_ns += 1_000_000
+            self.answers.extend(self.ecu.server.tick(self.now_ns))
+        return self.answers.popleft()

@@ -1,0 +1,148 @@
+"""`stillwake calibrate`: what it shows, what it changes, and each way to fail in one line."""
+
+import json
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("udsoncan")
+
+from udsoncan.client import Client
+
+from can_bridge.secoc.key import write_key
+from contract.calibration import NAMES
+from tests.can_bridge.tester.calibrated_ecu import OWN, SECRET, Direct, Ecu
+
+BUS = ("--bus", "socketcan:can7")
+
+
+@pytest.fixture
+def ecu(monkeypatch) -> Ecu:
+    """On every bus."""
+    made = Ecu()
+
+    @contextmanager
+    def open_client(bus):
+        made.buses.append((bus.interface, bus.channel, bus.frames))
+        with Client(Direct(made)) as client:
+            yield client
+
+    pytest.importorskip("isotp")
+    monkeypatch.setattr("can_bridge.tester.transport.open_client", open_client)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    return made
+
+
+@pytest.fixture
+def key(tmp_path):
+    write_key(tmp_path / "ecu.key", SECRET)
+    return ("--access", tmp_path / "ecu.key")
+
+
+def cells(out: str, name: str) -> list[str]:
+    return next(line.split() for line in out.splitlines() if line.split()[:1] == [name])[1:]
+
+
+def test_without_values_it_shows_them_and_needs_no_key(cli, ecu):
+    outcome = cli("calibrate", *BUS, "--set", "bus.frames=classic")
+    assert outcome.code == 0
+    assert cells(outcome.out, "lift") == ["0.01", "0", "10", "0.01"]
+    assert cells(outcome.out, "action_limit") == ["0.07", "0.01", "0.07", "0.07"]
+    assert "nothing is stored" in outcome.out
+    assert ecu.buses == [("socketcan", "can7", "classic")]
+
+
+def test_values_are_changed_and_shown_before_and_after(cli, ecu, key, tmp_path):
+    figures = tmp_path / "figures.json"
+    outcome = cli("calibrate", *BUS, *key, "lift=0.5", "delay_steps=2", "--json", figures)
+    assert outcome.code == 0
+    assert cells(outcome.out, "lift") == ["0.01", "0.5", "0", "10", "0.01"]
+    assert cells(outcome.out, "effort") == ["0", "0", "0", "10", "0"]
+    in_force = ecu.segment.take()
+    assert (in_force.weights.lift, in_force.delay_steps) == (0.5, 2)
+    written = json.loads(figures.read_text())["figures"]
+    assert list(written["after"]) == list(NAMES)
+    assert (written["before"]["lift"], written["after"]["lift"]) == (pytest.approx(0.01), 0.5)
+    assert written["stored"] is False
+
+
+def test_stored_and_reverted(cli, ecu, key):
+    outcome = cli("calibrate", *BUS, *key, "lift=0.5", "--store")
+    assert (outcome.code, "a calibration is stored" in outcome.out) == (0, True)
+    ecu.power_on()
+    assert ecu.segment.working.weights.lift == 0.5
+    outcome = cli("calibrate", *BUS, *key, "--revert")
+    assert (outcome.code, "nothing is stored" in outcome.out) == (0, True)
+    assert cells(outcome.out, "lift")[:2] == ["0.5", "0.01"]
+    assert ecu.segment.working == OWN
+
+
+def test_a_calibration_in_force_is_stored_without_values(cli, ecu, key):
+    ecu.segment.set(replace(OWN, delay_steps=1))
+    assert cli("calibrate", *BUS, *key, "--store").code == 0
+    ecu.power_on()
+    assert ecu.segment.working.delay_steps == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("lift",), "'lift': must be NAME=VALUE"),
+        (("lift=high",), "'high' must be a number"),
+        (("lift=1", "lift=2"), "lift is given twice"),
+        (("drag=1",), "'drag=1': must be NAME=VALUE with a name of drag_mean"),
+        (("--revert", "--store"), "--revert: drops"),
+        (("--revert", "lift=1"), "--revert: drops"),
+        (("--bundle", "x"), "--bundle: goes with --a2l"),
+        (("lift=11",), "lift = 11: must be in 0..10"),
+        (("--set", "ecu.delay_steps=1"), "`calibrate` does not use it"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line_and_changes_nothing(cli, ecu, key, arguments, message):
+    outcome = cli("calibrate", *BUS, *key, *arguments)
+    assert outcome.code == 1
+    assert message in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+    assert ecu.segment.take() is None
+
+
+@pytest.mark.parametrize("arguments", [("lift=1",), ("--store",), ("--revert",)])
+def test_to_write_it_needs_the_key(cli, ecu, arguments):
+    outcome = cli("calibrate", *BUS, *arguments)
+    assert (outcome.code, ecu.buses) == (1, [])
+    assert "--access: name the file" in outcome.err
+
+
+def test_each_failure_of_the_ecu_has_its_status(cli, ecu, key, tmp_path):
+    ecu.jets = True
+    outcome = cli("calibrate", *BUS, *key, "lift=1", "--store")
+    assert (outcome.code, "its jets are enabled" in outcome.err) == (5, True)
+    write_key(tmp_path / "other.key", bytes(range(2, 18)))
+    outcome = cli("calibrate", *BUS, "--access", tmp_path / "other.key", "lift=1")
+    assert (outcome.code, "refused the key" in outcome.err) == (4, True)
+    ecu.has_release = False
+    outcome = cli("calibrate", *BUS)
+    assert (outcome.code, "no release runs in it" in outcome.err) == (1, True)
+
+
+@pytest.mark.parametrize("place", ["can0", ":can0", "socketcan:"])
+def test_a_bus_has_an_interface_and_a_channel(cli, ecu, place):
+    outcome = cli("calibrate", "--bus", place)
+    assert (outcome.code, ecu.buses) == (1, [])
+    assert "INTERFACE:CHANNEL" in outcome.err
+
+
+def test_the_a2l_file_has_this_vehicles_limits(cli, tmp_path):
+    file = tmp_path / "truck.a2l"
+    assert cli("calibrate", "--a2l", file, "--set", "ecu.command_step=0.03").code == 0
+    text = file.read_text()
+    assert "Calibration of release truck-wake" in text
+    line = next(line for line in text.splitlines() if "CHARACTERISTIC command_step" in line)
+    value = text[text.index(line) :].splitlines()[1].split()
+    assert float(value[-1]) == pytest.approx(0.03)
+    outcome = cli("calibrate", "--a2l", file, *BUS)
+    assert (outcome.code, "--a2l: writes a file" in outcome.err) == (1, True)
+    outcome = cli("calibrate", "--a2l", tmp_path / "other.a2l", "--set", "flow.action_limit=0.05")
+    assert (outcome.code, "action limit" in outcome.err) == (1, True)
+    assert not (tmp_path / "other.a2l").exists()
