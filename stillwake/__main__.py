@@ -26,6 +26,7 @@ from stillwake.commands.dataset import dataset
 from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
 from stillwake.commands.flash import flash
+from stillwake.commands.flash_keys import flash_keys
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
@@ -73,7 +74,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, campaign, ecu, vehicle, flash, calibrate, mcu),
+    CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),
@@ -84,6 +85,7 @@ for panel, commands in PANELS.items():
 app.add_typer(bench, name="bench", rich_help_panel=CONTROL)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
 app.add_typer(can, name="can", rich_help_panel=CONTROL)
+app.add_typer(ecu, name="ecu", rich_help_panel=CONTROL)
 app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
 app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 

@@ -209,18 +209,19 @@ def renew(
     return load(target, signing.public_key(key))
 
 
-def load(path: Path, trusted: PublicKey | None = None) -> Bundle:
+def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
     """Read and verify a bundle directory or zip.
 
     Args:
         trusted: the key that must have signed it. Without one an unsigned bundle passes, and so does any key's good
             signature; `Bundle.signer` names it.
+        any_dbc: also read a bundle for another version's DBC.
 
     Raises:
         BundleError: if anything is missing, added, altered, of another schema or not signed as demanded; the message
             names it, and the subclass is of its kind.
     """
-    return _verified(path, read_files(path), trusted)
+    return _verified(path, read_files(path), trusted, any_dbc=any_dbc)
 
 
 def verified(name: str, found: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:

@@ -61,22 +61,28 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
     return text + signing.sign(root, text)
 
 
+def signer(raw: bytes) -> PublicKey:
+    """Who signed a list; raises KeyFileError if nobody did."""
+    text, signature = raw[: -signing.SIGNATURE_LENGTH], raw[-signing.SIGNATURE_LENGTH :]
+    try:
+        found = signing.signer(signature, text)
+    except ValueError as error:
+        raise KeyFileError(f"key list: has no signature ({error})") from error
+    if found is None:
+        raise KeyFileError("key list: the signature is not its signer's: list or signature was altered")
+    return found
+
+
 def decode(raw: bytes, root: PublicKey) -> KeyList:
     """A list that the root key signed.
 
     Raises:
         KeyFileError: another key signed it, or nobody did, or it is damaged.
     """
-    text, signature = raw[: -signing.SIGNATURE_LENGTH], raw[-signing.SIGNATURE_LENGTH :]
+    if (found := signer(raw)) != root:
+        raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")
     try:
-        signer = signing.signer(signature, text)
-    except ValueError as error:
-        raise KeyFileError(f"key list: has no signature ({error})") from error
-    if signer != root:
-        found = "is not its signer's" if signer is None else f"is by key {signer.fingerprint}"
-        raise KeyFileError(f"key list: the signature {found}, must be by the root key {root.fingerprint}")
-    try:
-        body = strict_json.decode(text)
+        body = strict_json.decode(raw[: -signing.SIGNATURE_LENGTH])
         if sorted(body) != _FIELDS:
             raise ValueError("must have keys, revoked, schema and version, and nothing else")
         if body["schema"] != SCHEMA:

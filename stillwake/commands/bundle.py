@@ -1,29 +1,43 @@
-"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|renew`."""
+"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|diff|renew|keylist`."""
 
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from rich.markup import escape
 from rich.table import Table
 
+from contract.atomic import replacing
 from contract.config.loading import Loaded
-from contract.errors import BundleError
+from contract.errors import BundleError, KeyFileError, StillwakeError
 from contract.release import bundle as bundles
-from contract.release import signing
+from contract.release import key_list, signing
 from contract.release.bundle import Bundle
+from contract.release.difference import differences
+from contract.release.key_list import KeyList
+from contract.release.signing import PublicKey
 from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_output
 from stillwake.releases import Trust, describe, locate, open_release, signature
 from stillwake.settings import settings
 from stillwake.terminal import Overrides, console, progress_bar
 
+
+class NotComparedError(StillwakeError):
+    """A bundle that `diff` cannot read."""
+
+    status = 2
+
+
 bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
 
 BundlePath = Annotated[Path | None, typer.Argument(help="Bundle directory or .zip; default: the shipped one.")]
+DIFFERENT: Final = 1
+"""Exit status of `diff`, as of diff(1)."""
+
 KeyFile = Annotated[Path, typer.Option("--key", help="Private key file (PEM), as `bundle keygen` writes it.")]
 
 
@@ -123,6 +137,95 @@ def inspect(path: BundlePath = None, trust: Trust = None) -> None:
     for name, value in rows(release):
         table.add_row(escape(name), escape(value))
     console.print(table, markup=True)
+
+
+@bundle.command()
+def diff(
+    a: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")],
+    b: Annotated[Path, typer.Argument(help="Another one.")],
+    trust: Trust = None,
+) -> None:
+    """Show what differs between two bundles: manifest, signer, and files by their hashes.
+
+    Ends with 0 if they are the same, 1 if they differ, and 2 if one of them cannot be read or does not verify. They may
+    be of other versions' stillwake.dbc.
+    """
+    try:
+        _, trusted = locate(a, trust)
+        found = differences(a, b, trusted)
+    except StillwakeError as error:
+        raise NotComparedError(str(error)) from error
+    if not found:
+        console.print("no difference")
+        return
+    table = Table("differs", escape(str(a)), escape(str(b)))
+    for column in table.columns:
+        column.overflow = "fold"
+    for row in found:
+        table.add_row(*map(escape, row))
+    console.print(table, markup=True)
+    raise typer.Exit(DIFFERENT)
+
+
+@bundle.command()
+def keylist(
+    path: Annotated[Path, typer.Argument(help="Key list to write, or to show.")],
+    root: Annotated[
+        Path | None,
+        typer.Option(help="Root key file (PEM): private to make a list, public to demand whose a shown one must be."),
+    ] = None,
+    version: Annotated[
+        int | None, typer.Option(help="Of the list; an ECU takes only a greater one than it has.")
+    ] = None,
+    key: Annotated[
+        list[Path], typer.Option(help="Public key file (PEM) that may sign releases (repeatable).", metavar="PUB")
+    ] = [],  # noqa: B006
+    revoke: Annotated[
+        list[Path], typer.Option(help="Public key file (PEM) that must not any more (repeatable).", metavar="PUB")
+    ] = [],  # noqa: B006
+    show: Annotated[bool, typer.Option("--show", help="Show a list that is there.")] = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make the list of the keys that may sign releases for an ECU, signed by the root key, or show one.
+
+    An ECU knows its root key from production on, and takes every list that this key signed and that has a greater
+    version than its own. A root key is made like any other: `stillwake bundle keygen FOLDER`.
+    """
+    if show:
+        if version is not None or key or revoke:
+            raise KeyFileError("--show takes no --version, --key or --revoke: it shows what is in the list")
+        _show(*_opened_list(path, None if root is None else signing.read_public_key(root)))
+        return
+    if root is None or version is None or not key:
+        raise KeyFileError("give --root, --version and at least one --key to make a list, or --show to see one")
+    check_output(path, overwrite=overwrite)
+    private = signing.read_private_key(root)
+    allowed, revoked = (frozenset(map(signing.read_public_key, paths)) for paths in (key, revoke))
+    made = KeyList(version=version, keys=allowed, revoked=revoked)
+    raw = key_list.encode(made, private)
+    with replacing(path) as temporary:
+        temporary.write_bytes(raw)
+    _show(made, signing.public_key(private))
+    console.print(f"wrote {path}", soft_wrap=True)
+
+
+def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
+    """The list in a file and who signed it: any key, unless one is demanded."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise KeyFileError(f"key list {path}: {error.strerror or error}") from error
+    signer = root if root is not None else key_list.signer(raw)
+    return key_list.decode(raw, signer), signer
+
+
+def _show(listed: KeyList, root: PublicKey) -> None:
+    table = Table(f"key list {listed.version}", f"signed by {root.fingerprint}")
+    table.columns[1].overflow = "fold"
+    for what, found in (("may sign", listed.keys), ("revoked", listed.revoked)):
+        for fingerprint in sorted(one.fingerprint for one in found):
+            table.add_row(what, fingerprint)
+    console.print(table)
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:

@@ -6,8 +6,9 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from can_bridge.flashing.backing import at_once
+from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.boot import Boot
+from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.release import key_list
@@ -82,3 +83,30 @@ def flash(store: Store, new: bytes) -> Verdict:
     if verdict == Verdict.GOOD:
         store.activate()
     return verdict
+
+
+def phases(store: Store) -> list[Phase]:
+    return [slot.phase for slot in store.state.slots]
+
+
+def name_of(boot: Boot) -> str | None:
+    return None if boot.bundle is None else boot.bundle.manifest.name
+
+
+def updated(*images: bytes) -> PlainBacking:
+    """An ECU on which release "one" and then all these were confirmed."""
+    backing = provisioned()
+    for new in images:
+        store, _ = booted(backing)
+        assert flash(store, new) == Verdict.GOOD
+        backing = backing.after_power_on()
+        store, _ = booted(backing)
+        store.confirm()
+        backing = backing.after_power_on()
+    return backing
+
+
+def damage(backing: PlainBacking, slot: Slot, at: int = 30_000) -> None:
+    content = backing.memory.slots[slot]
+    assert content is not None
+    content[at] ^= 1

@@ -1,0 +1,134 @@
+"""Key lists, calibrations and failed attempts."""
+
+import pytest
+
+from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.store import OutOfOrderError, Store
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.services import Level
+from contract.errors import ConfigError, KeyFileError
+from contract.release.signing import public_key
+from tests.can_bridge.flashing.releases import (
+    HARDWARE,
+    RELEASE,
+    SECOND,
+    STRANGER,
+    booted,
+    fits,
+    flash,
+    image,
+    keys,
+    name_of,
+    provisioned,
+    store_on,
+    updated,
+)
+
+ONE, TWO = image("one"), image("two")
+
+
+def test_a_key_list_replaces_the_one_before():
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(2, RELEASE, SECOND))
+    assert flash(store_booted := booted(backing)[0], image(key=SECOND)) == Verdict.GOOD
+    assert store_booted.keys.version == 2
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_an_older_key_list_is_no_key_list(version):
+    """Signed by the root key once; whoever brings it again would bring a revoked key back."""
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
+    with pytest.raises(KeyFileError, match=f"version {version}: must be greater than 3"):
+        store.take_keys(keys(version, RELEASE, SECOND))
+    assert flash(booted(backing)[0], image(key=SECOND)) == Verdict.REVOKED_KEY
+
+
+def test_a_key_list_by_another_root_is_refused():
+    backing = provisioned()
+    store, _ = booted(backing)
+    other = Store(backing, root=public_key(STRANGER), hardware=HARDWARE, fits=fits)
+    assert (store.keys is None, other.keys is None) == (False, True)
+    with pytest.raises(KeyFileError, match="must be by the root key"):
+        other.take_keys(keys(2))
+
+
+def test_a_key_list_that_disowns_the_confirmed_release_is_refused():
+    backing = provisioned()
+    store, _ = booted(backing)
+    with pytest.raises(KeyFileError, match="which signed the confirmed release"):
+        store.take_keys(keys(2, SECOND, revoked=(RELEASE,)))
+    store.take_keys(keys(2, RELEASE, SECOND))
+    assert flash(store, image("two", key=SECOND)) == Verdict.GOOD
+    store, _ = booted(backing)
+    with pytest.raises(KeyFileError, match="which signed the confirmed release"):  # it is the way back of the trial
+        store.take_keys(keys(3, SECOND, revoked=(RELEASE,)))
+    store.confirm()
+    store.take_keys(keys(3, SECOND, revoked=(RELEASE,)))
+    store, boot = booted(backing)
+    assert name_of(boot) == "two"
+    assert at_once(store.revert()) == Verdict.REVOKED_KEY
+
+
+def test_a_trial_ends_when_its_key_is_revoked():
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(2, RELEASE, SECOND))
+    flash(store, image("two", key=SECOND))
+    store, _ = booted(backing)
+    store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
+    _, boot = booted(backing)
+    assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)
+
+
+def test_a_calibration_belongs_to_one_release():
+    backing = provisioned()
+    store, boot = booted(backing)
+    one = boot.bundle.digest
+    store.keep_calibration(b"of one")
+    flash(store, TWO)
+    store, boot = booted(backing)
+    assert (store.calibration(one), store.calibration(boot.bundle.digest)) == (b"of one", None)
+    store.keep_calibration(b"of two")
+    assert at_once(store.revert()) == Verdict.GOOD
+    store, boot = booted(backing)
+    assert (boot.bundle.digest, store.calibration(one)) == (one, b"of one")
+    store.keep_calibration(None)
+    assert booted(backing)[0].calibration(one) is None
+
+
+def test_a_calibration_goes_with_its_release():
+    backing = updated()
+    store, boot = booted(backing)
+    gone = boot.bundle.digest
+    store.keep_calibration(b"x" * 1024)
+    for name in "abc":
+        flash(store, image(name))
+        store, boot = booted(backing)
+        store.confirm()
+        store.keep_calibration(b"y" * 1024)
+        assert store.calibration(boot.bundle.digest) == b"y" * 1024
+    assert store.calibration(gone) is None
+
+
+def test_a_calibration_is_kept_only_while_a_release_runs_and_only_a_small_one():
+    store = store_on(provisioned())
+    with pytest.raises(OutOfOrderError, match="one must run"):
+        store.keep_calibration(b"x")
+    store.boot()
+    with pytest.raises(ConfigError, match="1025 bytes"):
+        store.keep_calibration(b"x" * 1025)
+
+
+def test_failed_attempts_outlive_a_reset():
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.keep_failed_attempts(Level.PROGRAMMING, 2)
+    store.keep_failed_attempts(Level.CALIBRATION, 400)
+    store = store_on(backing.after_power_on())
+    assert [store.failed_attempts(level) for level in Level] == [2, 255]
+    store.boot()
+    flash(store, TWO)
+    assert [store.failed_attempts(level) for level in Level] == [2, 255]

@@ -1,0 +1,135 @@
+"""An image on its way into a slot."""
+
+import hashlib
+
+import pytest
+
+from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.state import Phase
+from can_bridge.flashing.store import OutOfOrderError
+from can_bridge.flashing.verdicts import Verdict
+from contract.errors import ConfigError
+from tests.can_bridge.flashing.releases import (
+    BLOCK,
+    STRANGER,
+    booted,
+    flash,
+    image,
+    phases,
+    provisioned,
+    transfer,
+    updated,
+)
+
+ONE, TWO = image("one"), image("two")
+
+
+def test_an_interrupted_transfer_goes_on_where_it_ended():
+    backing = provisioned()
+    store, _ = booted(backing)
+    transfer(store, TWO, until=2 * BLOCK)
+    assert store.received == 2 * BLOCK
+    store, _ = booted(backing.after_power_on())
+    assert transfer(store, TWO) == 2 * BLOCK
+    assert at_once(store.finish()) == Verdict.GOOD
+
+
+def test_a_transfer_goes_on_in_another_session_too():
+    store, _ = booted(provisioned())
+    transfer(store, TWO, until=2 * BLOCK)
+    store.drop()
+    assert store.received is None
+    assert transfer(store, TWO) == 2 * BLOCK
+    store.drop()
+    assert transfer(store, TWO) == len(TWO)
+    assert at_once(store.finish()) == Verdict.GOOD
+    store.drop()
+    assert transfer(store, TWO) == len(TWO)
+    assert at_once(store.finish()) == Verdict.GOOD
+
+
+@pytest.mark.parametrize(
+    ("length", "sha256"),
+    [(len(TWO) - 1, hashlib.sha256(TWO).digest()), (len(TWO), hashlib.sha256(ONE).digest())],
+)
+def test_another_length_or_hash_begins_anew(length, sha256):
+    backing = provisioned()
+    store, _ = booted(backing)
+    transfer(store, TWO, until=2 * BLOCK)
+    store, _ = booted(backing.after_power_on())
+    assert at_once(store.announce(length, sha256)) == 0
+    assert backing.memory.slots[Slot.B] == b""
+
+
+def test_an_image_that_failed_begins_anew():
+    store, _ = booted(provisioned())
+    wrong = image(key=STRANGER)
+    assert flash(store, wrong) == Verdict.UNKNOWN_KEY
+    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert transfer(store, wrong) == 0
+
+
+def test_an_image_is_not_checked_before_it_is_whole():
+    store, _ = booted(provisioned())
+    transfer(store, TWO, until=BLOCK)
+    assert at_once(store.finish()) == Verdict.INCOMPLETE
+    assert phases(store) == [Phase.CONFIRMED, Phase.FILLING]
+    assert transfer(store, TWO) == BLOCK
+    assert at_once(store.finish()) == Verdict.GOOD
+    assert at_once(store.finish()) == Verdict.GOOD  # as if the answer had been lost
+
+
+def test_what_arrives_must_be_what_was_announced():
+    store, _ = booted(provisioned())
+    at_once(store.announce(len(TWO), hashlib.sha256(TWO).digest()))
+    store.append(TWO[:-1])
+    store.append(b"\0" if TWO[-1] else b"\1")
+    assert at_once(store.finish()) == Verdict.WRONG_HASH
+    with pytest.raises(OutOfOrderError):
+        store.activate()
+
+
+def test_no_more_bytes_are_taken_than_were_announced():
+    store, _ = booted(provisioned())
+    transfer(store, TWO)
+    with pytest.raises(OutOfOrderError, match="must end at the announced"):
+        store.append(b"x")
+
+
+def test_nothing_is_taken_without_an_announcement():
+    store, _ = booted(provisioned())
+    with pytest.raises(OutOfOrderError, match="announce it first"):
+        store.append(b"x")
+    with pytest.raises(OutOfOrderError, match="announce it first"):
+        at_once(store.finish())
+
+
+@pytest.mark.parametrize(("length", "sha256"), [(0, bytes(32)), (200_001, bytes(32)), (5, bytes(31)), (-1, bytes(32))])
+def test_what_cannot_be_an_image_is_not_announced(length, sha256):
+    backing = provisioned()
+    store, _ = booted(backing)
+    calls = backing.calls
+    with pytest.raises(ConfigError, match="must have"):
+        at_once(store.announce(length, sha256))
+    assert backing.calls == calls
+
+
+def test_an_announcement_that_ends_halfway_is_no_transfer():
+    backing = provisioned()
+    store, _ = booted(backing)
+    transfer(store, TWO)
+    next(store.announce(len(ONE), hashlib.sha256(ONE).digest()))
+    assert store.received is None
+    store, _ = booted(backing.after_power_on())
+    assert phases(store) == [Phase.CONFIRMED, Phase.EMPTY]
+    assert flash(store, TWO) == Verdict.GOOD
+
+
+@pytest.mark.parametrize("images", [(), (TWO,), (TWO, ONE)])
+def test_the_running_confirmed_image_is_never_written(images):
+    backing = updated(*images)
+    store, boot = booted(backing)
+    before = bytes(backing.memory.slots[boot.slot])
+    for name in "abc":
+        transfer(store, image(name), until=BLOCK)
+        assert backing.memory.slots[boot.slot] == before
