@@ -181,6 +181,14 @@ def test_the_gate_is_never_wider_than_the_vehicle(bundle_of):
     assert vehicle.narrowed(slim) == slim
 
 
+def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, recording_controller, monkeypatch):
+    bench = bench_of(recording_controller(lambda i: 1.0))
+    bench.into_control()
+    monkeypatch.setattr("firmware_sim.ecu.ecu.checked", lambda calibration, own, limits: calibration)
+    calibrate(bench, action_limit=2 * LIMIT, command_step=2 * LIMIT)
+    assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
+
+
 @pytest.mark.parametrize("plan_ahead", [False, True])
 @pytest.mark.parametrize(("before", "after"), [(0, 1), (1, 0), (0, 3), (3, 0), (2, 1)])
 def test_another_delay_settles_what_is_under_way_by_it(bench_of, recording_controller, before, after, plan_ahead):
