@@ -185,7 +185,7 @@ def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, rec
     bench = bench_of(recording_controller(lambda i: 1.0))
     bench.into_control()
     monkeypatch.setattr("firmware_sim.ecu.ecu.checked", lambda calibration, own, limits: calibration)
-    calibrate(bench, action_limit=2 * LIMIT, command_step=2 * LIMIT)
+    calibrate(bench, action_limit=1.2 * LIMIT, command_step=1.2 * LIMIT)
     assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
 
 
