@@ -26,6 +26,7 @@ from stillwake.commands.dataset import dataset
 from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
 from stillwake.commands.flash import flash
+from stillwake.commands.flash_keys import flash_keys
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
@@ -73,7 +74,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, campaign, vehicle, flash, calibrate, mcu),
+    CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),

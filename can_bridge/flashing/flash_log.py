@@ -139,12 +139,10 @@ class FlashLog:
     def _scan(self, sector: int) -> _Found:
         found = _Found()
         base = sector * self._medium.sector_size
+        content = self._words_in(base)
         word = 0
         while word < self._words:
-            try:
-                head = self._medium.read(base + word * WORD, WORD)
-            except MediumError:
-                head = b""
+            head = content[word]
             if head != ERASED:
                 found.end = word + 1
             length = _payload_length(head)
@@ -161,6 +159,13 @@ class FlashLog:
         found.is_open = found.records.pop(_OPEN, None) is not None
         found.end += 1
         return found
+
+    def _words_in(self, base: int) -> list[bytes]:
+        """Of a sector; b"" for each that cannot be read."""
+        whole = self._read(base, self._medium.sector_size)
+        if whole is not None:
+            return [whole[at : at + WORD] for at in range(0, len(whole), WORD)]
+        return [self._read(base + at, WORD) or b"" for at in range(0, self._medium.sector_size, WORD)]
 
     def _read(self, address: int, length: int) -> bytes | None:
         try:

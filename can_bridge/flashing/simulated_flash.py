@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from random import Random
-from typing import Final
+from typing import Final, Self
 
 from can_bridge.flashing.medium import ERASED, WORD, MediumError, PowerCut, UnreadableError, WornOutError
 
@@ -110,9 +110,9 @@ class SimulatedFlash:
         self._powered = True
         self.cut_at = cut_at
 
-    def copy(self, seed: int | None = None) -> "SimulatedFlash":
+    def copy(self, seed: int | None = None) -> Self:
         """Another chip in the same state; sectors are copied when one of the two changes them."""
-        made = object.__new__(SimulatedFlash)
+        made = object.__new__(type(self))
         made.__dict__.update(self.__dict__)
         made._seed = self._seed if seed is None else seed
         made._sectors = list(self._sectors)

@@ -18,6 +18,7 @@ from typing import Final
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
 from can_bridge.flashing.boot import Boot, boot
 from can_bridge.flashing.checking import Fits
+from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import PIECE, Remembered
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
@@ -142,8 +143,7 @@ class Store:
         self._announced = None
         if self._running == slot:
             self._running = None
-        if standing.holds(length, sha256) and not self._is_known_bad(slot):
-            self._remembered.backing.begin_again(slot, standing.received)
+        if standing.holds(length, sha256) and not self._is_known_bad(slot) and self._goes_on(slot):
             wanted = standing.received
         else:
             # Until it is announced, nobody believes in what a cut leaves of this slot.
@@ -332,6 +332,14 @@ class Store:
         found = {} if self._last_boot is None else self._last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (Phase.TRIAL, Phase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
+
+    def _goes_on(self, slot: Slot) -> bool:
+        """Whether the memory can be written on behind what was received; if not, the image has to come anew."""
+        try:
+            self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
+        except MediumError:
+            return False
+        return True
 
     def _transfer(self) -> tuple[Slot, SlotState]:
         if self._announced is None:

@@ -5,7 +5,6 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from can_bridge.wire.frame import FD_LENGTHS
-from contract.errors import ConfigError
 
 MAX_MESSAGE: Final = 4095
 """Bytes that the 12-bit length of a first frame can name."""
@@ -134,12 +133,5 @@ def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -
 
 
 def padded(data: bytes) -> bytes:
-    """With `PADDING` up to the next length that a frame can have, and to 8 bytes at least.
-
-    Raises:
-        ConfigError: for more than 64 bytes.
-    """
-    position = bisect_left(FRAME_LENGTHS, len(data))
-    if position == len(FRAME_LENGTHS):
-        raise ConfigError(f"frame of {len(data)} bytes: must have at most {FRAME_LENGTHS[-1]}")
-    return data.ljust(FRAME_LENGTHS[position], bytes([PADDING]))
+    """With `PADDING` up to the next length that a frame can have, and to 8 bytes at least; for at most 64 bytes."""
+    return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

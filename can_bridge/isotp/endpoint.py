@@ -76,7 +76,6 @@ class Endpoint:
             self._answer = self._reception.first(now_ns, part)
         elif isinstance(part, Single):
             self._reception.abort()
-            self._answer = None
             if len(part.data) <= self._settings.max_message:
                 self._keep(part.data)
         elif isinstance(part, Flow):

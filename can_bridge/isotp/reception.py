@@ -58,10 +58,11 @@ class Reception:
             self.abort()
             return None, None
         missing = self._wanted - len(self._data)
-        if len(part.data) < min(missing, self._frame_length - 1):
-            # Section 9.6.4: ignored; the next one then has the wrong number.
+        longest = self._frame_length - 1
+        if not min(missing, longest) <= len(part.data) <= longest:
+            # Only a last frame may be shorter than the first. The next one then has the wrong number.
             return None, None
-        self._data += part.data[: min(missing, self._frame_length - 1)]
+        self._data += part.data[:missing]
         self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
         self._deadline_ns = now_ns + self._settings.n_cr_ns
         if len(self._data) == self._wanted:

@@ -1,10 +1,11 @@
 """`stillwake flash`: a release into an ECU, over its CAN bus."""
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
-from rich.progress import TaskID
+from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from contract.errors import ConfigError
@@ -18,7 +19,7 @@ from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
     from can_bridge.tester.facts import EcuFacts
-    from can_bridge.tester.sequence import Flashed
+    from can_bridge.tester.sequence import Flashed, Step
 
 USES: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
 """Settings that reach the bus."""
@@ -80,20 +81,15 @@ def flash(
         progress_bar("bytes") as bar,
         go_on_with("the ECU keeps what it has, and the same command goes on where it stood"),
     ):
-        tasks: list[TaskID] = []
-
-        def progress(received: int, length: int) -> None:
-            if not tasks:
-                tasks.append(bar.add_task("flash", total=length, completed=received))
-            bar.update(tasks[0], completed=received)
-
+        shown = _Shown(bar)
         flashed = flash_ecu(
             client,
             image,
             key=None if key is None else key.answer,
             options=Options(dry_run=dry_run, confirm=not no_confirm),
             judge=judge,
-            progress=progress,
+            progress=shown.progress,
+            say=shown.say,
         )
     line = {
         End.ALREADY: f"{release.manifest.name} runs already, and is confirmed: nothing was done",
@@ -105,9 +101,34 @@ def flash(
     console.print(line + _effort(flashed, len(image)), soft_wrap=True)
 
 
+class _Shown:
+    """The transfer as a bar, with its rate or what comes after it as the note."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._task: TaskID | None = None
+        self._began = self._from = 0.0
+
+    def progress(self, received: int, length: int) -> None:
+        now = time.monotonic()
+        if self._task is None:
+            self._task = self._bar.add_task("flash", total=length, completed=received)
+            self._began, self._from = now, received
+        elapsed = now - self._began
+        note = f"{(received - self._from) / 1000.0 / elapsed:.0f} kB/s" if received > self._from and elapsed else ""
+        self._bar.update(self._task, completed=received, note=note)
+
+    def say(self, step: "Step") -> None:
+        if self._task is not None:
+            self._bar.update(self._task, note=step.name.lower().replace("_", " "))
+
+
 def _running(facts: "EcuFacts") -> str:
     running = facts.store.running_slot
-    return "no release" if running is None else f"{running.name} {running.digest[:12]}, {running.phase.name.lower()}"
+    if running is None:
+        return "no release"
+    how = "confirmed" if facts.store.active == facts.store.running else "not confirmed"
+    return f"{running.name} {running.digest[:12]}, {how}"
 
 
 def _boots_left(flashed: "Flashed") -> int:
@@ -120,7 +141,7 @@ def _effort(flashed: "Flashed", length: int) -> str:
         return ""
     sent = length - flashed.transferred.resumed_from
     again = f", {flashed.unanswered} requests sent again" if flashed.unanswered else ""
-    return f"; {sent} bytes sent in {span(flashed.seconds)}{again}"
+    return f"; {sent} bytes sent, {span(flashed.seconds)} in all{again}"
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:

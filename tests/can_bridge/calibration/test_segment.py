@@ -52,6 +52,22 @@ def test_half_of_a_value_waits_for_the_rest(segment):
     assert segment.take().weights.effort == 2.0
 
 
+def test_half_of_a_value_is_dropped_when_its_rest_is_refused(segment):
+    segment.write(OFFSETS["effort"], float_bytes(-2.0)[:2])
+    with pytest.raises(ConfigError, match="effort = -2"):
+        segment.write(OFFSETS["effort"] + 2, float_bytes(-2.0)[2:])
+    assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+    with pytest.raises(ConfigError, match="must begin with a value"):
+        segment.write(OFFSETS["effort"] + 2, float_bytes(2.0)[2:])
+
+
+@pytest.mark.parametrize("to_reference", [Segment.revert, Segment.copy_reference])
+def test_half_of_a_value_is_dropped_with_the_working_page(segment, to_reference):
+    segment.write(OFFSETS["effort"], b"\x01\x02")
+    to_reference(segment)
+    assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+
+
 def test_half_of_a_value_is_dropped_by_a_write_elsewhere(segment):
     segment.write(OFFSETS["effort"], float_bytes(2.0)[:2])
     segment.write(OFFSETS["rate"], float_bytes(3.0))
@@ -122,8 +138,11 @@ def test_the_releases_own_values_come_back_as_they_were(segment):
 def test_set_and_revert(segment):
     segment.set(changed(effort=0.25))
     assert segment.take().weights.effort == 0.25
+    segment.select(Page.REFERENCE)
     segment.revert()
     assert segment.take() is REFERENCE
+    assert segment.page is Page.WORKING
+    assert segment.reference is REFERENCE
     with pytest.raises(ConfigError, match="delay_steps = 7"):
         segment.set(changed(delay_steps=7))
     with pytest.raises(ConfigError, match="no place in its 4 bytes"):

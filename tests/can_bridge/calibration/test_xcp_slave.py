@@ -33,12 +33,12 @@ def ask(slave: XcpSlave, *commands: str, now_ns: int = 0) -> str:
 
 def unlock(slave: XcpSlave, access: CmacAccess, *, flip: int = 0) -> str:
     """Fetch the seed, send the key in pieces; the last answer."""
-    seed, left = b"", 16
-    for mode in (0, 1, 1):
+    seed, left = b"", 12
+    for mode in (0, 1):
         (answer,) = slave.command(0, bytes([0xF8, mode, 1]))
         assert answer[:2] == bytes([0xFF, left])
         seed += answer[2:]
-        left = 16 - len(seed)
+        left = 12 - len(seed)
     key = bytearray(access.answer(Level.CALIBRATION, seed))
     key[-1] ^= flip
     assert slave.command(0, bytes([0xF7, 16]) + key[:6]) == [bytes.fromhex("FF 01")]
@@ -88,6 +88,20 @@ def test_the_name_of_the_a2l_file(slave):
     assert ask(slave, "FA 04") == "FF 00 00 00 00 00 00 00"
 
 
+@pytest.mark.parametrize("command", ["F6 00 00 00 02 00 00 20", "F4 02 00 00 00 00 00 20"])
+def test_after_the_name_memory_is_read_again(slave, command):
+    assert ask(slave, CONNECT, "FA 01", command, "F5 02") == "FF 80 3F"
+
+
+def test_a_new_connection_begins_anew(unlocked, access):
+    ask(unlocked, "F6 00 00 00 00 00 00 20", "EB 02 00 01", "FE", CONNECT)
+    assert ask(unlocked, "F5 01") == DENIED
+    unlock(unlocked, access)
+    assert ask(unlocked, "EA 02 00") == "FF 00 00 00"
+    ask(unlocked, "FA 01", "FE", CONNECT)
+    assert ask(unlocked, "F5 01") == DENIED
+
+
 def test_memory_is_read_by_address(slave):
     raw = REFERENCE.pack()
     assert ask(slave, CONNECT, "F4 04 00 00 24 00 00 20") == "FF 01 00 00 00"
@@ -129,11 +143,12 @@ def test_a_wrong_key_ends_the_connection(slave, access, segment, flip):
 def test_a_key_is_good_for_one_seed(slave, access):
     ask(slave, CONNECT)
     assert unlock(slave, access) == "FF 00"
+    assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F8 00 01") == "FF 00"
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     ask(slave, CONNECT)
-    old = access.answer(Level.CALIBRATION, bytes([1] * 16))
-    ask(slave, "F8 00 01", "F8 01 01", "F8 01 01")
+    old = access.answer(Level.CALIBRATION, bytes([1] * 12))
+    ask(slave, "F8 00 01", "F8 01 01")
     pieces = [bytes([0xF7, 16, *old[:6]]), bytes([0xF7, 10, *old[6:12]]), bytes([0xF7, 4, *old[12:]])]
     assert ask(slave, *(piece.hex() for piece in pieces)) == LOCKED
 
@@ -144,9 +159,10 @@ def test_seed_and_key_come_in_order(slave):
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F8 00 04") == RANGE
     assert ask(slave, "F8 02 01") == RANGE
+    assert ask(slave, "F8 00 01", "F8 00 04", "F8 01 01") == SEQUENCE
     assert ask(slave, "F8 00 01", "F7 10 00 00 00 00 00 00") == SEQUENCE
-    assert ask(slave, "F8 00 01", "F8 01 01", "F8 01 01", "F8 01 01") == SEQUENCE
-    ask(slave, "F8 00 01", "F8 01 01", "F8 01 01")
+    assert ask(slave, "F8 00 01", "F8 01 01", "F8 01 01") == SEQUENCE
+    ask(slave, "F8 00 01", "F8 01 01")
     assert ask(slave, "F7 10 00 00 00 00 00") == SYNTAX
     assert ask(slave, "F7 0A 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
@@ -158,7 +174,10 @@ def test_the_end_of_a_connection_locks(unlocked, again):
 
 
 def test_a_connection_that_is_left_alone_ends(unlocked, segment):
+    assert ask(unlocked, EFFORT, now_ns=IDLE_NS // 2) == "FF"
     assert ask(unlocked, EFFORT, now_ns=IDLE_NS) == "FF"
+    assert ask(unlocked, "FD", now_ns=2 * IDLE_NS) == "FF 00 00 00 00 00"
+    assert ask(unlocked, "FD", now_ns=IDLE_NS) == "FF 00 00 00 00 00"
     assert ask(unlocked, ONE, now_ns=2 * IDLE_NS + 1) == ""
     assert not unlocked.is_connected
     assert not segment.is_pending

@@ -46,6 +46,8 @@ def test_a_can_fd_frame_holds_more_by_an_escape_sequence():
     assert texts(endpoint.poll(0)) == ["00 09 00 01 02 03 04 05 06 07 08 CC"]
     assert endpoint.send(bytes(7))
     assert texts(endpoint.poll(0)) == ["07 00 00 00 00 00 00 00"]
+    assert endpoint.send(bytes(8))
+    assert texts(endpoint.poll(0)) == ["00 08 00 00 00 00 00 00 00 00 CC CC"]
     assert receive(endpoint, "00 09 00 01 02 03 04 05 06 07 08 55") == [bytes(range(9))]
 
 
@@ -67,6 +69,30 @@ def test_our_block_size_and_separation_time_are_said_and_kept():
     assert texts(endpoint.poll(0)) == ["30 02 F3 CC CC CC CC CC"]
     assert receive(endpoint, "23" + "00" * 7) == [bytes(27)]
     assert endpoint.poll(0) == []
+
+
+def test_every_block_is_asked_for():
+    endpoint = Endpoint(replace(CLASSIC, block_size=2))
+    receive(endpoint, "10 40" + "00" * 6)
+    asked = [len(endpoint.poll(0))]
+    for number in range(1, 9):
+        receive(endpoint, f"2{number:X}" + "00" * 7)
+        asked.append(len(endpoint.poll(0)))
+    assert asked == [1, 0, 1, 0, 1, 0, 1, 0, 1]
+
+
+def test_sequence_numbers_begin_again_after_fifteen():
+    message = bytes(range(6 + 7 * 35))
+    endpoint = Endpoint(replace(CLASSIC, burst=100))
+    frames = [message[begin : begin + 7].hex() for begin in range(6, len(message), 7)]
+    numbered = [f"2{(1 + index) % 16:X}{data}" for index, data in enumerate(frames)]
+    for _ in range(2):
+        assert receive(endpoint, "10 FB" + message[:6].hex(), *numbered) == [message]
+    endpoint = Endpoint(replace(CLASSIC, burst=100))
+    endpoint.send(message)
+    endpoint.poll(0)
+    receive(endpoint, "30 00 00")
+    assert [each.data.hex() for each in endpoint.poll(0)] == [text.lower() for text in numbered]
 
 
 def test_the_others_block_size_is_kept():
@@ -108,6 +134,16 @@ def test_the_others_separation_time_is_kept(code, gap_ns):
         assert len(endpoint.poll(5 + gap_ns)) == 1
 
 
+def test_the_first_frame_of_a_block_need_not_wait():
+    endpoint = Endpoint(CLASSIC)
+    endpoint.send(bytes(20))
+    endpoint.poll(0)
+    receive(endpoint, "30 01 7F")
+    assert len(endpoint.poll(0)) == 1
+    receive(endpoint, "30 01 7F", now_ns=1)
+    assert len(endpoint.poll(1)) == 1
+
+
 def test_waits_are_obeyed_and_counted():
     endpoint = Endpoint(replace(CLASSIC, max_waits=2))
     endpoint.send(bytes(20))
@@ -115,13 +151,29 @@ def test_waits_are_obeyed_and_counted():
     for now_ns in (900 * MS, 1800 * MS):
         receive(endpoint, "31 00 00", now_ns=now_ns)
         assert endpoint.poll(now_ns) == []
-    receive(endpoint, "30 00 00", now_ns=2700 * MS)
-    assert len(endpoint.poll(2700 * MS)) == 2
+    receive(endpoint, "30 01 00", now_ns=2700 * MS)
+    assert len(endpoint.poll(2700 * MS)) == 1
+    for now_ns in (3600 * MS, 4500 * MS):
+        receive(endpoint, "31 00 00", now_ns=now_ns)
+    receive(endpoint, "30 00 00", now_ns=4500 * MS)
+    assert len(endpoint.poll(4500 * MS)) == 1
+    assert endpoint.is_idle
+
+
+def test_too_many_waits_end_a_message_and_the_next_one_may_wait_as_often():
+    endpoint = Endpoint(replace(CLASSIC, max_waits=2))
+    for _ in range(2):
+        endpoint.send(bytes(20))
+        assert len(endpoint.poll(0)) == 1
+        receive(endpoint, "31 00 00", "31 00 00")
+        assert not endpoint.is_idle
+        receive(endpoint, "31 00 00")
+        assert endpoint.is_idle
     endpoint.send(bytes(20))
     endpoint.poll(0)
     receive(endpoint, "31 00 00", "31 00 00", "31 00 00", "30 00 00")
     assert endpoint.poll(0) == []
-    assert endpoint.losses.aborted_transmissions == 1
+    assert endpoint.losses.aborted_transmissions == 3
 
 
 @pytest.mark.parametrize("answer", ["32 00 00", "33 00 00", "3F 00 00"])
@@ -149,11 +201,11 @@ def test_a_transmission_without_flow_control_is_given_up():
 
 def test_a_reception_without_a_next_frame_is_given_up():
     endpoint = Endpoint(CLASSIC)
-    receive(endpoint, "10 14" + "00" * 6)
-    endpoint.poll(0)
-    receive(endpoint, "21" + "00" * 7, now_ns=1000 * MS)
-    assert receive(endpoint, "22" + "00" * 7, now_ns=2000 * MS + 1) == []
-    assert endpoint.losses.aborted_receptions == 1
+    for late_ns, found in ((0, [bytes(20)]), (1, [])):
+        receive(endpoint, "10 14" + "00" * 6)
+        receive(endpoint, "21" + "00" * 7, now_ns=1000 * MS)
+        assert receive(endpoint, "22" + "00" * 7, now_ns=2000 * MS + late_ns) == found
+        assert endpoint.losses.aborted_receptions == late_ns
 
 
 def test_no_flow_control_for_a_message_that_is_over():
@@ -181,9 +233,11 @@ def test_a_new_message_replaces_one_that_is_on_the_way(new):
 
 def test_too_long_a_message_is_answered_by_overflow():
     endpoint = Endpoint(replace(CLASSIC, max_message=9))
+    assert receive(endpoint, "10 09" + "00" * 6, "21" + "00" * 7) == [bytes(9)]
     receive(endpoint, "10 0A" + "00" * 6)
     assert texts(endpoint.poll(0)) == ["32 00 00 CC CC CC CC CC"]
     assert receive(endpoint, "21" + "00" * 7) == []
+    assert receive(Endpoint(replace(FD, max_message=8)), "00 09" + "00" * 10, "00 08" + "00" * 10) == [bytes(8)]
     receive(endpoint, "10 00 00 00 10 00 00 00")
     assert texts(endpoint.poll(0)) == ["32 00 00 CC CC CC CC CC"]
 
@@ -198,7 +252,7 @@ def test_too_long_a_message_is_answered_by_overflow():
         "03 AA AA",
         "00 00" + "00" * 10,
         "00 0B" + "00" * 10,
-        "05 00" + "00" * 10,
+        "05 05" + "00" * 10,
         "10 07" + "00" * 6,
         "10 0A 00",
         "10 3E" + "00" * 62,
@@ -217,10 +271,18 @@ def test_what_the_standard_ignores_is_ignored(ignored):
     assert receive(endpoint, "21 06 07 08 09") == [bytes(range(10))]
 
 
-def test_a_frame_shorter_than_the_first_one_ends_in_nothing():
+@pytest.mark.parametrize("length", [47, 11])
+def test_a_frame_shorter_than_the_first_one_ends_in_nothing(length):
     endpoint = Endpoint(FD)
     receive(endpoint, "10 80" + "00" * 62)
-    assert receive(endpoint, "21" + "00" * 47, "22" + "00" * 63, "21" + "00" * 63) == []
+    assert receive(endpoint, "21" + "00" * length, "22" + "00" * 63, "21" + "00" * 63) == []
+
+
+def test_a_frame_longer_than_the_first_one_is_ignored():
+    endpoint = Endpoint(FD)
+    receive(endpoint, "10 0A" + "00" * 6)
+    assert receive(endpoint, "21" + "AA" * 11) == []
+    assert receive(endpoint, "21" + "00" * 7) == [bytes(10)]
 
 
 def test_frames_of_others_are_ignored():

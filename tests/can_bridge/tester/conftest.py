@@ -19,8 +19,8 @@ from tests.can_bridge.tester.played_ecu import SECRET, Held, Line, Played, Virtu
 SHIPPED = image_of(read_files(BUNDLE))
 
 
-@pytest.fixture
-def kept() -> Played:
+def played() -> Played:
+    """With a confirmed release named old, and room for the shipped one."""
     manifest = bundle.load(BUNDLE).manifest
     period_ns = manifest.operating_point.period_ns(manifest.control_period)
     old = SHIPPED[:100]
@@ -35,6 +35,11 @@ def kept() -> Played:
             Did.PERIOD_NS: period_ns.to_bytes(8, "big"),
         },
     )
+
+
+@pytest.fixture
+def kept() -> Played:
+    return played()
 
 
 @pytest.fixture

@@ -73,6 +73,8 @@ def _pump(bus: PythonCanBus, kept: Played, config: BusConfig, fate: Fate, stop: 
     while not stop.is_set():
         frame = bus.receive(0.002)
         endpoint, server, now_ns = node.endpoint, node.server, time.monotonic_ns()
+        if kept.is_dead:
+            continue
         if frame is not None:
             count[0] += 1
             for _ in range(fate.copies()):

@@ -1,0 +1,164 @@
+"""The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
+
+    python -m benchmarks flash --json results/flash.json
+    python -m benchmarks flash --replay flash-0123+0045
+
+The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
+of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
+that runs is checked as the ECU checks it, by its signature and every hash, and compared with the releases byte by byte;
+then the same release is flashed again.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future, as_completed
+from dataclasses import dataclass
+from itertools import product
+from random import Random
+from time import perf_counter
+from typing import Annotated, Any, Final
+
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.workers import process_pool
+from benchmarks.flash.case import Case
+from benchmarks.flash.cuts import KINDS, Tally, both_bad, walk
+from benchmarks.flash.fuzz import FuzzFigures, fuzz
+from contract.errors import StillwakeError
+from contract.results import versions
+
+PIECE: Final = 100
+"""Cuts that a process makes in one go; it repeats the sequence for them."""
+FUZZ_PIECE: Final = 25_000
+
+
+class ProofError(StillwakeError):
+    """A case in which something was lost; the message has the first one's name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """Some of the cases of one walk.
+
+    Attributes:
+        share: of the second cuts.
+    """
+
+    kind: str
+    seed: int
+    number: int
+    of: int
+    share: float
+
+
+def main(
+    json_file: JsonFile = None,
+    replay: Annotated[str, typer.Option(help="Play one case again, such as flash-0123+0045.")] = "",
+    every: Annotated[int, typer.Option(help="Cut in every so manieth operation; 1: in each.", min=1)] = 1,
+    seeds: Annotated[int, typer.Option(help="Ways in which each operation of the flash memory is torn.", min=1)] = 1,
+    folder_seeds: Annotated[int, typer.Option(help="Ways in which each call to the folder is torn.", min=1)] = 4,
+    second_cuts: Annotated[float, typer.Option(help="Second cuts for each first one, on average.", min=0.0)] = 1.0,
+    fuzz_requests: Annotated[int, typer.Option(help="Hostile requests to the UDS server.", min=0)] = 1_000_000,
+    workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 2,
+) -> None:
+    """Cut, power on, judge, flash again, judge; then print what was lost, which must be nothing."""
+    if replay:
+        _replay(Case.parse(replay))
+        return
+    began = perf_counter()
+    walks = [*product(["flash"], range(seeds)), *product(["folder"], range(folder_seeds))]
+    operations = {kind: walk(kind, 0, lambda number: False).operations for kind in ("flash", "folder")}
+    pieces = [
+        Piece(kind=kind, seed=seed, number=number, of=of * every, share=second_cuts / operations[kind])
+        for kind, seed in walks
+        for of in [-(-operations[kind] // (PIECE * every))]
+        for number in range(0, of * every, every)
+    ]
+    tallies = {"flash": Tally(), "folder": Tally()}
+    fuzzed: list[FuzzFigures] = []
+    with process_pool(workers) as pool:
+        running: dict[Future[Any], str] = {pool.submit(run_piece, piece): piece.kind for piece in pieces}
+        for kind in tallies:
+            running[pool.submit(both_bad, kind, 0)] = kind
+        for start in range(0, fuzz_requests, FUZZ_PIECE):
+            running[pool.submit(fuzz, min(FUZZ_PIECE, fuzz_requests - start), start)] = ""
+        for done in track(as_completed(running), "proof", "parts", total=len(running)):
+            if kind := running[done]:
+                tallies[kind].add(done.result())
+            else:
+                fuzzed.append(done.result())
+    figures = figures_of(tallies, fuzzed) | {"seconds_proof": perf_counter() - began}
+    _show(figures)
+    facts = {
+        "every": every,
+        "seeds": seeds,
+        "folder_seeds": folder_seeds,
+        "second_cuts": second_cuts,
+        "workers": workers,
+        "versions": versions("stillwake", "onnxruntime", "cryptography", "udsoncan"),
+    }
+    save(json_file, figures=figures, facts=facts)
+    findings = [finding for tally in tallies.values() for finding in tally.findings]
+    if findings:
+        first = findings[0]
+        raise ProofError(f"{len(findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+
+
+def run_piece(piece: Piece) -> Tally:
+    """Its cases."""
+    return walk(piece.kind, piece.seed, lambda number: number % piece.of == piece.number, second_of(piece))
+
+
+def second_of(piece: Piece) -> Callable[[int, int], bool]:
+    """A share of the second cuts, chosen by their numbers and the seed alone."""
+    return lambda first, second: Random(f"{piece.seed} {first} {second}").random() < piece.share
+
+
+def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures]) -> dict[str, Any]:
+    """What was counted."""
+    flash, folder = tallies["flash"], tallies["folder"]
+    lost = Counter(finding.kind for tally in tallies.values() for finding in tally.findings)
+    return {
+        "operations": flash.operations,
+        "calls_folder": folder.operations,
+        "cuts_depth_1": flash.cases[1],
+        "cuts_depth_2": flash.cases[2],
+        "cuts_folder": folder.cases[1],
+        "cuts_folder_depth_2": folder.cases[2],
+        "boots": flash.boots + folder.boots,
+        **{kind: lost[kind] for kind in KINDS},
+        "cases_lost": [str(finding.case) for tally in tallies.values() for finding in tally.findings][:20],
+        "fuzz_requests": sum(piece.requests for piece in fuzzed),
+        "fuzz_exceptions": sum(piece.exceptions for piece in fuzzed),
+        "unlocked_without_key": sum(piece.unlocked_without_key for piece in fuzzed),
+        "activated_unsigned": sum(piece.activated_unsigned for piece in fuzzed),
+    }
+
+
+def _replay(case: Case) -> None:
+    tally = Tally(tell=console.print)
+    if case.first is None:
+        tally = both_bad(case.kind, case.seed)
+    else:
+        walk(
+            case.kind,
+            case.seed,
+            lambda number: number == case.first,
+            lambda first, second: second == case.second,
+            tally,
+        )
+    for finding in tally.findings:
+        console.print(f"{finding.case}: {finding.kind}: {finding.text}")
+    if not any(tally.cases.values()):
+        raise StillwakeError(f"case {case}: the sequence has {tally.operations} operations; name one of them")
+    if not tally.findings:
+        console.print(f"{case}: nothing was lost")
+
+
+def _show(figures: dict[str, Any]) -> None:
+    table = Table("", "figure")
+    for name, value in figures.items():
+        table.add_row(name.replace("_", " "), f"{value:.0f}" if isinstance(value, float) else str(value))
+    console.print(table)

@@ -1,0 +1,240 @@
+"""The office's side of a fleet: a TUF repository of release bundles, in a folder that any web server can serve.
+
+    python examples/fleet/repository.py create repo keys
+    python examples/fleet/repository.py publish repo keys firmware_sim/data/bundle
+    python examples/fleet/repository.py roll-out repo keys truck-wake-4.1 10
+    python examples/fleet/repository.py renew repo keys
+
+Two roles must agree on what a vehicle gets, as in Uptane. `releases` says which bundles there are; its key stays
+offline, and so does the one that signs the bundles themselves. `rollout` says which of them each hundredth of the fleet
+is to run; its key is used every time a share grows. Neither can do the other's work.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from rich import print
+from securesystemslib.exceptions import StorageError
+from securesystemslib.signer import CryptoSigner
+from tuf.api.metadata import (
+    DelegatedRole,
+    Delegations,
+    Metadata,
+    MetaFile,
+    Root,
+    Snapshot,
+    TargetFile,
+    Targets,
+    Timestamp,
+)
+from tuf.api.serialization import DeserializationError
+
+from contract.errors import OutputError, StillwakeError
+from contract.release import bundle as bundles
+from contract.release import signing
+from contract.release.container import read_files, write_files
+
+RELEASES: Final = "releases"
+ROLLOUT: Final = "rollout"
+BINS: Final = 100
+"""Parts of the fleet: a vehicle is in the one that the SHA-256 of its identity names (`vehicle.py`)."""
+LIFETIME: Final[Mapping[str, timedelta]] = {
+    "root": timedelta(days=365),
+    "targets": timedelta(days=365),
+    RELEASES: timedelta(days=365),
+    ROLLOUT: timedelta(days=30),
+    "snapshot": timedelta(days=30),
+    "timestamp": timedelta(days=2),
+}
+"""How old each role's word may be. A server that stops telling news is found out when the timestamp expires."""
+ROOT_KEYS: Final = ("root-1", "root-2", "root-3")
+ROOT_THRESHOLD: Final = 2
+T = TypeVar("T", Root, Snapshot, Targets, Timestamp)
+
+_KEYS: Final = (*ROOT_KEYS, *(name for name in LIFETIME if name != "root"))
+
+
+class Repository:
+    """A repository in a folder, and the keys that this call needs.
+
+    Args:
+        folder: with `metadata` and `targets`, to be served.
+        keys: folder with a folder for each key, as `stillwake bundle keygen` makes it; those that a call does not use
+            need not be there.
+        now: of every expiry.
+    """
+
+    def __init__(self, folder: Path, keys: Path, now: datetime) -> None:
+        self._folder, self._keys, self._now = folder, keys, now
+
+    def create(self) -> None:
+        """Make keys and an empty repository."""
+        if self._folder.exists() and any(self._folder.iterdir()):
+            raise OutputError(f"{self._folder}: is not empty; name a new folder")
+        for name in _KEYS:
+            signing.write_key_pair(self._keys / name, Ed25519PrivateKey.generate())
+        for part in ("metadata", "targets"):
+            (self._folder / part).mkdir(parents=True)
+        root = Metadata(Root(consistent_snapshot=True))
+        for name in ROOT_KEYS:
+            root.signed.add_key(self._signer(name).public_key, "root")
+        root.signed.roles["root"].threshold = ROOT_THRESHOLD
+        for role in ("targets", "snapshot", "timestamp"):
+            root.signed.add_key(self._signer(role).public_key, role)
+        self._sign("root", root, ROOT_KEYS)
+        targets = Metadata(Targets())
+        targets.signed.delegations = Delegations(
+            keys={},
+            roles={
+                role: DelegatedRole(name=role, keyids=[], threshold=1, terminating=True, paths=[f"{role}/*"])
+                for role in (RELEASES, ROLLOUT)
+            },
+        )
+        for role in (RELEASES, ROLLOUT):
+            targets.signed.add_key(self._signer(role).public_key, role)
+        snapshot = Metadata(Snapshot())
+        for role, metadata in (
+            ("targets", targets),
+            (RELEASES, Metadata(Targets())),
+            (ROLLOUT, Metadata(Targets())),
+        ):
+            self._sign(role, metadata, (role,))
+            snapshot.signed.meta[f"{role}.json"] = MetaFile(version=metadata.signed.version)
+        self._sign("snapshot", snapshot, ("snapshot",))
+        self._tell(Metadata(Timestamp()), snapshot.signed.version)
+
+    def publish(self, bundle: Path) -> str:
+        """Add a bundle to the releases; returns its name. Nobody gets it before it is rolled out."""
+        verified = bundles.load(bundle)
+        manifest = verified.manifest
+        if verified.signer is None:
+            raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would take it")
+        releases = self._read(RELEASES, Targets)
+        place = f"{RELEASES}/{manifest.name}.zip"
+        if place in releases.signed.targets:
+            raise OutputError(f"{place}: is published already; give the release another name")
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder, "bundle.zip")
+            write_files(made, read_files(bundle))
+            target = self._store(place, made.read_bytes())
+        target.unrecognized_fields["custom"] = {
+            "digest": verified.digest,
+            "hardware": manifest.hardware,
+            "security_version": manifest.security_version,
+            "signer": verified.signer.fingerprint,
+        }
+        releases.signed.targets[place] = target
+        self._change(RELEASES, releases)
+        return manifest.name
+
+    def roll_out(self, name: str, percent: int) -> None:
+        """Let the first hundredths of the fleet run a release; the others keep what they were told before."""
+        if not 1 <= percent <= BINS:
+            raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
+        place = f"{RELEASES}/{name}.zip"
+        if place not in self._read(RELEASES, Targets).signed.targets:
+            raise StillwakeError(f"release {name}: is not published here")
+        rollout = self._read(ROLLOUT, Targets)
+        for number in range(percent):
+            path = f"{ROLLOUT}/{number:02}"
+            rollout.signed.targets[path] = self._store(path, json.dumps({"release": place}).encode())
+        self._change(ROLLOUT, rollout)
+
+    def renew(self) -> None:
+        """Say again what was said last, for as long as a timestamp lives: to be called once a day."""
+        self._tell(self._read("timestamp", Timestamp), self._read("snapshot", Snapshot).signed.version)
+
+    def _store(self, place: str, content: bytes) -> TargetFile:
+        target = TargetFile.from_data(place, content, ["sha256"])
+        path = self._folder / "targets" / Path(place).parent / f"{target.hashes['sha256']}.{Path(place).name}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        return target
+
+    def _change(self, role: str, metadata: Metadata[Targets]) -> None:
+        """Sign a delegated role anew, and let the snapshot and the timestamp know of it."""
+        self._sign(role, metadata, (role,))
+        snapshot = self._read("snapshot", Snapshot)
+        snapshot.signed.meta[f"{role}.json"] = MetaFile(version=metadata.signed.version)
+        self._sign("snapshot", snapshot, ("snapshot",))
+        self._tell(self._read("timestamp", Timestamp), snapshot.signed.version)
+
+    def _tell(self, timestamp: Metadata[Timestamp], snapshot_version: int) -> None:
+        timestamp.signed.snapshot_meta = MetaFile(version=snapshot_version)
+        self._sign("timestamp", timestamp, ("timestamp",))
+
+    def _sign(self, role: str, metadata: Metadata[Any], keys: Sequence[str]) -> None:
+        """The next version of a role's word, whole in its place."""
+        place = self._folder / "metadata"
+        if (place / f"{role}.json").exists():
+            metadata.signed.version += 1
+        metadata.signed.expires = (self._now + LIFETIME[role]).replace(microsecond=0)
+        metadata.signatures.clear()
+        for key in keys:
+            metadata.sign(self._signer(key), append=True)
+        part = place / f"{role}.part"
+        metadata.to_file(str(part))
+        if role != "timestamp":
+            shutil.copyfile(part, place / f"{metadata.signed.version}.{role}.json")
+        # The latest of each, for the next call here; vehicles ask for the timestamp alone without a version.
+        part.replace(place / f"{role}.json")
+
+    def _read(self, role: str, kind: type[T]) -> Metadata[T]:
+        path = self._folder / "metadata" / f"{role}.json"
+        try:
+            found: Metadata[T] = Metadata.from_file(str(path))
+        except (StorageError, DeserializationError) as error:
+            raise StillwakeError(f"{path}: no metadata of a repository; make one with create") from error
+        if not isinstance(found.signed, kind):
+            raise StillwakeError(f"{path}: is metadata of another role")
+        return found
+
+    def _signer(self, key: str) -> CryptoSigner:
+        return CryptoSigner(signing.read_private_key(self._keys / key / signing.PRIVATE_KEY))
+
+
+def main(arguments: Sequence[str]) -> None:
+    """One of the calls above."""
+    parser = argparse.ArgumentParser(description="A TUF repository of release bundles.")
+    calls = parser.add_subparsers(dest="call", required=True)
+    for call, words in (
+        ("create", "make keys and an empty repository"),
+        ("publish", "add a bundle to the releases"),
+        ("roll-out", "let a share of the fleet run a release"),
+        ("renew", "sign the timestamp anew, once a day"),
+    ):
+        one = calls.add_parser(call, help=words)
+        one.add_argument("repository", type=Path)
+        one.add_argument("keys", type=Path)
+        if call == "publish":
+            one.add_argument("bundle", type=Path)
+        if call == "roll-out":
+            one.add_argument("release")
+            one.add_argument("percent", type=int)
+    given = parser.parse_args(arguments)
+    repository = Repository(given.repository, given.keys, datetime.now(UTC))
+    if given.call == "create":
+        repository.create()
+        print(f"made {given.repository}; give every vehicle its metadata/1.root.json, and lock {given.keys} away")
+    elif given.call == "publish":
+        print(f"published {repository.publish(given.bundle)}; no vehicle gets it yet")
+    elif given.call == "roll-out":
+        repository.roll_out(given.release, given.percent)
+        print(f"{given.percent} % of the fleet are to run {given.release}")
+    else:
+        repository.renew()
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except (StillwakeError, OSError) as error:
+        sys.exit(f"error: {error}")

@@ -1,0 +1,152 @@
+"""A vehicle's side of a fleet: which release it is to run, fetched and checked.
+
+    python examples/fleet/vehicle.py https://fleet.example/ state --root 1.root.json --vehicle WDB123 --to new.zip
+    stillwake flash new.zip --bus socketcan:can0 --access ecu.key
+
+A computer in the vehicle, or the workshop's, does this; the ECU behind it believes none of it, and checks the bundle's
+own signature, hardware and security version again. For a repository in a folder on this machine, give its path.
+
+`state` holds the metadata that was seen last, and must outlive a restart: against it older metadata is refused.
+"""
+
+import argparse
+import hashlib
+import json
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote, urlsplit
+
+from rich import print
+from tuf.api.exceptions import DownloadError, DownloadHTTPError, RepositoryError
+from tuf.api.metadata import TargetFile
+from tuf.ngclient.fetcher import FetcherInterface
+from tuf.ngclient.updater import Updater
+
+from contract.errors import StillwakeError
+from contract.release import bundle as bundles
+
+BINS: Final = 100
+_CHUNK: Final = 2**16
+_NOT_FOUND: Final = 404
+
+
+class FolderFetcher(FetcherInterface):
+    """Reads file: URLs."""
+
+    def _fetch(self, url: str) -> Iterator[bytes]:
+        path = Path(unquote(urlsplit(url).path))
+        if not path.is_file():
+            raise DownloadHTTPError(f"{path}: not there", _NOT_FOUND)
+        with path.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                yield chunk
+
+
+def bin_of(vehicle: str) -> int:
+    """The hundredth of the fleet that a vehicle is in; it stays there, so that a growing share loses nobody."""
+    return int.from_bytes(hashlib.sha256(vehicle.encode()).digest()[:8], "big") * BINS >> 64
+
+
+def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: str, to: Path) -> bundles.Bundle | None:
+    """The release that a vehicle is to run, as a bundle's zip.
+
+    Args:
+        repository: URL of its folder, or a path.
+        state: folder of the metadata that was seen last; made at the first call.
+        root: the root metadata that the vehicle was given at production.
+        vehicle: its identity.
+        hardware: of its ECU.
+        to: file to write.
+
+    Returns:
+        The bundle; None if nothing is rolled out to this vehicle.
+
+    Raises:
+        StillwakeError: the repository cannot be reached or believed, or the release is not for this vehicle.
+    """
+    try:
+        updater = _updater(repository, state, root)
+        updater.refresh()
+        assignment = updater.get_targetinfo(f"rollout/{bin_of(vehicle):02}")
+        if assignment is None:
+            return None
+        place = _release_in(Path(updater.download_target(assignment)).read_bytes())
+        release = updater.get_targetinfo(place) if place.startswith("releases/") else None
+        if release is None:
+            raise StillwakeError(f"{place}: is rolled out and was not published; whoever may roll out may not publish")
+        custom = _custom(release)
+        if custom.get("hardware") not in (None, hardware):
+            raise StillwakeError(f"{place}: is for hardware {custom['hardware']}, this vehicle has {hardware}")
+        downloaded = Path(updater.download_target(release, str(state / "downloads" / "release.zip")))
+    except (RepositoryError, DownloadError, ValueError) as error:
+        raise StillwakeError(f"repository {repository}: {type(error).__name__}: {error}") from error
+    bundle = bundles.load(downloaded)
+    if bundle.digest != custom.get("digest"):
+        raise StillwakeError(f"{place}: holds bundle {bundle.digest[:12]}, not the one that was published")
+    to.parent.mkdir(parents=True, exist_ok=True)
+    shutil.move(downloaded, to)
+    return bundle
+
+
+def _updater(repository: str, state: Path, root: bytes) -> Updater:
+    is_url = "://" in repository
+    base = (repository if is_url else Path(repository).resolve().as_uri()).rstrip("/")
+    downloads = state / "downloads"
+    downloads.mkdir(parents=True, exist_ok=True)
+    return Updater(
+        str(state),
+        f"{base}/metadata/",
+        str(downloads),
+        f"{base}/targets/",
+        fetcher=None if is_url else FolderFetcher(),
+        bootstrap=root,
+    )
+
+
+def _release_in(assignment: bytes) -> str:
+    try:
+        place = json.loads(assignment)["release"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise StillwakeError(f"assignment {assignment[:80]!r}: names no release") from error
+    if not isinstance(place, str):
+        raise StillwakeError(f"assignment {assignment[:80]!r}: names no release")
+    return place
+
+
+def _custom(target: TargetFile) -> dict[str, Any]:
+    custom = target.unrecognized_fields.get("custom")
+    return custom if isinstance(custom, dict) else {}
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Fetch, and say what was fetched."""
+    parser = argparse.ArgumentParser(description="Fetch the release that a vehicle is to run.")
+    parser.add_argument("repository", help="URL or folder")
+    parser.add_argument("state", type=Path, help="folder that outlives a restart")
+    parser.add_argument("--root", type=Path, required=True, help="root metadata from production")
+    parser.add_argument("--vehicle", required=True, help="identity")
+    parser.add_argument("--hardware", default="generic", help="of the ECU")
+    parser.add_argument("--to", type=Path, required=True, help="file to write the bundle to")
+    given = parser.parse_args(arguments)
+    bundle = fetch(
+        given.repository,
+        given.state,
+        given.root.read_bytes(),
+        vehicle=given.vehicle,
+        hardware=given.hardware,
+        to=given.to,
+    )
+    if bundle is None:
+        print(f"nothing is rolled out to {given.vehicle}")
+    else:
+        print(f"{given.vehicle} is to run {bundle.manifest.name}: wrote {given.to}")
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except (StillwakeError, OSError) as error:
+        sys.exit(f"error: {error}")

@@ -1,0 +1,247 @@
+"""The example of a fleet: who gets which release, and that no server, network or single key can change it.
+
+The other side is tuf's own client, as a vehicle runs it.
+"""
+
+import json
+import runpy
+import shutil
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from contract.errors import StillwakeError
+from contract.release import bundle as bundles
+
+pytest.importorskip("tuf")
+
+FLEET = Path(__file__).parents[1] / "examples" / "fleet"
+REPOSITORY, VEHICLE = (
+    SimpleNamespace(**runpy.run_path(str(FLEET / f"{name}.py"))) for name in ("repository", "vehicle")
+)
+NOW = datetime.now(UTC)
+FIRST, LAST = "A211", "A42"
+"""Identities in the first and the last hundredth."""
+
+
+class Office:
+    """A repository of two releases of which the first is rolled out to all."""
+
+    def __init__(self, place: Path, sound: Path) -> None:
+        self.folder, self.keys, self.bundle = place / "repo", place / "keys", place / "next"
+        self.at(NOW).create()
+        key = Ed25519PrivateKey.from_private_bytes(bytes(32))
+        bundles.renew(sound, self.bundle, name="next", created="2026-11-22", key=key, security_version=3, hardware="h7")
+        for bundle in (sound, self.bundle):
+            self.at(NOW).publish(bundle)
+        self.at(NOW).roll_out("random", 100)
+        self.root = (self.folder / "metadata" / "1.root.json").read_bytes()
+
+    def at(self, now: datetime) -> Any:
+        return REPOSITORY.Repository(self.folder, self.keys, now)
+
+    def asked_by(self, state: Path, vehicle: str = FIRST, hardware: str = "h7") -> str | None:
+        """Name of the release that a vehicle gets."""
+        to = state / "new.zip"
+        found = VEHICLE.fetch(str(self.folder), state, self.root, vehicle=vehicle, hardware=hardware, to=to)
+        assert found is None or bundles.load(to).digest == found.digest
+        return None if found is None else found.manifest.name
+
+    def newest(self, role: str) -> Path:
+        files = (self.folder / "metadata").glob(f"*.{role}.json")
+        return max(files, key=lambda path: int(path.name.partition(".")[0]))
+
+    def target(self, place: str) -> Path:
+        folder, _, name = place.partition("/")
+        return next((self.folder / "targets" / folder).glob(f"*.{name}"))
+
+
+@pytest.fixture(scope="module")
+def made(sound, tmp_path_factory) -> Path:
+    place = tmp_path_factory.mktemp("fleet")
+    Office(place, sound)
+    return place
+
+
+@pytest.fixture
+def office(made, tmp_path) -> Office:
+    place = shutil.copytree(made, tmp_path / "office")
+    copied = Office.__new__(Office)
+    copied.folder, copied.keys, copied.bundle = place / "repo", place / "keys", place / "next"
+    copied.root = (copied.folder / "metadata" / "1.root.json").read_bytes()
+    return copied
+
+
+def refused(office: Office, state: Path, *words: str, **asked: Any) -> None:
+    with pytest.raises(StillwakeError) as refusal:
+        office.asked_by(state, **asked)
+    assert all(word in str(refusal.value) for word in words), refusal.value
+    assert "\n" not in str(refusal.value)
+    assert not (state / "new.zip").exists()
+
+
+def test_the_bins_share_the_fleet_evenly_and_keep_their_vehicles():
+    bins = [VEHICLE.bin_of(f"A{number}") for number in range(20_000)]
+    assert (VEHICLE.bin_of(FIRST), VEHICLE.bin_of(LAST)) == (0, 99)
+    assert set(bins) == set(range(100))
+    # Of 200 vehicles a bin, give or take five standard deviations of a binomial.
+    assert all(130 <= bins.count(number) <= 270 for number in range(100))
+
+
+def test_a_share_gets_the_new_release_and_the_others_keep_the_old(office, tmp_path):
+    vehicles = {vehicle: tmp_path / vehicle for vehicle in (FIRST, LAST)}
+    assert {office.asked_by(state, vehicle) for vehicle, state in vehicles.items()} == {"random"}
+    office.at(NOW).roll_out("next", 10)
+    assert [office.asked_by(state, vehicle) for vehicle, state in vehicles.items()] == ["next", "random"]
+    office.at(NOW).roll_out("next", 100)
+    assert {office.asked_by(state, vehicle) for vehicle, state in vehicles.items()} == {"next"}
+    # And back, for all: the ECU decides whether it takes it.
+    office.at(NOW).roll_out("random", 100)
+    assert {office.asked_by(state, vehicle) for vehicle, state in vehicles.items()} == {"random"}
+
+
+def test_before_a_roll_out_there_is_nothing(sound, tmp_path):
+    repository = REPOSITORY.Repository(tmp_path / "repo", tmp_path / "keys", NOW)
+    repository.create()
+    repository.publish(sound)
+    root = (tmp_path / "repo" / "metadata" / "1.root.json").read_bytes()
+    found = VEHICLE.fetch(
+        str(tmp_path / "repo"), tmp_path / "state", root, vehicle=FIRST, hardware="h7", to=tmp_path / "new.zip"
+    )
+    assert found is None
+
+
+def test_the_lines_of_the_page_do_the_same(sound, tmp_path, capsys):
+    repo, keys = tmp_path / "repo", tmp_path / "keys"
+    for arguments in (["create"], ["publish", sound], ["roll-out", "random", 100], ["renew"]):
+        REPOSITORY.main([arguments[0], str(repo), str(keys), *map(str, arguments[1:])])
+    root = repo / "metadata" / "1.root.json"
+    to = tmp_path / "new.zip"
+    VEHICLE.main([str(repo), str(tmp_path / "s"), "--root", str(root), "--vehicle", "A1", "--to", str(to)])
+    assert "A1 is to run random" in capsys.readouterr().out
+    assert bundles.load(to).manifest.name == "random"
+
+
+def test_a_bundle_that_was_altered_is_not_taken(office, tmp_path):
+    path = office.target("releases/random.zip")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    refused(office, tmp_path / "state", "LengthOrHashMismatchError")
+
+
+@pytest.mark.parametrize("role", ["timestamp", "snapshot", "targets", "releases", "rollout"])
+def test_metadata_that_were_altered_are_not_taken(office, tmp_path, role):
+    path = office.folder / "metadata" / "timestamp.json" if role == "timestamp" else office.newest(role)
+    body = json.loads(path.read_bytes())
+    body["signed"]["expires"] = "2099-01-01T00:00:00Z"
+    path.write_text(json.dumps(body))
+    refused(office, tmp_path / "state", "signed by")
+
+
+def test_an_assignment_that_was_altered_is_not_taken(office, tmp_path):
+    office.target("rollout/00").write_text(json.dumps({"release": "releases/next.zip"}))
+    refused(office, tmp_path / "state", "Error")
+
+
+def test_older_metadata_are_refused_once_newer_were_seen(office, tmp_path):
+    before = shutil.copytree(office.folder, tmp_path / "before")
+    office.at(NOW).roll_out("next", 100)
+    assert office.asked_by(tmp_path / "state") == "next"
+    shutil.rmtree(office.folder)
+    shutil.copytree(before, office.folder)
+    (tmp_path / "state" / "new.zip").unlink()
+    refused(office, tmp_path / "state", "BadVersionNumberError")
+
+
+def test_old_parts_among_new_ones_are_refused(office, tmp_path):
+    """The snapshot says which versions belong together."""
+    old = office.newest("rollout").read_bytes()
+    office.at(NOW).roll_out("next", 100)
+    office.newest("rollout").write_bytes(old)
+    refused(office, tmp_path / "state", "BadVersionNumberError")
+
+
+def test_a_server_that_tells_no_news_is_found_out(office, tmp_path):
+    office.at(NOW - timedelta(days=3)).renew()
+    refused(office, tmp_path / "state", "ExpiredMetadataError", "timestamp")
+    office.at(NOW).renew()
+    assert office.asked_by(tmp_path / "state") == "random"
+
+
+def test_who_may_roll_out_may_not_publish(office, tmp_path):
+    """A stolen key of `rollout` signs a bundle of its own into the releases, and points at it."""
+    releases = office.folder / "metadata" / "releases.json"
+    thief = tmp_path / "thief"
+    shutil.copytree(office.keys / "rollout", thief / "releases")
+    for role in ("snapshot", "timestamp", "rollout"):
+        # The keys that stand on a server together.
+        shutil.copytree(office.keys / role, thief / role)
+    assert releases.exists()
+    evil = tmp_path / "evil"
+    bundles.renew(office.bundle, evil, name="evil", created="2026-11-22", key=Ed25519PrivateKey.generate())
+    stolen = REPOSITORY.Repository(office.folder, thief, NOW)
+    stolen.publish(evil)
+    stolen.roll_out("evil", 100)
+    refused(office, tmp_path / "state", "releases was signed by 0/1 keys")
+
+
+def test_an_assignment_of_what_was_never_published_is_refused(office, tmp_path):
+    repository = office.at(NOW)
+    rollout = repository._read("rollout", REPOSITORY.Targets)
+    for place, words in (("releases/evil.zip", "may not publish"), ("rollout/01", "may not publish")):
+        content = json.dumps({"release": place}).encode()
+        rollout.signed.targets["rollout/00"] = repository._store("rollout/00", content)
+        repository._change("rollout", rollout)
+        refused(office, tmp_path / "state", place, words)
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"[]", b'{"release": 1}', b"\xff"])
+def test_an_assignment_that_makes_no_sense_is_refused(office, tmp_path, content):
+    repository = office.at(NOW)
+    rollout = repository._read("rollout", REPOSITORY.Targets)
+    rollout.signed.targets["rollout/00"] = repository._store("rollout/00", content)
+    repository._change("rollout", rollout)
+    refused(office, tmp_path / "state", "names no release")
+
+
+def test_a_release_for_other_hardware_is_refused(office, tmp_path):
+    office.at(NOW).roll_out("next", 100)
+    refused(office, tmp_path / "state", "is for hardware h7, this vehicle has h8", hardware="h8")
+
+
+def test_another_root_is_not_believed(office, sound, tmp_path):
+    other = Office(tmp_path / "other", sound)
+    office.root = other.root
+    refused(office, tmp_path / "state", "signed by")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["create"], "is not empty"),
+        (["publish", "{bundle}"], "is published already"),
+        (["roll-out", "nothing", "10"], "is not published here"),
+        (["roll-out", "next", "0"], "must be in 1..100"),
+        (["roll-out", "next", "101"], "must be in 1..100"),
+    ],
+)
+def test_a_call_that_makes_no_sense_is_refused(office, arguments, message):
+    call, *others = [text.format(bundle=office.bundle) for text in arguments]
+    with pytest.raises(StillwakeError, match=message):
+        REPOSITORY.main([call, str(office.folder), str(office.keys), *others])
+
+
+def test_an_unsigned_bundle_is_not_published(office, random_release):
+    with pytest.raises(StillwakeError, match="is not signed"):
+        office.at(NOW).publish(random_release)
+
+
+def test_a_root_needs_two_of_three(office):
+    root = json.loads(office.root)
+    assert root["signed"]["roles"]["root"]["threshold"] == 2
+    assert len(root["signatures"]) == 3
