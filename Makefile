@@ -17,7 +17,9 @@ check test: export OMP_NUM_THREADS := 1
 check: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or slow or compiler or mcu or processes)"
 
-test: lint coverage
+# Side by side, since coverage is one process, and the linters wait for each other.
+test: $(VENV)/dev.stamp
+	$(MAKE) --jobs 2 --output-sync lint coverage
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam"
 
 # Every branch of what stands between the controller and the jets, by tests that do not depend on chance.

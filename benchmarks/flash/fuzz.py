@@ -97,6 +97,11 @@ class _Fuzzing:
             except StopIteration:
                 request = None
 
+    @property
+    def has_found(self) -> bool:
+        """Whether anything that must not happen did."""
+        return self._found.total() + self._witness.found.total() > 0
+
     def figures(self) -> FuzzFigures:
         self._collect()
         by_service: dict[str, dict[str, int]] = {}
@@ -194,14 +199,17 @@ class _Fuzzing:
             self._answers[service, code] += 1
 
 
-def fuzz(requests: int, seed: int, *, told: Callable[[int], None] = lambda sent: None) -> FuzzFigures:
+def fuzz(
+    requests: int, seed: int, *, told: Callable[[int], None] = lambda sent: None, until_found: bool = False
+) -> FuzzFigures:
     """Send so many requests; the same ones for the same seed.
 
     Args:
         told: called now and then with requests sent.
+        until_found: stop after the plan in which something was found.
     """
     fuzzing = _Fuzzing(seed)
-    while fuzzing.sent < requests:
+    while fuzzing.sent < requests and not (until_found and fuzzing.has_found):
         fuzzing.plan(requests - fuzzing.sent)
         told(fuzzing.sent)
     return fuzzing.figures()

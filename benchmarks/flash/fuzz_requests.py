@@ -30,7 +30,7 @@ def routine(number: Routine, option: bytes = b"") -> bytes:
 
 def any_plan(rng: Random) -> Plan:
     """What a tester may want."""
-    kinds = (flashing, flashing, flashing, flashing, choosing, keys, calibrating)
+    kinds = (flashing, flashing, flashing, flashing, choosing, keys, calibrating, reading, guessing)
     return rng.choice(kinds)(rng)
 
 
@@ -77,6 +77,26 @@ def calibrating(rng: Random) -> Plan:
     yield from _unlocking(Level.CALIBRATION)
     yield bytes([Service.WRITE]) + Did.CALIBRATION.to_bytes(2, "big") + rng.randbytes(PACKED_BYTES)
     yield bytes([Service.WRITE]) + Did.CALIBRATION_STORED.to_bytes(2, "big") + bytes([rng.randrange(3)])
+
+
+def reading(rng: Random) -> Plan:
+    """Identifiers, one by one or several."""
+    for _ in range(3):
+        dids = rng.choices(list(Did), k=rng.choice((1, 1, 1, 2, 20)))
+        yield bytes([Service.READ]) + b"".join(did.to_bytes(2, "big") for did in dids)
+
+
+def guessing(rng: Random) -> Plan:
+    """Wrong keys, past a reset, too."""
+    level = rng.choice(list(Level))
+    for _ in range(rng.choice((1, 2))):
+        yield _PROGRAMMING if level is Level.PROGRAMMING else _EXTENDED
+        for _ in range(rng.choice((2, 3, 4))):
+            answer = yield bytes([Service.SECURITY, level])
+            seed = answer[2:] if answer is not None and len(answer) == _SEED else None
+            yield _wrong_key(rng, (), seed)
+        yield _PROGRAMMING
+        yield _RESET
 
 
 def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
