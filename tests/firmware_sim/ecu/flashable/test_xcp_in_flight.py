@@ -150,7 +150,7 @@ def test_diagnosis_and_a_tool_write_the_same_values(rig: Rig) -> None:
     assert value(rig, "effort") == 0.25
 
 
-def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_memory_that_fails_is_tried_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
 
     def fail(store: Store, blob: bytes | None) -> None:
@@ -158,6 +158,8 @@ def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyP
         raise WornOutError("sector 3 is bad", 0)
 
     monkeypatch.setattr(Store, "keep_calibration", fail)
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu")
     connect(rig)
     assert write(rig, "lift", 0.5) == b"\xff"
     rig.run(40)
