@@ -245,6 +245,10 @@ class Line(BaseConnection):
         self._seeds += 1
         return self._seeds.to_bytes(count, "big")
 
+    def arrive(self, payload: bytes) -> None:
+        """Let a payload come from the ECU, whatever it is."""
+        self._waiting.append(payload)
+
     def open(self) -> "Line":
         return self
 
