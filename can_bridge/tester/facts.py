@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from can_bridge.flashing import report
 from can_bridge.flashing.report import Report
-from can_bridge.tester.asking import TIMES_LONG, Asking
+from can_bridge.tester.asking import Asking
 from can_bridge.uds.services import Did
 
 
@@ -42,7 +42,7 @@ def read_facts(asking: Asking) -> EcuFacts:
 
 def read_store(asking: Asking) -> Report:
     """What its slots hold; raises BusError for a damaged report."""
-    return report.decode(asking.read(Did.STORE, times=TIMES_LONG))
+    return report.decode(asking.read(Did.STORE))
 
 
 def _text(asking: Asking, did: Did) -> str:
