@@ -24,7 +24,7 @@ from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
 
 SECRET = bytes(range(1, 17))
 NS = 1_000_000_000
-TICK_NS = 5_000_000
+TICK_NS = 20_000_000
 
 
 class VirtualTime:
