@@ -95,6 +95,7 @@ full: test
 	$(BIN)/python -m benchmarks flash --json results/flash.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks bus --json results/bus.json
+	$(BIN)/python -m benchmarks flash --json results/flash.json
 	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
 	test -f bus.key || $(BIN)/stillwake can keygen bus.key

@@ -24,6 +24,8 @@ LONGEST_S: Final = 60.0
 """Of response-pending or busy in a row, after which an ECU counts as gone."""
 TIMES: Final = 3
 """That a request is sent before there is no answer to it."""
+READ_TIMES: Final = 10
+"""As `TIMES`, for identifiers: the store's report has 150 classic frames, of which none may be lost."""
 BUSY: Final = 0x21
 """busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
@@ -62,7 +64,7 @@ class Asking:
         step = f"begin the {session.name.lower()} session"
         self._in_good_state(step, lambda: self._client.change_session(session))
 
-    def read(self, did: Did, *, times: int = TIMES) -> bytes:
+    def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
         """The value of an identifier."""
         found = self._ask(
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
