@@ -281,7 +281,7 @@ def _asked(config: Config) -> "tuple[dict[str, str | int], Report]":
 
     with open_client(config.bus) as client:
         facts = read_facts(Asking(client, key=None, clock=monotonic, sleep=sleep))
-    found = {
+    found: dict[str, str | int] = {
         "serial_number": facts.serial_number,
         "hardware": facts.hardware,
         "software_version": facts.software_version,
@@ -303,7 +303,7 @@ def _from_folder(slots: Path, root: Path | None) -> "tuple[dict[str, str | int],
     store = Store(
         folder.backing(), root=folder.root, hardware=folder.hardware, fits=lambda bundle: Verdict.WRONG_VEHICLE
     )
-    found = {
+    found: dict[str, str | int] = {
         "serial_number": folder.serial,
         "hardware": folder.hardware,
         "root_key": folder.root.fingerprint,
