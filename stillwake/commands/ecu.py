@@ -52,9 +52,11 @@ _FACTS: Final = {
 class _RunsByDefault(TyperGroup):
     """`stillwake ecu BUNDLE` is `stillwake ecu run BUNDLE`."""
 
+    default_command = _RUN
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not args or args[0] not in self.commands:
-            args = [_RUN, *args]
+            args = [self.default_command, *args]
         return super().parse_args(ctx, args)
 
 
