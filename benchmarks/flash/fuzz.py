@@ -15,7 +15,8 @@ from rich.table import Table
 from benchmarks.common.command_line import JsonFile, console, progress, save
 from benchmarks.flash.fuzz_ecu import FuzzedEcu
 from benchmarks.flash.fuzz_requests import any_noise, any_plan
-from benchmarks.flash.fuzz_witness import Witness
+from benchmarks.flash.fuzz_witness import DELAY_NS, Witness
+from benchmarks.flash.quick_graphs import graphs_judged_once
 from can_bridge.uds.services import Nrc, Service
 from contract.results import versions
 from stillwake.terminal import progress_bar
@@ -27,6 +28,9 @@ PER_ECU: Final = 3000
 """Requests after which an ECU comes fresh from production: its key list and security version only rise."""
 _REMEMBERED: Final = 40
 """Requests that may come again."""
+_DELAYED: Final = tuple(
+    bytes([0x7F, Service.SECURITY, code]) for code in (Nrc.EXCEEDED_ATTEMPTS, Nrc.DELAY_NOT_EXPIRED)
+)
 _MOST_TICKS: Final = 1000
 
 
@@ -74,6 +78,10 @@ class _Fuzzing:
         self._found: Counter[str] = Counter()
         self._steps: Counter[str] = Counter()
         self._failures: list[str] = []
+        self._recent: deque[bytes]
+        self._last_seed: bytes | None
+        self._is_delayed: bool
+        self._on_this_ecu: int
         self._fresh_ecu()
 
     def plan(self, most: int) -> None:
@@ -81,6 +89,10 @@ class _Fuzzing:
         rng = self._rng
         if self._on_this_ecu >= PER_ECU:
             self._fresh_ecu()
+        if self._is_delayed and rng.random() < 0.8:
+            # After wrong keys a tester that has the right one waits.
+            self._now_ns += DELAY_NS
+        self._is_delayed = False
         self._ecu.is_wanted = rng.random() < 0.05
         noise, plan = rng.choice(NOISE), any_plan(rng)
         request: bytes | None = next(plan)
@@ -129,8 +141,9 @@ class _Fuzzing:
             self._collect()
         self._ecu = FuzzedEcu(self._rng)
         self._witness = Witness(self._ecu)
-        self._recent: deque[bytes] = deque([b"\x10\x02"], maxlen=_REMEMBERED)
-        self._last_seed: bytes | None = None
+        self._recent = deque([b"\x10\x02"], maxlen=_REMEMBERED)
+        self._last_seed = None
+        self._is_delayed = False
         self._on_this_ecu = 0
 
     def _collect(self) -> None:
@@ -163,6 +176,7 @@ class _Fuzzing:
         for answer in answers:
             if answer[0] == 0x67 and len(answer) == 18:
                 self._last_seed = answer[2:]
+            self._is_delayed |= answer in _DELAYED
         return answers[-1] if answers else None
 
     def _let_time_pass(self) -> None:
@@ -208,11 +222,12 @@ def fuzz(
         told: called now and then with requests sent.
         until_found: stop after the plan in which something was found.
     """
-    fuzzing = _Fuzzing(seed)
-    while fuzzing.sent < requests and not (until_found and fuzzing.has_found):
-        fuzzing.plan(requests - fuzzing.sent)
-        told(fuzzing.sent)
-    return fuzzing.figures()
+    with graphs_judged_once():
+        fuzzing = _Fuzzing(seed)
+        while fuzzing.sent < requests and not (until_found and fuzzing.has_found):
+            fuzzing.plan(requests - fuzzing.sent)
+            told(fuzzing.sent)
+        return fuzzing.figures()
 
 
 def main(

@@ -14,6 +14,7 @@ from tests.can_bridge.flashing.releases import (
     SECOND,
     STRANGER,
     booted,
+    damage,
     fits,
     flash,
     image,
@@ -81,6 +82,34 @@ def test_a_trial_ends_when_its_key_is_revoked():
     store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
     _, boot = booted(backing)
     assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)
+
+
+def test_a_trial_whose_key_is_revoked_is_not_confirmed():
+    """It would not boot again, and the release before would be too old."""
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(2, RELEASE, SECOND))
+    flash(store, image("two", key=SECOND, version=2))
+    store, _ = booted(backing)
+    store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
+    with pytest.raises(OutOfOrderError, match="taken off the list"):
+        store.confirm()
+    assert name_of(booted(backing)[1]) == "one"
+
+
+def test_the_key_of_a_release_that_runs_because_the_confirmed_one_is_damaged_stays_too():
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(2, RELEASE, SECOND))
+    flash(store, image("two", key=SECOND))
+    store, _ = booted(backing)
+    store.confirm()
+    damage(backing, Slot.B)
+    store, boot = booted(backing)
+    assert name_of(boot) == "one"
+    with pytest.raises(KeyFileError, match=f"lacks key {public_key(RELEASE).fingerprint}"):
+        store.take_keys(keys(3, SECOND))
+    assert name_of(booted(backing)[1]) == "one"
 
 
 def test_a_calibration_belongs_to_one_release():

@@ -133,3 +133,18 @@ def test_the_running_confirmed_image_is_never_written(images):
     for name in "abc":
         transfer(store, image(name), until=BLOCK)
         assert backing.memory.slots[boot.slot] == before
+
+
+def test_nothing_is_written_between_going_back_and_the_reset():
+    """One release runs, and the other one boots next: neither slot is free."""
+    backing = updated(TWO)
+    store, _ = booted(backing)
+    at_once(store.revert())
+    before = {slot: bytes(backing.memory.slots[slot]) for slot in Slot}
+    with pytest.raises(OutOfOrderError, match="reset the ECU first"):
+        transfer(store, image("three"))
+    assert {slot: bytes(backing.memory.slots[slot]) for slot in Slot} == before
+    store, boot = booted(backing)
+    assert boot.bundle.manifest.name == "one"
+    assert flash(store, image("three")) == Verdict.GOOD
+    assert backing.memory.slots[Slot.A] == before[Slot.A]

@@ -8,9 +8,15 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.wire.messages import Mode, Reason
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import STRANGER, Rig, image, provision
-
-CONFIRM, REVERT, SELF_TEST, ACTIVATE = (b"\x31\x01\x02" + bytes([low]) for low in (6, 7, 4, 5))
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
+    ACTIVATE,
+    CONFIRM_ROUTINE,
+    REVERT,
+    STRANGER,
+    Rig,
+    image,
+    provision,
+)
 
 
 @pytest.fixture
@@ -36,7 +42,7 @@ def test_without_a_release_it_says_so_and_can_be_flashed(tmp_path: Path) -> None
     rig.wish = False
     rig.run(1100)
     rig.programming()
-    rig.good(CONFIRM)
+    rig.good(CONFIRM_ROUTINE)
     rig.run(100)
     assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
     assert rig.told.names()[0] == "no_release"
@@ -54,7 +60,7 @@ def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
     assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
     assert rig.statuses[-1].reason is not Reason.UPDATING
     rig.programming()
-    rig.good(CONFIRM)
+    rig.good(CONFIRM_ROUTINE)
     for _ in range(5):
         rig.power_on()
         rig.run(50)

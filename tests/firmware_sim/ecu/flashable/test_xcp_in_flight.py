@@ -7,6 +7,8 @@ import pytest
 
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
+from can_bridge.flashing.medium import WornOutError
+from can_bridge.flashing.store import Store
 from can_bridge.uds.services import Level
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
@@ -146,3 +148,23 @@ def test_diagnosis_and_a_tool_write_the_same_values(rig: Rig) -> None:
     assert good(rig, b"\xf4\x04\x00\x00" + effort) == b"\xff" + struct.pack("<f", 0.125)
     assert write(rig, "effort", 0.25) == b"\xff"
     assert value(rig, "effort") == 0.25
+
+
+def test_a_memory_that_fails_is_tried_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def fail(store: Store, blob: bytes | None) -> None:
+        tried.append(blob)
+        raise WornOutError("sector 3 is bad", 0)
+
+    monkeypatch.setattr(Store, "keep_calibration", fail)
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu")
+    connect(rig)
+    assert write(rig, "lift", 0.5) == b"\xff"
+    rig.run(40)
+    before = len(packets(rig))
+    good(rig, STORE)
+    rig.run(200)
+    assert len(tried) == 1
+    assert STORED_EVENT not in {packet[:2] for packet in packets(rig)[before:]}
