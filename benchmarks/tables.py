@@ -12,6 +12,7 @@ from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import fill, names
 from benchmarks.controller import tables as controller_tables
 from benchmarks.ecu import tables as ecu_tables
+from benchmarks.flash import tables as flash_tables
 from benchmarks.model import tables as model_tables
 from benchmarks.release import campaign_tables
 from benchmarks.release import tables as release_tables
@@ -21,6 +22,7 @@ from contract.atomic import replacing
 FOLDERS = (
     bus_tables,
     ecu_tables,
+    flash_tables,
     latency_tables,
     release_tables,
     campaign_tables,

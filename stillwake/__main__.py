@@ -74,7 +74,7 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, campaign, ecu, vehicle, flash, flash_keys, calibrate, mcu),
+    CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
     MODEL: (record, train, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),
@@ -85,6 +85,7 @@ for panel, commands in PANELS.items():
 app.add_typer(bench, name="bench", rich_help_panel=CONTROL)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
 app.add_typer(can, name="can", rich_help_panel=CONTROL)
+app.add_typer(ecu, name="ecu", rich_help_panel=CONTROL)
 app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
 app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 

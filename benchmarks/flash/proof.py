@@ -3,6 +3,8 @@
     python -m benchmarks flash --json results/flash.json
     python -m benchmarks flash --replay flash-0123+0045
 
+Beside it: hostile requests to the UDS server, and the time that the shipped release takes over a simulated bus.
+
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
 that runs is checked as the ECU checks it, by its signature and every hash, and compared with the releases byte by byte;
@@ -25,6 +27,7 @@ from benchmarks.common.command_line import JsonFile, console, save, track
 from benchmarks.common.workers import process_pool
 from benchmarks.flash.case import Case
 from benchmarks.flash.cuts import KINDS, Tally, both_bad, walk
+from benchmarks.flash.flash_times import BUSES, LOSSES, measured
 from benchmarks.flash.fuzz import FuzzFigures, fuzz
 from contract.errors import StillwakeError
 from contract.results import versions
@@ -78,18 +81,21 @@ def main(
     ]
     tallies = {"flash": Tally(), "folder": Tally()}
     fuzzed: list[FuzzFigures] = []
+    times: list[dict[str, Any]] = []
     with process_pool(workers) as pool:
         running: dict[Future[Any], str] = {pool.submit(run_piece, piece): piece.kind for piece in pieces}
         for kind in tallies:
             running[pool.submit(both_bad, kind, 0)] = kind
         for start in range(0, fuzz_requests, FUZZ_PIECE):
-            running[pool.submit(fuzz, min(FUZZ_PIECE, fuzz_requests - start), start)] = ""
+            running[pool.submit(fuzz, min(FUZZ_PIECE, fuzz_requests - start), start)] = "fuzz"
+        for frames, lost in product(BUSES, LOSSES):
+            running[pool.submit(measured, frames, lost)] = "times"
         for done in track(as_completed(running), "proof", "parts", total=len(running)):
-            if kind := running[done]:
+            if (kind := running[done]) in tallies:
                 tallies[kind].add(done.result())
             else:
-                fuzzed.append(done.result())
-    figures = figures_of(tallies, fuzzed) | {"seconds_proof": perf_counter() - began}
+                (fuzzed if kind == "fuzz" else times).append(done.result())
+    figures = figures_of(tallies, fuzzed, times) | {"seconds_proof": perf_counter() - began}
     _show(figures)
     facts = {
         "every": every,
@@ -116,7 +122,7 @@ def second_of(piece: Piece) -> Callable[[int, int], bool]:
     return lambda first, second: Random(f"{piece.seed} {first} {second}").random() < piece.share
 
 
-def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures]) -> dict[str, Any]:
+def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list[dict[str, Any]]) -> dict[str, Any]:
     """What was counted."""
     flash, folder = tallies["flash"], tallies["folder"]
     lost = Counter(finding.kind for tally in tallies.values() for finding in tally.findings)
@@ -127,6 +133,7 @@ def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures]) -> dict[str
         "cuts_depth_2": flash.cases[2],
         "cuts_folder": folder.cases[1],
         "cuts_folder_depth_2": folder.cases[2],
+        "both_slots_spoilt": flash.spoilt + folder.spoilt,
         "boots": flash.boots + folder.boots,
         **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [str(finding.case) for tally in tallies.values() for finding in tally.findings][:20],
@@ -134,6 +141,8 @@ def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures]) -> dict[str
         "fuzz_exceptions": sum(piece.exceptions for piece in fuzzed),
         "unlocked_without_key": sum(piece.unlocked_without_key for piece in fuzzed),
         "activated_unsigned": sum(piece.activated_unsigned for piece in fuzzed),
+        "seconds_flash": next(row["seconds"] for row in times if (row["frames"], row["lost"]) == ("fd", 0.0)),
+        "flash_times": sorted(times, key=lambda row: (row["frames"] != "fd", row["lost"])),
     }
 
 
@@ -151,7 +160,7 @@ def _replay(case: Case) -> None:
         )
     for finding in tally.findings:
         console.print(f"{finding.case}: {finding.kind}: {finding.text}")
-    if not any(tally.cases.values()):
+    if not any(tally.cases.values()) and not tally.spoilt:
         raise StillwakeError(f"case {case}: the sequence has {tally.operations} operations; name one of them")
     if not tally.findings:
         console.print(f"{case}: nothing was lost")
@@ -160,5 +169,7 @@ def _replay(case: Case) -> None:
 def _show(figures: dict[str, Any]) -> None:
     table = Table("", "figure")
     for name, value in figures.items():
-        table.add_row(name.replace("_", " "), f"{value:.0f}" if isinstance(value, float) else str(value))
+        if name == "flash_times":
+            continue
+        table.add_row(name.replace("_", " "), f"{value:.3g}" if isinstance(value, float) else str(value))
     console.print(table)

@@ -6,16 +6,23 @@ Signature and hashes are computed anew at every boot, from the bytes that the me
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from typing import Final
 
 from contract.release import bundle
+
+_JUDGES: Final = ("check_graph", "check_estimator_graph")
+_GRAPHS: Final = 16
+"""Of each kind that are remembered."""
 
 
 @contextmanager
 def graphs_judged_once() -> Iterator[None]:
     """Within it."""
-    before = bundle.check_graph, bundle.check_estimator_graph
-    bundle.check_graph, bundle.check_estimator_graph = map(lru_cache(maxsize=16), before)
+    before = {name: getattr(bundle, name) for name in _JUDGES}
     try:
+        for name, judge in before.items():
+            setattr(bundle, name, lru_cache(_GRAPHS)(judge))
         yield
     finally:
-        bundle.check_graph, bundle.check_estimator_graph = before
+        for name, judge in before.items():
+            setattr(bundle, name, judge)

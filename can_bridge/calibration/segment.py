@@ -140,11 +140,15 @@ class Segment:
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """For the beginning of a control period: the values in force, once, if others were before."""
-        if not self.is_pending:
+        """For the beginning of a control period: the values in force, once, if others were before.
+
+        May be called by another thread than the one that writes: a set is replaced as a whole.
+        """
+        values = self.in_force
+        if values is self._taken or values == self._taken:
             return None
-        self._taken = self.in_force
-        return self._taken
+        self._taken = values
+        return values
 
     def _checked(self, raw: bytes) -> Calibration:
         calibration = Calibration.unpack(raw)

@@ -1,7 +1,7 @@
 """Seed and key of XCP, in pieces as short as its packets.
 
-The keys are those of security access: 16 bytes that no trial finds, so there is no count of attempts; a wrong key ends
-the connection, as the standard wants it.
+The keys are made as those of security access: 16 bytes that no trial finds, so there is no count of attempts; a wrong
+key ends the connection, as the standard wants it.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,11 @@ from typing import Final, Protocol
 from can_bridge.calibration.xcp import CAL_PAG, MAX_CTO, Denied, Error
 from can_bridge.uds.services import Level
 
-SEED_LENGTH: Final = 16
+SEED_LENGTH: Final = 12
+"""Bytes: two pieces. pyxcp's own unlocking fetches no third one (0.29), and no seed of UDS, which has 16 bytes, can be
+had answered through XCP."""
+KEY_LENGTH: Final = 16
+"""Bytes of the answer: an AES-CMAC."""
 _PIECE: Final = MAX_CTO - 2
 
 
@@ -77,14 +81,14 @@ class XcpAccess:
             Denied: no whole seed was fetched, or a piece is missing.
             WrongKey: it is; another try needs another seed.
         """
-        if not self._seed or self._unsent or left != SEED_LENGTH - len(self._key):
+        if not self._seed or self._unsent or left != KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)
         piece = data[: min(left, _PIECE)]
         if len(piece) < min(left, _PIECE):
             raise Denied(Error.CMD_SYNTAX)
         self._key += piece
-        if len(self._key) == SEED_LENGTH:
+        if len(self._key) == KEY_LENGTH:
             right = compare_digest(self._access.answer(Level.CALIBRATION, self._seed), self._key)
             self._forget()
             if not right:

@@ -97,8 +97,14 @@ class FlashBacking:
         self._next[slot] = 0
 
     def begin_again(self, slot: Slot, length: int) -> None:
-        """Go on behind the first `length` bytes; raises MediumError if so many are not there."""
+        """Go on behind the first `length` bytes.
+
+        Raises MediumError if so many are not there, or after too many interruptions: the slot has to be cleared then.
+        """
         lies = self._lies[slot]
+        if self._next.get(slot) is not None and length == lies.tail_at + len(lies.tail):
+            # No supply was lost since: a tester that only began anew costs no extent.
+            return
         kept = tuple(extent for extent in lies.extents if extent.offset < length)
         in_tail = lies.tail_at < length <= lies.tail_at + len(lies.tail)
         tail = lies.tail[: length - lies.tail_at] if in_tail else b""
@@ -106,6 +112,8 @@ class FlashBacking:
         if start:
             self.read(slot, start - 1, 1)
         place = self._untouched(lies.extents, kept[-1].address) if kept else None
+        if len(kept) >= MAX_EXTENTS:
+            raise MediumError(f"slot {slot.name}: interrupted {MAX_EXTENTS} times: clear it and begin anew", 0)
         if place is not None:
             kept = (*(extent for extent in kept if extent.offset < start), Extent(start, place))
         self._lies[slot] = Lies(kept, start, tail)

@@ -1,6 +1,7 @@
 """What outlives a loss of power besides the images: state, key list and calibrations, over their records."""
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Final
 
@@ -63,16 +64,16 @@ class Remembered:
         )
         return check(bytes(image), rules)
 
-    def take_keys(self, raw: bytes) -> None:
-        """As `Store.take_keys`."""
+    def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
+        """As `Store.take_keys`; `needed` are the slots whose keys must stay."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
                 raise KeyFileError(
                     f"key list: version {listed.version}: must be greater than {self.keys.version}, which this ECU has"
                 )
-            if self.state.active is not None:
-                signer = PublicKey(self.state.slots[self.state.active].signer)
+            for slot in needed:
+                signer = PublicKey(self.state.slots[slot].signer)
                 if signer in self.keys.keys - listed.keys:
                     raise KeyFileError(
                         f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm one by "

@@ -19,15 +19,13 @@ from typing import Any, Final
 
 from can_bridge.flashing.backing import Slot
 from can_bridge.uds.services import Level
-from contract.release.manifest import LARGEST_SECURITY_VERSION
+from contract.release.manifest import FIRST_SECURITY_VERSION, LARGEST_SECURITY_VERSION
 from contract.release.printable import is_name
 
 TRIAL_BOOTS: Final = 3
 """Boots of an activated image without a confirmation, before the store goes back to the confirmed one."""
 MOST_ATTEMPTS: Final = 255
 """To which failed attempts are counted."""
-LEAST_SECURITY_VERSION: Final = 1
-"""Of an ECU from production on: a bundle of an older schema has 0."""
 
 _MAGIC: Final = b"SWS1"
 _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
@@ -98,7 +96,7 @@ class StoreState:
 
     slots: tuple[SlotState, SlotState] = (SlotState(), SlotState())
     active: Slot | None = None
-    least_security_version: int = LEAST_SECURITY_VERSION
+    least_security_version: int = FIRST_SECURITY_VERSION
     failed_attempts: Mapping[Level, int] = field(default_factory=lambda: dict.fromkeys(Level, 0))
 
     @property
@@ -168,8 +166,8 @@ def decode(raw: bytes) -> StoreState:
         least_security_version=least,
         failed_attempts=dict(zip(Level, attempts, strict=True)),
     )
-    if least < LEAST_SECURITY_VERSION:
-        raise ValueError(f"state: least security version {least}: must be {LEAST_SECURITY_VERSION} or more")
+    if least < FIRST_SECURITY_VERSION:
+        raise ValueError(f"state: least security version {least}: must be {FIRST_SECURITY_VERSION} or more")
     if state.active is not None and state.slots[state.active].phase != Phase.CONFIRMED:
         raise ValueError(f"state: slot {state.active.name} is active and not confirmed")
     if first.phase == second.phase and first.phase in (Phase.CHECKED, Phase.TRIAL):

@@ -18,6 +18,7 @@ from typing import Final
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
 from can_bridge.flashing.boot import Boot, boot
 from can_bridge.flashing.checking import Fits
+from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import PIECE, Remembered
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
@@ -131,6 +132,7 @@ class Store:
 
         Raises:
             ConfigError: the length or the hash is out of range.
+            OutOfOrderError: `revert` made another release the confirmed one, and the ECU was not reset since.
             MediumError: the memory is bad.
         """
         if not 0 < length <= self.capacity:
@@ -142,8 +144,7 @@ class Store:
         self._announced = None
         if self._running == slot:
             self._running = None
-        if standing.holds(length, sha256) and not self._is_known_bad(slot):
-            self._remembered.backing.begin_again(slot, standing.received)
+        if standing.holds(length, sha256) and not self._is_known_bad(slot) and self._goes_on(slot):
             wanted = standing.received
         else:
             # Until it is announced, nobody believes in what a cut leaves of this slot.
@@ -283,11 +284,12 @@ class Store:
         """Replace the key list.
 
         Raises:
-            KeyFileError: not signed by the root key, not newer, or without the key of the confirmed release, which
-                could not boot any more.
+            KeyFileError: not signed by the root key, not newer, or without the key of a confirmed release that could
+                not boot any more: the active one, or the one that runs.
             MediumError: it cannot be kept.
         """
-        self._remembered.take_keys(raw)
+        needed = {slot for slot in (self.state.active, self._running) if slot is not None}
+        self._remembered.take_keys(raw, {slot for slot in needed if self.state.slots[slot].phase == Phase.CONFIRMED})
 
     def calibration(self, digest: str) -> bytes | None:
         """What was kept for the release with this digest; None where nothing was."""
@@ -318,9 +320,11 @@ class Store:
     def _writable_slot(self) -> Slot:
         """The slot that is not protected: by the release that runs, if it is confirmed, or by the confirmed one."""
         running, active = self._running, self.state.active
-        if running is not None and (active is None or self.state.slots[running].phase == Phase.CONFIRMED):
-            return running.other
-        return Slot.A if active is None else active.other
+        if running is None or (active is not None and self.state.slots[running].phase != Phase.CONFIRMED):
+            return Slot.A if active is None else active.other
+        if active is not None and running != active and not self._is_known_bad(active):
+            raise OutOfOrderError("the release before boots from the next reset on: reset the ECU first")
+        return running.other
 
     def _without(self, slot: Slot) -> StoreState:
         """The state with an empty slot; a confirmed release in the other one is active then."""
@@ -332,6 +336,14 @@ class Store:
         found = {} if self._last_boot is None else self._last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (Phase.TRIAL, Phase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
+
+    def _goes_on(self, slot: Slot) -> bool:
+        """Whether the memory can be written on behind what was received; if not, the image has to come anew."""
+        try:
+            self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
+        except MediumError:
+            return False
+        return True
 
     def _transfer(self) -> tuple[Slot, SlotState]:
         if self._announced is None:

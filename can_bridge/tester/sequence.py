@@ -20,8 +20,16 @@ from can_bridge.flashing.state import Phase
 from can_bridge.tester.asking import Asking, KeyOf
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
-from can_bridge.tester.transfer import Progress, Transfer, Transferred, enter_programming
-from can_bridge.uds.services import Routine, Session
+from can_bridge.tester.transfer import (
+    SESSION_ENDED,
+    TRIES,
+    Progress,
+    Transfer,
+    Transferred,
+    enter_programming,
+    in_programming,
+)
+from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
@@ -161,7 +169,6 @@ class _Flashing:
         asking, transferred = self._asking, None
         self._say(Step.IDENTIFY)
         asking.wait_until_there(THERE_S, "say which session it is in")
-        asking.session(Session.EXTENDED)
         before = read_facts(asking)
         after = before.store
 
@@ -180,7 +187,7 @@ class _Flashing:
             return ended(End.ALREADY)
         self._judge(before)
         self._say(Step.PRECONDITIONS)
-        asking.routine(Routine.PRECONDITIONS)
+        self._check_preconditions()
         if self._options.dry_run:
             asking.session(Session.DEFAULT)
             return ended(End.WOULD_FLASH)
@@ -192,10 +199,20 @@ class _Flashing:
             asking.session(Session.DEFAULT)
             return ended(End.ON_TRIAL)
         self._say(Step.CONFIRM)
-        asking.routine(Routine.CONFIRM)
+        in_programming(asking, Routine.CONFIRM)
         after = read_store(asking)
         asking.session(Session.DEFAULT)
         return ended(End.CONFIRMED)
+
+    def _check_preconditions(self) -> None:
+        for left in reversed(range(TRIES)):
+            self._asking.session(Session.EXTENDED)
+            try:
+                self._asking.routine(Routine.PRECONDITIONS)
+                return
+            except RefusedError as refused:
+                if refused.code not in SESSION_ENDED or not left:
+                    raise
 
     def _bring(self) -> Transferred:
         """The image into the ECU, and started on trial."""
@@ -203,12 +220,24 @@ class _Flashing:
             self._say(Step.TRANSFER)
             transferred = Transfer(self._asking, self._image, self._progress).run()
             self._say(Step.ACTIVATE)
-            self._asking.routine(Routine.ACTIVATE)
+            if self._activate():
+                return transferred
         except (FlashError, KeyboardInterrupt):
             self._leave()
             raise
         self._start()
         return transferred
+
+    def _activate(self) -> bool:
+        """Have the image booted from the next reset on; whether it runs already."""
+        try:
+            in_programming(self._asking, Routine.ACTIVATE)
+        except RefusedError as refused:
+            # Power may be lost as soon as the request was carried out, and the next boot be that of the new release.
+            if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self._asking).running_slot):
+                raise
+            return True
+        return False
 
     def _start(self) -> None:
         """Reset until the activated image runs."""
@@ -233,7 +262,7 @@ class _Flashing:
                 f"the new release runs on trial, and was not confirmed: {refused}; the same command goes on with it"
             ) from refused
         try:
-            self._asking.routine(Routine.SELF_TEST)
+            in_programming(self._asking, Routine.SELF_TEST)
         except RefusedError as refused:
             store = self._go_back()
             raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
@@ -242,7 +271,7 @@ class _Flashing:
     def _go_back(self) -> Report:
         """From a trial to the confirmed release."""
         enter_programming(self._asking)
-        self._asking.routine(Routine.REVERT)
+        in_programming(self._asking, Routine.REVERT)
         reset_and_wait(self._asking)
         return read_store(self._asking)
 

@@ -22,19 +22,21 @@ Progress = Callable[[int, int], None]
 
 STALLS: Final = 5
 """Attempts in a row of which none brought a byte further, after which it is given up."""
+TRIES: Final = 3
+"""Of a step that is begun anew because its session ended: the ECU fell silent for long, or lost its supply."""
+SESSION_ENDED: Final = frozenset(
+    {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
+)
 START_S: Final = 15.0
 """To wait for an ECU that may be starting."""
 
-_AGAIN: Final = frozenset(
+_AGAIN: Final = SESSION_ENDED | frozenset(
     {
         Nrc.SEQUENCE_ERROR,
-        Nrc.SECURITY_ACCESS_DENIED,
         Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED,
         Nrc.TRANSFER_SUSPENDED,
         Nrc.PROGRAMMING_FAILURE,
         Nrc.WRONG_BLOCK_COUNTER,
-        Nrc.SUB_FUNCTION_NOT_IN_SESSION,
-        Nrc.SERVICE_NOT_IN_SESSION,
         # A routine or download in a session that ended meanwhile.
         Nrc.OUT_OF_RANGE,
         Nrc.CONDITIONS_NOT_CORRECT,
@@ -147,6 +149,24 @@ class Transfer:
 
 
 def enter_programming(asking: Asking) -> None:
-    """Begin the programming session and unlock it."""
-    asking.session(Session.PROGRAMMING)
-    asking.unlock(Level.PROGRAMMING)
+    """Begin the programming session and unlock it, again if the ECU restarts in between."""
+    for left in reversed(range(TRIES)):
+        asking.session(Session.PROGRAMMING)
+        try:
+            asking.unlock(Level.PROGRAMMING)
+            return
+        except RefusedError as refused:
+            if refused.code not in SESSION_ENDED or not left:
+                raise
+
+
+def in_programming(asking: Asking, routine: Routine) -> None:
+    """Run a routine in the programming session, which is begun anew if it ended by itself."""
+    for left in reversed(range(TRIES)):
+        try:
+            asking.routine(routine)
+            return
+        except RefusedError as refused:
+            if refused.code not in SESSION_ENDED or not left:
+                raise
+        enter_programming(asking)

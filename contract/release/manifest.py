@@ -30,6 +30,8 @@ NEW_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     "stillwake-bundle/2": ("security_version", "hardware", "sensor_estimator", "sensor_positions"),
 }
 """The schemas that are read, and the fields that came after each; a bundle of that schema has the default there."""
+FIRST_SECURITY_VERSION: Final = 1
+"""Of a release that nothing was raised for: the least that an ECU with a store takes."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000

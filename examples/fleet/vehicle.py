@@ -1,7 +1,7 @@
 """A vehicle's side of a fleet: which release it is to run, fetched and checked.
 
     python examples/fleet/vehicle.py https://fleet.example/ state --root 1.root.json --vehicle WDB123 --to new.zip
-    stillwake flash new.zip --bus socketcan:can0 --access ecu.key
+    stillwake flash new.zip --bus socketcan:can0 --access access.key
 
 A computer in the vehicle, or the workshop's, does this; the ECU behind it believes none of it, and checks the bundle's
 own signature, hardware and security version again. For a repository in a folder on this machine, give its path.

@@ -12,7 +12,7 @@ from contract.model_folder import Provenance
 from contract.operating_point import OperatingPoint
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
-from contract.release.manifest import Manifest
+from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest
 from export.release.gated import Gated
 
 
@@ -88,6 +88,7 @@ def write_release(
         weights_sha256=provenance.weights_sha256,
         program_sha256=lowered.program_sha256,
         provenance={**provenance.training(), "export": asdict(gated.graph)},
+        security_version=FIRST_SECURITY_VERSION,
     )
     contents = {bundle.CONTROLLER: lowered.graph}
     if estimator is not None:

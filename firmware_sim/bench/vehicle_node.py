@@ -93,6 +93,7 @@ class VehicleNode:
         self._requested = False  # in the latest Pressure frame
         self._action = 0.0  # commanded last, U_inf W
         self._next_period = False  # by the command before
+        self._driven_to = 0.0  # in the period before, without the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
         # As old as the ECU's gate lets pressures be, and a period for computing and the way.
@@ -152,8 +153,12 @@ class VehicleNode:
         )
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
+        if not self._next_period and self._action != 0.0:
+            # After one for the next period, a command for this one leaps over the action that lay between.
+            self._action = self._in_reach_of(self._driven_to, self._action)
+        self._driven_to = before if self._next_period else self._action
         return Actuation(
-            action=self._delayed(before if self._next_period else self._action),
+            action=self._delayed(self._driven_to),
             command=None if command is None else frame,
             sampled_ns=None if command is None else self._echo.sampled_ns,
             next_period=self._next_period,
@@ -165,9 +170,12 @@ class VehicleNode:
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
         limit = self.action_limit
+        return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
+
+    def _in_reach_of(self, action: float, wanted: float) -> float:
+        """As far towards what is wanted as the driver goes in a period."""
         step = self._config.vehicle.action_step
-        in_reach = np.clip(wanted, self._action - step, self._action + step)
-        return float(np.clip(in_reach, -limit, limit))
+        return float(np.clip(wanted, action - step, action + step))
 
     def _is_too_old(self, command: JetCommand) -> bool:
         """A command that would drive the jets, but rests on pressures that are."""

@@ -1,19 +1,28 @@
-"""`stillwake ecu`: the ECU on a real bus."""
+"""`stillwake ecu`: the ECU on a real bus, and what belongs to one that can be flashed."""
 
 import sys
 from dataclasses import fields, replace
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
+from rich.table import Table
+from typer.core import TyperGroup
 
+from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
+from stillwake.bus_option import BusName, with_bus
 from stillwake.commands.run import cost_weights
 from stillwake.releases import Trust, open_release, signature
 from stillwake.settings import REAL_BUS, WEIGHTS, settings
 from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, Overrides, visible
+from stillwake.terminal import ConfigFile, Overrides, console, visible
+
+if TYPE_CHECKING:
+    from can_bridge.flashing.report import Report
+    from firmware_sim.ecu.daemon.service import Options
 
 _USES: Final = (
     "operating_point",
@@ -25,11 +34,57 @@ _USES: Final = (
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
     WEIGHTS,
 )
+_VEHICLE: Final = ("operating_point", "flow.control_period", "flow.action_limit", "ecu.delay_steps", "ecu.plan_ahead")
+_BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
+_RUN: Final = "run"
+_FACTS: Final = {
+    "serial_number": "serial number",
+    "hardware": "hardware",
+    "software_version": "stillwake",
+    "dbc_sha256": "DBC",
+    "root_key": "root key",
+    "period_ns": "control period",
+    "capacity": "greatest image, bytes",
+}
+"""What `info` shows of an ECU, by its name for machines."""
 
 
-def ecu(
+class _RunsByDefault(TyperGroup):
+    """`stillwake ecu BUNDLE` is `stillwake ecu run BUNDLE`."""
+
+    default_command = _RUN
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args or args[0] not in self.commands:
+            args = [self.default_command, *args]
+        return super().parse_args(ctx, args)
+
+
+ecu = typer.Typer(cls=_RunsByDefault, help="Run the ECU on a real CAN bus; provision one that can be flashed.")
+
+Slots = Annotated[
+    Path | None,
+    typer.Option(help="Folder of an ECU that can be flashed, as `ecu provision` makes it.", metavar="FOLDER"),
+]
+RootKey = Annotated[
+    Path | None,
+    typer.Option(help="Public root key (PEM) that signs key lists; default: the folder's own copy.", metavar="PUB"),
+]
+
+
+@ecu.command(name=_RUN)
+def run(
     bundle: Annotated[Path | None, typer.Argument(help="Release bundle; default: the shipped one.")] = None,
     trust: Trust = None,
+    slots: Slots = None,
+    access: Annotated[
+        Path | None,
+        typer.Option(help="With --slots: access key of the tester, as `can keygen` writes it.", metavar="KEYFILE"),
+    ] = None,
+    root: RootKey = None,
+    hardware: Annotated[
+        str | None, typer.Option(help="With --slots: name of the hardware, in place of the folder's.")
+    ] = None,
     library: Annotated[
         Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
     ] = None,
@@ -63,7 +118,12 @@ def ecu(
     when the command ends, also by Ctrl-C or SIGTERM; when the bus is lost, which is opened again; and when another ECU
     commands on it. Real-time privileges are used where they are granted, and told where they are not.
 
+    With --slots it runs the release in a folder, which `stillwake flash` replaces over the same bus and `stillwake
+    calibrate` tunes; `stillwake ecu provision` makes the folder, `stillwake ecu info` shows what runs.
+
     stillwake ecu --set bus.interface=socketcan --set bus.channel=can0
+
+    stillwake ecu --slots /var/lib/stillwake --access access.key --set bus.interface=socketcan --set bus.channel=can0
     """
     from contract.controller.interface import RunnableController
     from contract.controller.onnx_session import OnnxController
@@ -72,12 +132,10 @@ def ecu(
     from firmware_sim.ecu.library_controller import open_library
     from firmware_sim.ecu.real_time.privileges import Wanted
 
-    loaded = settings("ecu", config_file, overrides, uses=_USES)
+    uses = _USES if slots is None else tuple(name for name in _USES if name != WEIGHTS)
+    loaded = settings("ecu", config_file, overrides, uses=uses)
     if freshness is not None and not loaded.config.bus.key:
         raise ConfigError("--freshness: goes with bus.key, which names no key")
-    release = open_release(bundle, trust)
-    weights = cost_weights(loaded, release)
-    config = replace(loaded.config, mpc=replace(release.manifest.mpc, weights=weights))
     options = service.Options(
         wanted=Wanted(priority=priority, processor=processor),
         spin_ns=round(spin * 1e3),
@@ -87,6 +145,16 @@ def ecu(
         freshness=freshness,
         as_line=as_json if log == "json" else plain,
     )
+    if slots is not None:
+        _refuse("--slots runs the release in its folder", BUNDLE=bundle, trust=trust, library=library)
+        if access is None:
+            raise ConfigError("--slots: needs --access KEYFILE; `stillwake can keygen` makes a key")
+        _run_store(slots, access, root, hardware, loaded.config, options)
+        return
+    _refuse("goes with --slots", access=access, root=root, hardware=hardware)
+    release = open_release(bundle, trust)
+    weights = cost_weights(loaded, release)
+    config = replace(loaded.config, mpc=replace(release.manifest.mpc, weights=weights))
     controller: RunnableController = OnnxController.of(release) if library is None else open_library(library, release)
     with until_stopped() as is_stopped:
         counters = service.serve(
@@ -101,6 +169,176 @@ def ecu(
         )
     if periods is not None and counters.steps < periods:
         raise KeyboardInterrupt
+
+
+@ecu.command()
+def provision(
+    folder: Annotated[Path, typer.Argument(help="Folder to make: the ECU's memory.")],
+    root: Annotated[Path, typer.Option(help="Public root key (PEM): who signs key lists.", metavar="PUB")],
+    keys: Annotated[
+        Path, typer.Option(help="Key list, as `bundle keylist` makes it: who signs releases.", metavar="LIST")
+    ],
+    bundle: Annotated[
+        Path | None, typer.Option(help="Release that runs from the start; default: none, flash the first one.")
+    ] = None,
+    hardware: Annotated[str, typer.Option(help="Name of the hardware, which a bundle may demand.")] = "generic",
+    serial: Annotated[str | None, typer.Option(help="Number of this ECU; default: a random one.")] = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Make the folder of an ECU that can be flashed: its keys, and perhaps its first release.
+
+    What is there already is never overwritten. `stillwake ecu --slots FOLDER` runs it.
+
+    stillwake ecu provision /var/lib/stillwake --root root.pub --keys keys.list --bundle firmware_sim/data/bundle
+    """
+    from secrets import token_hex
+
+    from contract.controller.onnx_session import OnnxController
+    from contract.release.container import read_files
+    from contract.release.image import image_of
+    from firmware_sim.ecu.flashable import ecu_folder
+    from firmware_sim.ecu.flashable.fitting import Fitting
+
+    config = settings("ecu provision", config_file, overrides, uses=_VEHICLE).config
+    made = ecu_folder.provision(
+        folder,
+        root=root,
+        keys=keys.read_bytes(),
+        image=None if bundle is None else image_of(read_files(bundle)),
+        hardware=hardware,
+        serial=token_hex(4) if serial is None else serial,
+        fits=Fitting(config, OnnxController.of).fits,
+    )
+    runs = "no release yet: flash one" if bundle is None else f"release {bundle}"
+    console.print(f"wrote {folder}: ECU {made.serial} ({made.hardware}), {runs}", soft_wrap=True, markup=False)
+
+
+@ecu.command()
+def info(
+    bus: BusName = None,
+    slots: Slots = None,
+    root: RootKey = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Show what an ECU says of itself: over its bus, or from its folder.
+
+    stillwake ecu info --bus socketcan:can0
+    """
+    config = settings("ecu info", config_file, with_bus(bus, overrides), uses=_BUS).config
+    found, report = _asked(config) if slots is None else _from_folder(slots, root)
+    if as_json:
+        from json import loads
+
+        from can_bridge.flashing.report import encode
+
+        console.print_json(data={**found, "store": loads(encode(report))})
+        return
+    table = Table(show_header=False)
+    if "period_ns" in found:
+        found["period_ns"] = f"{int(found['period_ns']) / 1e6:g} ms"
+    for name, value in (*((_FACTS[name], str(value)) for name, value in found.items()), *_rows(report)):
+        table.add_row(name, visible(value))
+    console.print(table)
+
+
+def _run_store(
+    slots: Path, access: Path, root: Path | None, hardware: str | None, config: Config, options: "Options"
+) -> None:
+    from can_bridge.uds.access_key import AccessKey
+    from firmware_sim.ecu.daemon.store_service import serve_store
+    from firmware_sim.ecu.flashable.ecu_folder import read_folder
+
+    folder = read_folder(slots, root=root, hardware=hardware)
+    key = AccessKey.read(access)
+    with until_stopped() as is_stopped:
+        counters = serve_store(
+            folder,
+            key,
+            config,
+            options,
+            software=version("stillwake"),
+            is_stopped=is_stopped,
+            write=_to_stderr,
+        )
+    if options.periods is not None and counters.steps < options.periods:
+        raise KeyboardInterrupt
+
+
+def _refuse(why: str, **given: Any) -> None:
+    for name, value in given.items():
+        if value is not None:
+            raise ConfigError(f"{name if name.isupper() else f'--{name}'}: {why}; leave it out")
+
+
+def _asked(config: Config) -> "tuple[dict[str, str | int], Report]":
+    """What the ECU on a bus says."""
+    from time import monotonic, sleep
+
+    from can_bridge.tester.asking import Asking
+    from can_bridge.tester.facts import read_facts
+    from can_bridge.tester.transport import open_client
+
+    with open_client(config.bus) as client:
+        facts = read_facts(Asking(client, key=None, clock=monotonic, sleep=sleep))
+    found: dict[str, str | int] = {
+        "serial_number": facts.serial_number,
+        "hardware": facts.hardware,
+        "software_version": facts.software_version,
+        "dbc_sha256": facts.dbc_sha256,
+        "period_ns": facts.period_ns,
+        "capacity": facts.capacity,
+    }
+    return found, facts.store
+
+
+def _from_folder(slots: Path, root: Path | None) -> "tuple[dict[str, str | int], Report]":
+    """What stands in an ECU's folder; nothing is booted and nothing written."""
+    from can_bridge.flashing.report import report_of
+    from can_bridge.flashing.store import Store
+    from can_bridge.flashing.verdicts import Verdict
+    from firmware_sim.ecu.flashable.ecu_folder import read_folder
+
+    folder = read_folder(slots, root=root)
+    store = Store(
+        folder.backing(), root=folder.root, hardware=folder.hardware, fits=lambda bundle: Verdict.WRONG_VEHICLE
+    )
+    found: dict[str, str | int] = {
+        "serial_number": folder.serial,
+        "hardware": folder.hardware,
+        "root_key": folder.root.fingerprint,
+        "capacity": store.capacity,
+    }
+    return found, report_of(store)
+
+
+def _rows(report: "Report") -> list[tuple[str, str]]:
+    """Of a store, for people."""
+    from can_bridge.flashing.backing import Slot
+
+    rows = []
+    for slot, standing in zip(Slot, report.slots, strict=True):
+        words = [standing.phase.name.lower()]
+        if standing.name:
+            words.append(f"{standing.name} {standing.digest[:12]}, security version {standing.security_version}")
+        if standing.received < standing.length:
+            words.append(f"{standing.received} of {standing.length} bytes")
+        if standing.boots_left:
+            words.append(f"{standing.boots_left} boots left")
+        if standing.verdict:
+            words.append(standing.verdict.in_words)
+        rows.append((f"slot {slot.name}", ", ".join(words)))
+    names = {"runs": report.running, "boots next": report.next_boot}
+    rows += [(name, "none" if slot is None else f"slot {slot.name}") for name, slot in names.items()]
+    if report.reason is not None:
+        rows.append(("booted", report.reason.in_words))
+    rows.append(("least security version", str(report.least_security_version)))
+    rows.append(("key list", "none" if report.key_list_version is None else f"version {report.key_list_version}"))
+    attempts = ", ".join(f"{level.name.lower()} {count}" for level, count in report.failed_attempts.items())
+    rows.append(("wrong keys in a row", attempts))
+    return rows
 
 
 def _to_stderr(line: str) -> None:

@@ -43,6 +43,7 @@ BEGINNINGS = (
     "can_bridge.tools.raw_bus.open_bus",
     "can_bridge.tester.transport.open_client",
     "firmware_sim.ecu.daemon.service.serve",
+    "firmware_sim.ecu.daemon.store_service.serve_store",
     "firmware_sim.latency.running.recorded",
 )
 """Where the work of a command begins."""

@@ -8,5 +8,5 @@ def verbs(app: typer.Typer) -> list[str]:
     names = []
     for command in app.registered_commands:
         assert command.callback is not None
-        names.append(command.name or command.callback.__name__)
+        names.append(command.name or command.callback.__name__.replace("_", "-"))
     return names

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Final, Self
 
@@ -67,6 +67,7 @@ class Connection:
         self._opened = Mailbox[PythonCanBus]()
         self._opener: Thread | None = None
         self._closing = Event()
+        self._sending = Lock()
         self._lost_at_s = 0.0
         self._before = HEALTHY
         self._health = HEALTHY
@@ -114,13 +115,14 @@ class Connection:
         return self._health
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Hand frames over; whether the bus took all of them."""
+        """Hand frames over; whether the bus took all of them. A thread waits for one frame of another one at most."""
         sent = True
         for frame in frames:
-            self.why_not_sent = self._not_sent(frame)
-            if self.why_not_sent:
-                self.not_sent += 1
-                sent = False
+            with self._sending:
+                self.why_not_sent = self._not_sent(frame)
+                if self.why_not_sent:
+                    self.not_sent += 1
+                    sent = False
         return sent
 
     def _not_sent(self, frame: Frame) -> str:

@@ -8,8 +8,9 @@ import gc
 import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
+from can_bridge.bus.interface import BusHealth
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -19,11 +20,11 @@ from contract.errors import ConfigError
 from firmware_sim.ecu.daemon.connection import Back, Connection, Lost
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.reception import Reception
-from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.ecu import Trace
+from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Arrivals, Deadlines
 from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes
-from firmware_sim.ecu.real_time.timed_controller import TimedController
 from firmware_sim.ecu.state_machine import FailSafe
 
 GRACE: Final = 4
@@ -36,6 +37,48 @@ _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes too short-lived for a line."""
 
 Tell = Callable[..., None]
+
+
+class SteppedInTime(Protocol):
+    """The control: `firmware_sim.ecu.ecu.Ecu`, or the one of an ECU that can be flashed."""
+
+    @property
+    def state(self) -> EcuState:
+        """After the latest step."""
+        ...
+
+    @property
+    def trace(self) -> Trace:
+        """Of the latest step."""
+        ...
+
+    def restore(self, state: EcuState) -> None:
+        """Go on from a state."""
+        ...
+
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., *, fault: Reason | None = None
+    ) -> list[Frame]:
+        """One control period."""
+        ...
+
+
+class PlanTimes(Protocol):
+    """When the latest plan was made: `firmware_sim.ecu.real_time.timed_controller.TimedController`."""
+
+    @property
+    def began_ns(self) -> int:
+        """0 where there was none."""
+        ...
+
+    @property
+    def ended_ns(self) -> int:
+        """0 where there was none."""
+        ...
+
+    def forget(self) -> None:
+        """Before a period in which there may be none."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +94,7 @@ class ControlLoop:
 
     Args:
         ecu: steps.
-        controller: that it plans with.
+        controller: tells when it planned.
         connection: open.
         reception: filled by the connection.
         config: of the ECU.
@@ -69,8 +112,8 @@ class ControlLoop:
 
     def __init__(
         self,
-        ecu: Ecu,
-        controller: TimedController,
+        ecu: SteppedInTime,
+        controller: PlanTimes,
         connection: Connection,
         reception: Reception,
         config: Config,

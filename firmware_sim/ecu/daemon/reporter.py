@@ -35,6 +35,7 @@ class Reporter:
 
     Attributes:
         counters: set by the control loop after each step.
+        bundle: what the release is called, in the file of counters.
     """
 
     def __init__(
@@ -48,7 +49,8 @@ class Reporter:
         interval_s: float = INTERVAL_S,
     ) -> None:
         self._write, self._as_line = write, as_line
-        self._bundle, self._metrics, self._keep, self._interval_s = bundle, metrics, keep, interval_s
+        self._metrics, self._keep, self._interval_s = metrics, keep, interval_s
+        self.bundle = bundle
         self._events = SimpleQueue[Event | None]()
         self._thread = Thread(target=self._run, name="report", daemon=True)
         self._trouble: dict[str, str] = {}
@@ -120,4 +122,4 @@ class Reporter:
     def _write_metrics(self, counters: Counters) -> None:
         if self._metrics is not None:
             with replacing(self._metrics) as temporary:
-                temporary.write_text(text(counters, bundle=self._bundle), encoding="utf-8")
+                temporary.write_text(text(counters, bundle=self.bundle), encoding="utf-8")

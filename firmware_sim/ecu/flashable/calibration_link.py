@@ -50,8 +50,10 @@ class CalibrationLink:
         if self._xcp.wants_store:
             try:
                 self.service.store()
-            except Refused:
-                pass
+            except Refused as refused:
+                if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
+                    # To try again in every period would wear out a memory that fails.
+                    self._xcp.not_stored()
             else:
                 packets += self._xcp.stored()
         return [

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 from can_bridge.flashing.backing import Backing
+from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.server import UdsServer
@@ -17,7 +18,6 @@ from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
 from firmware_sim.ecu.flashable.facts import facts
 from firmware_sim.ecu.flashable.fitting import Fitting
 from firmware_sim.ecu.flashable.inside import Inside, ToldProgramming
-from firmware_sim.ecu.flashable.interim_report import report
 from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
@@ -73,7 +73,11 @@ class PowerCycle:
             tell=supplies.tell,
         )
         self._programming = ToldProgramming(
-            self.store, inside, refusal=lambda: wish().refusal(now_ns()), report=report, tell=supplies.tell
+            self.store,
+            inside,
+            refusal=lambda: wish().refusal(now_ns()),
+            report=lambda store: encode(report_of(store)),
+            tell=supplies.tell,
         )
         self._server = UdsServer(self._programming, supplies.access, supplies.random_bytes)
         self.link = DiagnosticLink(config.bus, self._server)

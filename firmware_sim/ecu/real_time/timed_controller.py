@@ -6,26 +6,52 @@ from contract.arrays import Array
 from contract.controller.interface import Controller, ControlStep
 
 
-class TimedController:
-    """Wraps another one.
+class PlanTimes:
+    """When the latest control step of any of several controllers was made, each running in place of the one before.
 
     Attributes:
-        began_ns, ended_ns: of the latest control step, whether it had an answer or not; 0 after `forget`.
+        began_ns, ended_ns: 0 after `forget`.
     """
 
-    def __init__(self, controller: Controller, now_ns: Callable[[], int]) -> None:
-        self._controller = controller
-        self._now_ns = now_ns
+    def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
         """Before a period in which there may be no control step."""
         self.began_ns = self.ended_ns = 0
 
+
+class TimedController:
+    """Wraps another one.
+
+    Args:
+        now_ns: the clock.
+        times: where the times are noted.
+    """
+
+    def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
+        self._controller = controller
+        self._now_ns = now_ns
+        self._times = PlanTimes() if times is None else times
+
+    @property
+    def began_ns(self) -> int:
+        """Of the latest control step, whether it had an answer or not; 0 after `forget`."""
+        return self._times.began_ns
+
+    @property
+    def ended_ns(self) -> int:
+        """Of the latest control step, likewise."""
+        return self._times.ended_ns
+
+    def forget(self) -> None:
+        """Before a period in which there may be no control step."""
+        self._times.forget()
+
     def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
         """The other's."""
-        self.began_ns = self._now_ns()
+        self._times.began_ns = self._now_ns()
         try:
             return self._controller.control_step(window, plan, free, weights)
         finally:
-            self.ended_ns = self._now_ns()
+            self._times.ended_ns = self._now_ns()

@@ -40,11 +40,12 @@ class SlaveBus(can.BusABC):
 
 
 @pytest.fixture
-def master(slave):
+def master(slave, access):
     settings = {
         "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": RESPONSE_ID, "interface": "virtual"}}
     }
     application = config.create_application_from_config(settings, log_level=logging.ERROR)
+    application.general.seed_n_key_function = lambda resource, seed: access.answer(Level.CALIBRATION, seed)
     bus = SlaveBus(slave)
     master = masters.Master("can", config=application, transport_layer_interface=bus)
     with master:
@@ -53,14 +54,7 @@ def master(slave):
     config.reset_application()
 
 
-def unlock(master, access) -> None:
-    seed = b"".join(bytes(master.getSeed(mode, 1).seed) for mode in (0, 1, 1))
-    key = access.answer(Level.CALIBRATION, seed)
-    for begin in range(0, 16, 6):
-        master.unlock(16 - begin, key[begin : begin + 6])
-
-
-def test_a_master_connects_reads_writes_and_stores(master, slave, segment, access):
+def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
     found = master.connect()
     assert (found.maxCto, found.maxDto, found.commModeBasic.byteOrder) == (8, 8, types.ByteOrder.INTEL)
     assert master.slaveProperties.supportsCalpag
@@ -72,7 +66,7 @@ def test_a_master_connects_reads_writes_and_stores(master, slave, segment, acces
     assert master.fetch(40) == REFERENCE.pack()
     with pytest.raises(types.XcpResponseError, match="ACCESS_LOCKED"):
         master.transport.request(types.Command.SET_REQUEST, 1, 0, 0)
-    unlock(master, access)
+    master.cond_unlock()
     assert not master.getStatus().resourceProtectionStatus.calpag
 
     master.setMta(EFFORT)

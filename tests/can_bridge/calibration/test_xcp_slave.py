@@ -33,12 +33,12 @@ def ask(slave: XcpSlave, *commands: str, now_ns: int = 0) -> str:
 
 def unlock(slave: XcpSlave, access: CmacAccess, *, flip: int = 0) -> str:
     """Fetch the seed, send the key in pieces; the last answer."""
-    seed, left = b"", 16
-    for mode in (0, 1, 1):
+    seed, left = b"", 12
+    for mode in (0, 1):
         (answer,) = slave.command(0, bytes([0xF8, mode, 1]))
         assert answer[:2] == bytes([0xFF, left])
         seed += answer[2:]
-        left = 16 - len(seed)
+        left = 12 - len(seed)
     key = bytearray(access.answer(Level.CALIBRATION, seed))
     key[-1] ^= flip
     assert slave.command(0, bytes([0xF7, 16]) + key[:6]) == [bytes.fromhex("FF 01")]
@@ -147,8 +147,8 @@ def test_a_key_is_good_for_one_seed(slave, access):
     assert ask(slave, "F8 00 01") == "FF 00"
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
     ask(slave, CONNECT)
-    old = access.answer(Level.CALIBRATION, bytes([1] * 16))
-    ask(slave, "F8 00 01", "F8 01 01", "F8 01 01")
+    old = access.answer(Level.CALIBRATION, bytes([1] * 12))
+    ask(slave, "F8 00 01", "F8 01 01")
     pieces = [bytes([0xF7, 16, *old[:6]]), bytes([0xF7, 10, *old[6:12]]), bytes([0xF7, 4, *old[12:]])]
     assert ask(slave, *(piece.hex() for piece in pieces)) == LOCKED
 
@@ -161,8 +161,8 @@ def test_seed_and_key_come_in_order(slave):
     assert ask(slave, "F8 02 01") == RANGE
     assert ask(slave, "F8 00 01", "F8 00 04", "F8 01 01") == SEQUENCE
     assert ask(slave, "F8 00 01", "F7 10 00 00 00 00 00 00") == SEQUENCE
-    assert ask(slave, "F8 00 01", "F8 01 01", "F8 01 01", "F8 01 01") == SEQUENCE
-    ask(slave, "F8 00 01", "F8 01 01", "F8 01 01")
+    assert ask(slave, "F8 00 01", "F8 01 01", "F8 01 01") == SEQUENCE
+    ask(slave, "F8 00 01", "F8 01 01")
     assert ask(slave, "F7 10 00 00 00 00 00") == SYNTAX
     assert ask(slave, "F7 0A 00 00 00 00 00 00") == SEQUENCE
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.flash_backing import FlashBacking
+from can_bridge.flashing.flash_layout import MAX_EXTENTS
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.simulated_flash import SimulatedFlash
 from tests.can_bridge.flashing.sessions import Witness, run
@@ -112,6 +113,37 @@ def test_a_slot_has_to_be_prepared():
         backing.append(Slot.A, b"x")
     with pytest.raises(MediumError, match="nothing was written"):
         backing.begin_again(Slot.A, 1)
+
+
+def test_a_tester_that_begins_anew_costs_no_room():
+    flash = SimulatedFlash(8, SECTOR)
+    backing = FlashBacking(flash)
+    for _ in backing.clear(Slot.A):
+        pass
+    backing.append(Slot.A, b"x" * 100)
+    backing.keep(Kind.STATE, b"100")
+    before = flash.operations
+    for _ in range(300):
+        backing.begin_again(Slot.A, 100)
+    assert flash.operations == before
+
+
+def test_after_too_many_interruptions_the_slot_must_be_cleared():
+    flash = SimulatedFlash(8, 16 * 1024)
+    backing = FlashBacking(flash)
+    for _ in backing.clear(Slot.A):
+        pass
+    with pytest.raises(MediumError, match="clear it and begin anew"):
+        for received in range(0, 40 * (MAX_EXTENTS + 2), 40):
+            backing = FlashBacking(flash)
+            backing.begin_again(Slot.A, received)
+            backing.append(Slot.A, b"x" * 40)
+            backing.keep(Kind.STATE, b"a checkpoint")
+    assert received >= 40 * (MAX_EXTENTS - 2)
+    for _ in backing.clear(Slot.A):
+        pass
+    backing.append(Slot.A, b"z" * 100)
+    assert backing.read(Slot.A, 0, 100) == b"z" * 100
 
 
 def test_records_that_do_not_fit_are_refused():

@@ -14,6 +14,8 @@ from tests.can_bridge.flashing.releases import (
     SECOND,
     STRANGER,
     booted,
+    damage,
+    digest_of,
     fits,
     flash,
     image,
@@ -32,6 +34,7 @@ def test_a_key_list_replaces_the_one_before():
     store, _ = booted(backing)
     store.take_keys(keys(2, RELEASE, SECOND))
     assert flash(store_booted := booted(backing)[0], image(key=SECOND)) == Verdict.GOOD
+    assert store_booted.keys is not None
     assert store_booted.keys.version == 2
 
 
@@ -83,18 +86,46 @@ def test_a_trial_ends_when_its_key_is_revoked():
     assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)
 
 
+def test_a_trial_whose_key_is_revoked_is_not_confirmed():
+    """It would not boot again, and the release before would be too old."""
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(2, RELEASE, SECOND))
+    flash(store, image("two", key=SECOND, version=2))
+    store, _ = booted(backing)
+    store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
+    with pytest.raises(OutOfOrderError, match="taken off the list"):
+        store.confirm()
+    assert name_of(booted(backing)[1]) == "one"
+
+
+def test_the_key_of_a_release_that_runs_because_the_confirmed_one_is_damaged_stays_too():
+    backing = provisioned()
+    store, _ = booted(backing)
+    store.take_keys(keys(2, RELEASE, SECOND))
+    flash(store, image("two", key=SECOND))
+    store, _ = booted(backing)
+    store.confirm()
+    damage(backing, Slot.B)
+    store, boot = booted(backing)
+    assert name_of(boot) == "one"
+    with pytest.raises(KeyFileError, match=f"lacks key {public_key(RELEASE).fingerprint}"):
+        store.take_keys(keys(3, SECOND))
+    assert name_of(booted(backing)[1]) == "one"
+
+
 def test_a_calibration_belongs_to_one_release():
     backing = provisioned()
     store, boot = booted(backing)
-    one = boot.bundle.digest
+    one = digest_of(boot)
     store.keep_calibration(b"of one")
     flash(store, TWO)
     store, boot = booted(backing)
-    assert (store.calibration(one), store.calibration(boot.bundle.digest)) == (b"of one", None)
+    assert (store.calibration(one), store.calibration(digest_of(boot))) == (b"of one", None)
     store.keep_calibration(b"of two")
     assert at_once(store.revert()) == Verdict.GOOD
     store, boot = booted(backing)
-    assert (boot.bundle.digest, store.calibration(one)) == (one, b"of one")
+    assert (digest_of(boot), store.calibration(one)) == (one, b"of one")
     store.keep_calibration(None)
     assert booted(backing)[0].calibration(one) is None
 
@@ -102,14 +133,14 @@ def test_a_calibration_belongs_to_one_release():
 def test_a_calibration_goes_with_its_release():
     backing = updated()
     store, boot = booted(backing)
-    gone = boot.bundle.digest
+    gone = digest_of(boot)
     store.keep_calibration(b"x" * 1024)
     for name in "abc":
         flash(store, image(name))
         store, boot = booted(backing)
         store.confirm()
         store.keep_calibration(b"y" * 1024)
-        assert store.calibration(boot.bundle.digest) == b"y" * 1024
+        assert store.calibration(digest_of(boot)) == b"y" * 1024
     assert store.calibration(gone) is None
 
 
@@ -127,6 +158,9 @@ def test_failed_attempts_outlive_a_reset():
     store, _ = booted(backing)
     store.keep_failed_attempts(Level.PROGRAMMING, 2)
     store.keep_failed_attempts(Level.CALIBRATION, 400)
+    calls = backing.calls
+    store.keep_failed_attempts(Level.PROGRAMMING, 2)
+    assert backing.calls == calls, "the memory wears out by writing what is there"
     store = store_on(backing.after_power_on())
     assert [store.failed_attempts(level) for level in Level] == [2, 255]
     store.boot()

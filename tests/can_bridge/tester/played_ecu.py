@@ -10,19 +10,21 @@ from udsoncan.exceptions import TimeoutException
 
 from can_bridge.flashing import report
 from can_bridge.flashing.backing import Slot
+from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.report import Report, SlotReport
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.matching import answers
 from can_bridge.tester.sequence import digest_of
 from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.diagnostics import Diagnostics
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
 
 SECRET = bytes(range(1, 17))
 NS = 1_000_000_000
-TICK_NS = 5_000_000
+TICK_NS = 20_000_000
 
 
 class VirtualTime:
@@ -211,27 +213,41 @@ class Line(BaseConnection):
         lose: called with each payload, to the ECU (True) and from it: whether it is lost.
         double: whether each payload from the ECU comes twice.
         heard: all requests that reached the ECU.
+        cuts: losses of power in the middle of a write.
     """
 
-    def __init__(self, kept: Played, time: VirtualTime) -> None:
+    def __init__(
+        self,
+        kept: Played,
+        time: VirtualTime,
+        made: Callable[[Callable[[], None]], Diagnostics] | None = None,
+    ) -> None:
+        """Args: made: makes the ECU at power-on, told what to call for a reset; the played one by default."""
         super().__init__()
+        self._made = made or (lambda on_reset: PlayedEcu(kept, on_reset))
         self.kept = kept
         self.time = time
         self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
         self.double = False
         self.heard: list[bytes] = []
+        self.cuts = 0
         self._seeds = 0
         self._request = b""
         self._waiting: deque[bytes] = deque()
         time.on_tick = self._tick
-        self._power_on()
+        self.power_on()
 
-    def _power_on(self) -> None:
-        self.server = UdsServer(PlayedEcu(self.kept, self._power_on), AccessKey(SECRET), self._random)
+    def power_on(self) -> None:
+        """Also after a loss of power, at any time."""
+        self.server = UdsServer(self._made(self.power_on), AccessKey(SECRET), self._random)
 
     def _random(self, count: int) -> bytes:
         self._seeds += 1
         return self._seeds.to_bytes(count, "big")
+
+    def arrive(self, payload: bytes) -> None:
+        """Let a payload come from the ECU, whatever it is."""
+        self._waiting.append(payload)
 
     def open(self) -> "Line":
         return self
@@ -249,7 +265,7 @@ class Line(BaseConnection):
         self._request = payload
         if not self.lose(payload, True) and not self.kept.is_dead:
             self.heard.append(payload)
-            self._take(self.server.request(self.time.now_ns, payload))
+            self._take(lambda: self.server.request(self.time.now_ns, payload))
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
         until = self.time.now_ns + round((timeout or 0.0) * NS)
@@ -263,9 +279,15 @@ class Line(BaseConnection):
 
     def _tick(self) -> None:
         if not self.kept.is_dead:
-            self._take(self.server.tick(self.time.now_ns))
+            self._take(lambda: self.server.tick(self.time.now_ns))
 
-    def _take(self, payloads: list[bytes]) -> None:
+    def _take(self, work: Callable[[], list[bytes]]) -> None:
+        try:
+            payloads = work()
+        except PowerCut:
+            self.cuts += 1
+            self.power_on()
+            return
         for payload in payloads:
             if not self.lose(payload, False) and not self.kept.is_dead:
                 self._waiting.extend([payload] * (1 + self.double))

@@ -41,8 +41,10 @@ class Commands:
     def __init__(self) -> None:
         self.sender = E2eSender(JET_COMMAND)
 
-    def __call__(self, action: float, *, enable=True, mode=Mode.CONTROL, echo: int | None = 0):
-        command = JetCommand(flow_m2_per_s=action * SCALE, mode=mode, enable=enable, pressure_counter=echo)
+    def __call__(self, action: float, *, enable=True, mode=Mode.CONTROL, echo: int | None = 0, next_period=False):
+        command = JetCommand(
+            flow_m2_per_s=action * SCALE, mode=mode, enable=enable, pressure_counter=echo, next_period=next_period
+        )
         return self.sender.frame(codec.emit_jet_command(command), now_ns=0)
 
 
@@ -292,6 +294,16 @@ def test_a_reversal_takes_as_many_periods_as_the_jets_own_limit_says():
     assert driven == pytest.approx([0.0, 0.0, 0.04, 0.07, 0.03, -0.01, -0.05, -0.07], abs=2e-6)
     # Shutting is never slowed down.
     assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
+
+
+def test_a_command_for_this_period_after_one_for_the_next_does_not_leap():
+    config = replace(CONFIG, vehicle=VehicleConfig(action_step=0.04))
+    node, commands = VehicleNode(NAMES, config), Commands()
+    request(node)
+    wanted = [(0.0, True)] * 3 + [(0.04, True), (0.04, True), (0.0, True), (-0.04, False), (-0.04, True), (-0.07, True)]
+    driven = [node.apply_commands([commands(action, next_period=ahead)]).action for action, ahead in wanted]
+    # In the third last period 0.0 was to be reached, and -0.04 is wanted at once: both would be a step of 0.08.
+    assert driven == pytest.approx([0.0] * 4 + [0.04, 0.04, 0.0, 0.0, -0.04], abs=2e-6)
 
 
 def test_a_pressure_that_is_no_number_is_sent_as_an_invalid_zero(node):

@@ -1,5 +1,6 @@
 """Other weights, bounds and delay in flight: from one control period to the next, as a whole, and never wider."""
 
+import struct
 from dataclasses import replace
 from itertools import cycle
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.calibration.segment import Page, Segment
 from can_bridge.command_gate import GateLimits, Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
@@ -21,6 +23,7 @@ from contract.operating_point import OperatingPoint
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu
 from tests.examples import examples
+from tests.firmware_sim.conftest import RecordingController, make_bundle
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
@@ -161,6 +164,23 @@ def test_values_out_of_the_limits_are_refused_and_change_nothing(bench, changes,
     assert bench.ecu is before
 
 
+@examples(100)
+@given(data=st.data(), limit=st.sampled_from([0.075, 0.07, 0.1]), step=st.floats(1e-4, 0.2))
+def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
+    """Also at the limits, which are no float32: a set that came over the bus never stops the control."""
+    config = Config(flow=FlowConfig(action_limit=limit), ecu=EcuConfig(command_step=step))
+    made = make_bundle(action_limit=limit)
+    segment = Segment(release_calibration(made, config), limits_of(made, config))
+    ecu = Ecu(made, RecordingController(), config)
+    rows = zip(segment.limits.least.values, segment.limits.greatest.values, strict=True)
+    *values, delay_steps = (data.draw(st.one_of(st.sampled_from(row), st.floats(*row))) for row in rows)
+    wanted = struct.pack("<9fI", *values, int(delay_steps))
+    segment.set(Calibration.unpack(wanted))
+    after = ecu.calibrated(segment.in_force)
+    assert after.state.memory.sizes[-1] == int(delay_steps) + config.ecu.plan_ahead
+    assert segment.read(Page.WORKING, 0, 40) == wanted
+
+
 def test_limits_are_the_vehicles_and_a_release_may_weigh_more(bundle_of):
     config = Config(ecu=EcuConfig(command_step=0.04, plan_ahead=True))
     limits = limits_of(bundle_of(mpc=MpcConfig(horizon=HORIZON, weights=CostWeights(smoothness=5000.0))), config)
@@ -179,6 +199,14 @@ def test_the_gate_is_never_wider_than_the_vehicle(bundle_of):
     slim = GateLimits.from_config(Config(flow=FlowConfig(action_limit=0.05), ecu=EcuConfig(command_step=0.01)))
     assert slim.narrowed(vehicle) == slim
     assert vehicle.narrowed(slim) == slim
+
+
+def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, recording_controller, monkeypatch):
+    bench = bench_of(recording_controller(lambda i: 1.0))
+    bench.into_control()
+    monkeypatch.setattr("firmware_sim.ecu.ecu.checked", lambda calibration, own, limits: calibration)
+    calibrate(bench, action_limit=1.2 * LIMIT, command_step=1.2 * LIMIT)
+    assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
 
 
 @pytest.mark.parametrize("plan_ahead", [False, True])

@@ -236,3 +236,10 @@ def test_with_another_delay_the_next_planned_action_is_the_same(before, after, p
     if max(before, after) + 1 < len(plan):
         # What is sent next is settled periods into the shifted plan.
         assert changed.plan[after + 1] == memory.plan[before + 1]
+
+
+def test_where_no_row_has_come_another_delay_writes_none():
+    memory = memory_of(3, delay=2).commanded(0.1).commanded(0.2).commanded(0.3)
+    changed = memory.observed(np.array([5.0])).commanded(0.4).with_delay(0)
+    np.testing.assert_array_equal(changed.window, [[0.0, 0.0], [0.0, 0.0], [5.0, 0.3]])
+    assert changed.under_way.values == (0.4,)

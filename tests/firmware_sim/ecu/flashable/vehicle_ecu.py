@@ -37,6 +37,7 @@ MAKER = Ed25519PrivateKey.from_private_bytes(b"make" * 8)
 STRANGER = Ed25519PrivateKey.from_private_bytes(b"else" * 8)
 ACCESS = AccessKey(bytes(range(16)))
 MS = 1_000_000
+SELF_TEST, ACTIVATE, CONFIRM_ROUTINE, REVERT = (b"\x31\x01\x02" + bytes([low]) for low in (4, 5, 6, 7))
 
 
 @cache
@@ -109,6 +110,7 @@ class Rig:
         self.statuses: list[EcuStatus] = []
         self.sent: list[Frame] = []
         self.extra: Sequence[Frame] = ()
+        self.controls: list[tuple[int, list[Frame], list[Frame]]] = []
         self.power_on()
 
     def power_on(self) -> None:
@@ -119,7 +121,9 @@ class Rig:
         if self.now_ns >= self.due_ns:
             self.due_ns += self.config.period_ns
             frames = [] if self.wish is None else [self.pressure(self.wish)]
-            self.take(self.ecu.control(self.now_ns, frames))
+            commanded = self.ecu.control(self.now_ns, frames)
+            self.controls.append((self.now_ns, frames, commanded))
+            self.take(commanded)
         to_ecu = [*self.extra, *self.tester.poll(self.now_ns)]
         self.take(self.ecu.service(self.now_ns, to_ecu))
         self.now_ns += MS

@@ -1,0 +1,159 @@
+"""An ECU's process around its control loop: bus, privileges, log, counters, systemd; the jets are shut at its end."""
+
+import os
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass, field
+from functools import partial
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.secoc.key import Key
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from contract.atomic import check_writable
+from contract.config.tree import Config
+from firmware_sim.ecu.daemon.connection import Connection
+from firmware_sim.ecu.daemon.control_loop import ControlLoop, PlanTimes, RealTime, SteppedInTime, check_offset
+from firmware_sim.ecu.daemon.counters import Counters
+from firmware_sim.ecu.daemon.options import Options
+from firmware_sim.ecu.daemon.reception import Reception
+from firmware_sim.ecu.daemon.reporter import Reporter
+from firmware_sim.ecu.daemon.systemd import Notifier
+from firmware_sim.ecu.other_ecu import is_of_another_ecu
+from firmware_sim.ecu.real_time import clock
+from firmware_sim.ecu.real_time.privileges import in_words, taken
+from firmware_sim.ecu.real_time.stage_times import LONGEST, EcuStage, StageTimes
+
+Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Served:
+    """What the process steps.
+
+    Attributes:
+        ecu: the control.
+        times: of its plans.
+        name: of the release.
+        line: what runs, in words.
+        fields: of the same event.
+        hears: who else takes frames, by identifier; called by the thread that reads the bus.
+        beside: runs while the bus is open, beside the control.
+    """
+
+    ecu: SteppedInTime
+    times: PlanTimes
+    name: str
+    line: str
+    fields: Mapping[str, str | int | float]
+    hears: Mapping[int, Callable[[Frame], None]] = field(default_factory=dict)
+    beside: Beside = lambda connection, reporter: nullcontext()
+
+
+def check(config: Config, options: Options) -> None:
+    """Raises StillwakeError for what would come to nothing: a step's offset, a file that cannot be written."""
+    check_offset(config)
+    for path in (options.stage_times, options.metrics):
+        if path is not None:
+            check_writable(path)
+
+
+def run(
+    served: Served,
+    config: Config,
+    options: Options,
+    *,
+    is_stopped: Callable[[], bool],
+    write: Callable[[str], object],
+    key: Key | None,
+    freshness: FreshnessStore | None,
+    open_bus: Callable[[], PythonCanBus] | None = None,
+) -> Counters:
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it.
+
+    Args:
+        is_stopped: looked at once a period.
+        write: one line of the log.
+        key: of the bus, if it has one.
+        freshness: where its values are kept.
+        open_bus: opens it; by the settings without.
+
+    Raises:
+        StillwakeError: the bus cannot be opened, or a file cannot be written.
+    """
+    messages = message_set(config.bus)
+    pressure = messages.pressure.spec
+    reception = Reception(
+        pressure=pressure,
+        of_another_ecu=lambda frame: is_of_another_ecu(frame, messages, key),
+        interface=config.bus.interface,
+    )
+    stages = None
+    if options.stage_times is not None:
+        stages = StageTimes(EcuStage, LONGEST if options.periods is None else options.periods)
+
+    def opened() -> PythonCanBus:
+        accept = {spec.frame_id for spec in messages.specs} | served.hears.keys()
+        return PythonCanBus.open(config.bus, accept=accept)
+
+    def deliver(frame: Frame) -> None:
+        hears = None if frame.is_extended else served.hears.get(frame.frame_id)
+        (reception.put if hears is None else hears)(frame)
+
+    def keep(counters: Counters) -> None:
+        if freshness is not None:
+            freshness.accepted(pressure.frame_id, counters.state.verifier.freshness)
+
+    with ExitStack() as stack:
+        privileges = stack.enter_context(taken(options.wanted))
+        notifier = Notifier(options.environment, os.getpid())
+        stack.callback(notifier.close)
+        connection = stack.enter_context(Connection(opened if open_bus is None else open_bus, deliver))
+        reporter = stack.enter_context(
+            Reporter(write, options.as_line, bundle=served.name, metrics=options.metrics, keep=keep)
+        )
+
+        def tell(event: str, line: str, **fields: str | int | float) -> None:
+            reporter.tell(event, line, **fields)
+            notifier.status(line)
+
+        def after_step(now_ns: int, counters: Counters) -> None:
+            reporter.counters = counters
+            if counters.steps == 1:
+                notifier.ready("OFF")
+            notifier.came_through(now_ns)
+
+        loop = ControlLoop(
+            served.ecu,
+            served.times,
+            connection,
+            reception,
+            config,
+            tell=tell,
+            after_step=after_step,
+            stage_times=stages,
+            real_time=RealTime(sleep_until=partial(clock.sleep_until, spin_ns=options.spin_ns)),
+        )
+        bus = f"{config.bus.interface} {config.bus.channel!r}, {messages.name}"
+        period_ms = config.period_ns / 1e6
+        tell(
+            "runs",
+            f"{served.line} on {bus}, period {period_ms:g} ms; granted: {in_words(privileges)}",
+            **served.fields,
+            interface=config.bus.interface,
+            channel=config.bus.channel,
+            period_ms=period_ms,
+            privileges=in_words(privileges),
+        )
+        with served.beside(connection, reporter):
+            try:
+                loop.run(is_stopped, options.periods)
+            finally:
+                notifier.stopping()
+                loop.shut()
+        steps = loop.counters.steps
+        tell("stopped", f"jets shut after {steps} steps, {loop.counters.left_out} periods left out", steps=steps)
+    if stages is not None and options.stage_times is not None:
+        stages.save(options.stage_times)
+    return loop.counters

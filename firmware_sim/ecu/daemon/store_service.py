@@ -1,0 +1,163 @@
+"""An ECU that runs the release in its folder, and can be flashed and calibrated over the same bus.
+
+The control has the main thread, the tester one of its own (`diagnosis_thread`). A reset that a tester asks for boots
+within the process: the store is read again, and everything volatile is made anew.
+"""
+
+import secrets
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.calibration.xcp import COMMAND_ID
+from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.services import REQUEST_ID
+from contract.config.tree import Config
+from contract.controller.interface import Controller
+from contract.controller.onnx_session import OnnxController
+from contract.release.bundle import Bundle
+from firmware_sim.ecu.daemon.connection import Connection
+from firmware_sim.ecu.daemon.control_side import ControlSide
+from firmware_sim.ecu.daemon.counters import Counters
+from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
+from firmware_sim.ecu.daemon.options import Options, authentication_of
+from firmware_sim.ecu.daemon.process import Served, check, run
+from firmware_sim.ecu.daemon.reporter import Reporter
+from firmware_sim.ecu.daemon.service import WARM_UP_STEPS
+from firmware_sim.ecu.flashable.ecu_folder import EcuFolder, held
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from firmware_sim.ecu.flashable.supplies import Supplies
+from firmware_sim.ecu.real_time import clock
+from firmware_sim.ecu.real_time.timed_controller import PlanTimes, TimedController
+
+SWITCH_INTERVAL_S: Final = 0.0005
+"""For which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
+NO_RELEASE: Final = "none"
+
+Fields = str | int | float
+
+
+class Log:
+    """Keeps what is told before there is a log, and knows what was booted last.
+
+    Attributes:
+        release: what is booted, in words.
+    """
+
+    def __init__(self) -> None:
+        self._early: list[tuple[str, str, dict[str, Fields]]] = []
+        self._reporter: Reporter | None = None
+        self.release = NO_RELEASE
+
+    def tell(self, event: str, line: str, **fields: Fields) -> None:
+        """As `Supplies.tell`."""
+        if event == "no_release":
+            self.release = NO_RELEASE
+        elif "digest" in fields:
+            self.release = f"{fields['release']} {str(fields['digest'])[:12]}"
+        if self._reporter is None:
+            self._early.append((event, line, fields))
+        else:
+            self._reporter.bundle = self.release
+            self._reporter.tell(event, line, **fields)
+
+    def begin(self, reporter: Reporter) -> None:
+        """Tell it all, and from now on at once."""
+        self._reporter = reporter
+        for event, line, fields in self._early:
+            reporter.tell(event, line, **fields)
+
+
+def serve_store(
+    folder: EcuFolder,
+    access: AccessKey,
+    config: Config,
+    options: Options,
+    *,
+    software: str,
+    is_stopped: Callable[[], bool],
+    write: Callable[[str], object],
+    open_bus: Callable[[], PythonCanBus] | None = None,
+) -> Counters:
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it.
+
+    Args:
+        folder: of the ECU.
+        access: shared with the tester.
+        config: of the vehicle; its bus is a real one.
+        options: of the process.
+        software: version of stillwake.
+        is_stopped, write, open_bus: as for `firmware_sim.ecu.daemon.service.serve`.
+
+    Raises:
+        StillwakeError: another process runs this ECU, the bus cannot be opened, or a file cannot be written.
+    """
+    check(config, options)
+    times, log = PlanTimes(), Log()
+
+    def controller_of(release: Bundle) -> Controller:
+        controller = OnnxController.of(release)
+        controller.warm_up(WARM_UP_STEPS)
+        return TimedController(controller, clock.now_ns, times)
+
+    supplies = Supplies(
+        root=folder.root,
+        access=access,
+        random_bytes=secrets.token_bytes,
+        hardware=folder.hardware,
+        serial=folder.serial,
+        software=software,
+        controller_of=controller_of,
+        tell=log.tell,
+    )
+    with held(folder.folder), _switching():
+        freshness, authentication = authentication_of(config, options)
+        ecu = FlashableEcu(folder.backing(), config, supplies, authentication=authentication)
+        connections: list[Connection] = []
+        diagnosis = DiagnosisThread(
+            ecu,
+            lambda frames: [connection.send(frames) for connection in connections],
+            now_ns=clock.now_ns,
+            failed=lambda error: log.tell(
+                "diagnosis_ended", f"diagnosis ended, the control goes on: {type(error).__name__}: {error}"
+            ),
+        )
+
+        @contextmanager
+        def beside(connection: Connection, reporter: Reporter) -> Iterator[None]:
+            connections.append(connection)
+            log.begin(reporter)
+            with diagnosis:
+                yield
+
+        served = Served(
+            ecu=ControlSide(ecu),
+            times=times,
+            name=log.release,
+            line=f"runs ECU {folder.serial} ({folder.hardware}) from {folder.folder}, release {log.release},",
+            fields={"serial": folder.serial, "hardware": folder.hardware, "release": log.release},
+            hears={REQUEST_ID: diagnosis.put, COMMAND_ID: diagnosis.put},
+            beside=beside,
+        )
+        return run(
+            served,
+            config,
+            options,
+            is_stopped=is_stopped,
+            write=write,
+            key=None if authentication is None else authentication.key,
+            freshness=freshness,
+            open_bus=open_bus,
+        )
+
+
+@contextmanager
+def _switching() -> Iterator[None]:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)

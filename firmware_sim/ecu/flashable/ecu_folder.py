@@ -1,0 +1,129 @@
+"""The folder that is the memory of an ECU on a computer: its store, its root key, and which ECU it is.
+
+    root.pub        public root key
+    ecu.json        schema, hardware, serial
+    *.record, *.image   the store's (`can_bridge.flashing.folder_backing`)
+
+Who may write the folder may replace all of it: it should be root's, or the service's alone.
+"""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import copyfile
+from typing import Final
+
+from can_bridge.flashing.checking import Fits
+from can_bridge.flashing.folder_backing import FolderBacking
+from can_bridge.flashing.store import Store
+from contract.atomic import replacing
+from contract.errors import ConfigError, OutputError
+from contract.release import signing, strict_json
+from contract.release.printable import is_name, quoted
+from contract.release.signing import PublicKey
+
+ROOT: Final = "root.pub"
+IDENTITY: Final = "ecu.json"
+SCHEMA: Final = "stillwake-ecu/1"
+_LOCK: Final = "lock"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuFolder:
+    """As it was provisioned.
+
+    Attributes:
+        root: key that signs key lists.
+        hardware: name of the hardware.
+        serial: number of this ECU.
+    """
+
+    folder: Path
+    root: PublicKey
+    hardware: str
+    serial: str
+
+    def backing(self) -> FolderBacking:
+        """Of the store; raises MediumError if the folder cannot be used."""
+        return FolderBacking(self.folder)
+
+
+def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
+    """What stands in a folder.
+
+    Args:
+        root: file of the root key, in place of the folder's own copy.
+        hardware: in place of what was provisioned.
+
+    Raises:
+        ConfigError: it is no such folder.
+        KeyFileError: its root key cannot be read.
+    """
+    try:
+        raw = (folder / IDENTITY).read_bytes()
+    except OSError as error:
+        raise ConfigError(
+            f"{folder}: no folder of an ECU ({IDENTITY}: {error.strerror}); `stillwake ecu provision` makes one"
+        ) from error
+    try:
+        identity = strict_json.decode(raw)
+        if identity.keys() != {"schema", "hardware", "serial"} or identity["schema"] != SCHEMA:
+            raise ValueError(f"must have schema {SCHEMA!r}, hardware and serial")
+        found, serial = (_name(identity[name], name) for name in ("hardware", "serial"))
+    except (ValueError, ConfigError) as error:
+        raise ConfigError(f"{folder / IDENTITY}: {error}; provision a new folder") from error
+    return EcuFolder(
+        folder=folder,
+        root=signing.read_public_key(folder / ROOT if root is None else root),
+        hardware=found if hardware is None else _name(hardware, "hardware"),
+        serial=serial,
+    )
+
+
+def provision(
+    folder: Path, *, root: Path, keys: bytes, image: bytes | None, hardware: str, serial: str, fits: Fits
+) -> EcuFolder:
+    """Make the folder of a new ECU, whole or not at all.
+
+    Args:
+        folder: to be made; an empty one may be there.
+        root: file of the public root key.
+        keys: signed key list.
+        image: of the release that runs from the start; None to flash the first one.
+        hardware, serial: of the ECU.
+        fits: whether a bundle is for this vehicle.
+
+    Raises:
+        OutputError: something is there.
+        ConfigError: the image fails a check, or a name is none.
+        KeyFileError: the root key cannot be read, or did not sign the list.
+    """
+    if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputError(f"{folder}: is there already; an ECU's memory is never overwritten, name another folder")
+    public = signing.read_public_key(root)
+    identity = {"schema": SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
+    with replacing(folder) as temporary:
+        Store.provision(FolderBacking(temporary), root=public, keys=keys, image=image, hardware=hardware, fits=fits)
+        copyfile(root, temporary / ROOT)
+        (temporary / IDENTITY).write_bytes(strict_json.encode(identity))
+    return read_folder(folder)
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """While the block lasts no other process runs this ECU; raises ConfigError if one does."""
+    with open(folder / _LOCK, "wb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ConfigError(f"{folder}: another process runs this ECU; end it first") from error
+        yield
+
+
+def _name(value: object, what: str) -> str:
+    if not isinstance(value, str) or not is_name(value):
+        raise ConfigError(f"{what} {quoted(value)}: must be a name of printable characters")
+    return value

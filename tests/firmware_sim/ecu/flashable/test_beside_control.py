@@ -1,0 +1,180 @@
+"""Diagnosis beside control: it changes no bit of what is commanded, and is refused where it would."""
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from can_bridge.uds.services import REQUEST_ID, Level
+from can_bridge.wire.frame import FD_LENGTHS, Frame
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig, SensorCheckConfig
+from contract.controller.onnx_session import OnnxController
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision
+
+# Made-up pressures are no wake: the check of the sensors would shut the jets.
+CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
+EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\x03"
+NOT_NOW = 0x22
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    provision(tmp_path / "ecu", image("first"))
+    return Rig(tmp_path / "ecu", CONFIG)
+
+
+def into_control(rig: Rig) -> None:
+    rig.wish = False
+    rig.run(100)
+    rig.wish = True
+    rig.run(2000)
+    assert rig.statuses[-1].state is Mode.CONTROL
+
+
+def plain(rig: Rig) -> list[list[Frame]]:
+    """What the ECU without a store answers to the same pressures at the same times."""
+    bundle = rig.ecu.boot.bundle
+    assert bundle is not None
+    ecu = Ecu(bundle, OnnxController.of(bundle), CONFIG)
+    return [ecu.step(now_ns, frames) for now_ns, frames, _ in rig.controls]
+
+
+def test_a_tester_that_asks_changes_no_bit_of_the_commands(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", CONFIG, controller_of=OnnxController.of)
+    into_control(rig)
+    for _ in range(5):
+        rig.good(EXTENDED)
+        for did in (0xF18C, 0xF191, 0xF195, 0xFD00, 0xFD01, 0xFD02, 0xFD03, 0xFD04, 0xFD10, 0xFD11, 0xFD12):
+            rig.good(b"\x22" + did.to_bytes(2, "big"))
+        assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+        # Wrong keys, until none is taken for a while.
+        rig.ask(b"\x27\x03")
+        assert rig.ask(b"\x27\x04" + bytes(16))[2] in (0x35, 0x36, 0x24)
+    assert rig.statuses[-1].state is Mode.CONTROL
+    assert len({command.flow_m2_per_s for command in rig.commands}) > 10
+    assert [sent for _, _, sent in rig.controls] == plain(rig)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_flood_is_bounded_and_changes_no_bit(tmp_path: Path, seed: int) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", CONFIG, controller_of=OnnxController.of)
+    into_control(rig)
+    random = Random(seed)
+    for _ in range(300):
+        frames = [
+            Frame(frame_id=random.choice((REQUEST_ID, 0x7D0)), data=random.randbytes(random.choice(FD_LENGTHS)))
+            for _ in range(2 * MOST_FRAMES)
+        ]
+        rig.extra, before = frames, len(rig.sent)
+        rig.millisecond()
+        assert len(rig.sent) - before <= 2 + 8 + 2 * MOST_FRAMES
+    rig.extra = ()
+    assert [sent for _, _, sent in rig.controls] == plain(rig)
+    # It has not lost its head either.
+    rig.run(3000)
+    rig.answers.clear()
+    rig.tester.take()
+    assert rig.good(b"\x22\xf1\x8c")[3:] == b"42"
+
+
+def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
+    into_control(rig)
+    rig.good(EXTENDED)
+    assert rig.ask(PRECONDITIONS)[2] == NOT_NOW
+    assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+    # The pressures end: the jets shut, but whether the wish still stands nobody knows for a second.
+    rig.wish = None
+    rig.run(500)
+    assert not rig.commands[-1].enable
+    assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+    rig.run(600)
+    rig.good(EXTENDED)
+    rig.good(PRECONDITIONS)
+    rig.good(PROGRAMMING)
+
+
+def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(rig: Rig) -> None:
+    # From power-on: the wish stands and has not risen, so the jets stay shut.
+    rig.wish = True
+    rig.run(1000)
+    assert rig.statuses[-1].reason is Reason.NOT_ARMED
+    assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+    rig.wish = False
+    rig.run(1100)
+    rig.good(PROGRAMMING)
+
+
+def test_a_wish_between_session_and_announcement_stands_against_it(rig: Rig) -> None:
+    rig.wish = False
+    rig.run(100)
+    rig.programming()
+    rig.wish = True
+    rig.run(2000)
+    assert rig.statuses[-1].state is Mode.CONTROL
+    assert rig.ask(b"\x31\x01\xff\x00" + bytes(36))[2] == NOT_NOW
+    rig.run(40)
+    assert rig.statuses[-1].state is Mode.CONTROL
+
+
+def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
+    rig.wish = False
+    rig.run(100)
+    rig.programming()
+    rig.announce(image("second"))
+    rig.wish = True
+    rig.run(8000)
+    # The session is over since long.
+    assert rig.good(b"\x22\xf1\x86")[3] == 1
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    assert not any(command.enable for command in rig.commands)
+    rig.power_on()
+    rig.wish = False
+    rig.run(100)
+    rig.wish = True
+    rig.run(2000)
+    assert rig.statuses[-1].state is Mode.CONTROL
+
+
+def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
+    rig.wish = False
+    rig.run(100)
+    rig.programming()
+    rig.wish = True
+    rig.run(2000)
+    assert rig.commands[-1].enable
+    rig.good(b"\x11\x01")
+    rig.run(100)
+    assert rig.ecu.resets == 1
+    # The wish that stands is none of the new power cycle's.
+    rig.commands.clear()
+    rig.run(500)
+    assert not any(command.enable for command in rig.commands)
+
+
+def test_wrong_keys_are_told_counted_and_outlive_a_power_cut(rig: Rig) -> None:
+    rig.good(PROGRAMMING)
+    for count in (1, 2):
+        rig.good(b"\x27\x01")
+        assert rig.ask(b"\x27\x02" + bytes(16))[2] == 0x35
+        assert rig.told.events[-1][0] == "key_refused"
+        assert rig.told.events[-1][2]["count"] == count
+    rig.power_on()
+    assert rig.ecu.store.failed_attempts(Level.PROGRAMMING) == 2
+    rig.good(PROGRAMMING)
+    rig.good(b"\x27\x01")
+    assert rig.ask(b"\x27\x02" + bytes(16))[2] == 0x36
+    assert rig.ask(b"\x27\x01")[2] == 0x37
+    rig.run(4000)
+    rig.good(PROGRAMMING)
+    rig.run(4000)
+    rig.good(PROGRAMMING)
+    rig.run(2500)
+    rig.programming()
+    assert rig.told.names()[-1] == "unlocked"
+    assert ACCESS.answer(Level.PROGRAMMING, bytes(16)) != bytes(16)

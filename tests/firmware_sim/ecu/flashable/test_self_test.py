@@ -1,0 +1,140 @@
+"""A release that computes nonsense is not confirmed; one that does not load here is not even activated."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from can_bridge.flashing.verdicts import Verdict
+from contract.controller.interface import ControllerError, ControlStep
+from contract.controller.onnx_session import OnnxController
+from contract.errors import BundleControllerError
+from contract.release.bundle import Bundle
+from firmware_sim.ecu.flashable.fitting import Fitting
+from firmware_sim.ecu.flashable.self_test import self_test
+from tests.firmware_sim.conftest import RecordingController
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
+    CONFIRM_ROUTINE,
+    REVERT,
+    SELF_TEST,
+    Rig,
+    image,
+    provision,
+    shipped,
+)
+
+
+class Planning:
+    """Answers this plan; the forces are finite."""
+
+    def __init__(self, value: float, length: int | None = None, forces: float = 0.0) -> None:
+        self.value, self.length, self.forces = value, length, forces
+
+    def control_step(self, window, plan, free, weights=None) -> ControlStep:
+        length = len(plan) if self.length is None else self.length
+        forces = np.full((len(plan), 2), self.forces)
+        return ControlStep(plan=np.full(length, self.value), forces=forces, terms=np.zeros(7), cost=0.0)
+
+
+class Failing:
+    def control_step(self, window, plan, free, weights=None) -> ControlStep:
+        raise ControllerError("no answer")
+
+
+LIMIT = shipped().manifest.action_limit
+
+
+def test_the_shipped_release_passes_its_own() -> None:
+    pieces = list(self_test(shipped(), OnnxController.of(shipped())))
+    # Between two pieces the bus is answered; there is one for each graph and window.
+    assert len(pieces) == 5
+
+
+@pytest.mark.parametrize("controller", [Planning(LIMIT), Planning(-LIMIT)])
+def test_a_plan_at_the_limit_passes(controller) -> None:
+    list(self_test(shipped(), controller))
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        Planning(float("nan")),
+        Planning(float("inf")),
+        Planning(1.01 * LIMIT),
+        Planning(-1.01 * LIMIT),
+        Planning(0.0, length=3),
+        Planning(0.0, forces=float("nan")),
+        Failing(),
+    ],
+)
+def test_what_is_no_plan_fails(controller) -> None:
+    with pytest.raises(ControllerError):
+        list(self_test(shipped(), controller))
+
+
+def test_a_release_that_fails_it_is_told_and_can_be_given_up(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+
+    def controller_of(bundle: Bundle):
+        return Failing() if bundle.manifest.name == "second" else RecordingController()
+
+    rig = Rig(tmp_path / "ecu", controller_of=controller_of)
+    rig.programming()
+    rig.good(SELF_TEST)
+    rig.start(image("second"))
+    rig.programming()
+    assert rig.ask(SELF_TEST)[2] == 0x72
+    assert rig.told.names()[-1] == "self_test_failed"
+    rig.good(REVERT)
+    rig.reset()
+    assert rig.ecu.boot.bundle is not None
+    assert rig.ecu.boot.bundle.manifest.name == "first"
+
+
+def test_without_a_release_there_is_none(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", None)
+    rig = Rig(tmp_path / "ecu")
+    rig.programming()
+    assert rig.ask(SELF_TEST)[2] == 0x22
+    assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
+    assert rig.ask(b"\x22\xfd\x10")[2] == 0x31
+
+
+def test_a_controller_that_does_not_load_here_is_a_damaged_release(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+
+    def controller_of(bundle: Bundle):
+        if bundle.manifest.name == "second":
+            raise BundleControllerError("controller.onnx does not load")
+        return RecordingController()
+
+    rig = Rig(tmp_path / "ecu", controller_of=controller_of)
+    assert rig.write(image("second")) is Verdict.DAMAGED
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict"),
+    [
+        ({}, Verdict.GOOD),
+        ({"control_period": 0.1}, Verdict.WRONG_PERIOD),
+        ({"action_limit": 0.2}, Verdict.WRONG_VEHICLE),
+    ],
+)
+def test_a_release_for_another_vehicle_is_refused(tmp_path: Path, changes, verdict: Verdict) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    assert Rig(tmp_path / "ecu").write(image("second", **changes)) is verdict
+
+
+def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:
+    from contract.config.tree import Config
+
+    made: list[str] = []
+
+    def controller_of(bundle: Bundle) -> RecordingController:
+        made.append(bundle.digest)
+        return RecordingController()
+
+    fitting, bundle = Fitting(Config(), controller_of), bundle_of()
+    assert fitting.fits(bundle) is Verdict.GOOD
+    assert fitting.controller(bundle) is fitting.controller(bundle)
+    assert made == [bundle.digest]

@@ -1,0 +1,206 @@
+"""An ECU that can be flashed, as a process: provisioned, run, flashed, killed amid a transfer, flashed again."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from can_bridge.bus.python_can import PythonCanBus
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from stillwake.shipped import BUNDLE
+from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
+
+GROUP = f"239.77.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
+BUS = ("--bus", f"udp_multicast:{GROUP}")
+SET_BUS = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
+PATIENT = ("--set", "ecu.deadline_misses=11")
+
+
+@dataclass
+class Works:
+    """A maker's keys, two releases, and an ECU's folder."""
+
+    folder: Path
+    cli: Callable[..., Any]
+
+    def path(self, name: str) -> str:
+        return str(self.folder / name)
+
+    def good(self, *arguments: str) -> str:
+        outcome = self.cli(*arguments)
+        assert outcome.code == 0, outcome.err
+        return str(outcome.out)
+
+    def release(self, name: str, version: int) -> str:
+        key = ("--key", self.path("maker/release.key"))
+        self.good(
+            *("bundle", "renew", str(BUNDLE), self.path(name), "--name", name, *key),
+            *("--security-version", str(version)),
+        )
+        return self.path(name)
+
+    def provision(self, *more: str) -> Any:
+        given = ("--root", self.path("root/release.pub"), "--keys", self.path("keys.list"), "--hardware", "bench")
+        return self.cli("ecu", "provision", self.path("ecu"), *given, "--serial", "42", *more)
+
+
+@pytest.fixture
+def works(tmp_path: Path, cli: Callable[..., Any]) -> Works:
+    works = Works(tmp_path, cli)
+    works.good("bundle", "keygen", works.path("root"))
+    works.good("bundle", "keygen", works.path("maker"))
+    works.good("can", "keygen", works.path("access.key"))
+    signs = ("--key", works.path("maker/release.pub"))
+    root = ("--root", works.path("root/release.key"))
+    works.good("bundle", "keylist", works.path("keys.list"), *root, "--version", "1", *signs)
+    works.release("first", 1)
+    return works
+
+
+@dataclass
+class Process:
+    popen: "subprocess.Popen[str]"
+    events: list[dict[str, Any]] = field(default_factory=list)
+    other: list[str] = field(default_factory=list)
+
+    def listen(self) -> None:
+        assert self.popen.stderr is not None
+        for line in self.popen.stderr:
+            try:
+                self.events.append(json.loads(line))
+            except ValueError:
+                self.other.append(line)
+
+    def names(self) -> list[str]:
+        return [event["event"] for event in self.events]
+
+    def until(self, name: str) -> dict[str, Any]:
+        begin = time.monotonic()
+        while name not in self.names():
+            assert time.monotonic() - begin < PATIENCE_S, f"{name} did not come: {self.names()}, {self.other}"
+            assert self.popen.poll() is None, self.other
+            time.sleep(0.005)
+        return next(event for event in self.events if event["event"] == name)
+
+
+@contextmanager
+def ecu(works: Works) -> Iterator[Process]:
+    command = [sys.executable, "-m", "stillwake", "ecu", "--slots", works.path("ecu"), *SET_BUS, *PATIENT]
+    command += ["--access", works.path("access.key"), "--log", "json"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as popen:
+        its = Process(popen)
+        listener = threading.Thread(target=its.listen)
+        listener.start()
+        try:
+            its.until("runs")
+            yield its
+        finally:
+            popen.kill()
+            listener.join(PATIENCE_S)
+
+
+def flash(works: Works, release: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "stillwake", "flash", release, *BUS, "--access", works.path("access.key")]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def test_it_is_provisioned_once_and_shown(works: Works) -> None:
+    outcome = works.provision("--bundle", works.path("first"))
+    assert outcome.code == 0, outcome.err
+    assert "ECU 42 (bench)" in outcome.out
+    again = works.provision()
+    assert again.code == 1
+    assert "is there already" in again.err
+    assert again.err.count("\n") == 1
+    shown = works.good("ecu", "info", "--slots", works.path("ecu"))
+    assert "confirmed, first" in shown
+    found = json.loads(works.good("ecu", "info", "--slots", works.path("ecu"), "--json"))
+    assert (found["hardware"], found["serial_number"]) == ("bench", "42")
+    assert found["store"]["slots"][0]["phase"] == "CONFIRMED"
+    assert found["store"]["key_list_version"] == 1
+
+
+def test_a_release_that_the_keys_do_not_allow_is_not_provisioned(works: Works) -> None:
+    outcome = works.provision("--bundle", str(BUNDLE))
+    assert outcome.code == 1
+    assert "a key that this ECU does not know" in outcome.err
+    assert not Path(works.path("ecu")).exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--slots", "ecu"), "--slots: needs --access KEYFILE"),
+        (("--access", "access.key"), "--access: goes with --slots"),
+        (("--hardware", "x"), "--hardware: goes with --slots"),
+        (("--slots", "none", "--access", "access.key"), "none: no folder of an ECU"),
+        (("--slots", "ecu", "--access", "none.key"), "none.key"),
+        (("first", "--slots", "ecu", "--access", "access.key"), "BUNDLE: --slots runs the release in its folder"),
+        (("--slots", "ecu", "--access", "access.key", "--trust", "x"), "--trust: --slots runs"),
+        (("--slots", "ecu", "--access", "access.key", "--set", "mpc.weights.lift=0.1"), "does not use it"),
+    ],
+)
+def test_what_cannot_run_is_one_line(
+    works: Works, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
+) -> None:
+    monkeypatch.chdir(works.folder)
+    assert works.provision().code == 0
+    outcome = works.cli("ecu", *arguments, *SET_BUS)
+    assert outcome.code == 1
+    assert words in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+@pytest.mark.processes
+def test_flashed_killed_amid_a_transfer_and_flashed_again(works: Works) -> None:
+    pytest.importorskip("udsoncan")
+    assert works.provision("--bundle", works.path("first")).code == 0
+    second = works.release("second", 2)
+    config = Config(bus=BusConfig(interface="udp_multicast", channel=GROUP))
+    with ecu(works) as first:
+        assert first.until("booted")["release"] == "first"
+        tester = flash(works, second)
+        first.until("update")
+        # Some blocks on its way.
+        record = Path(works.path("ecu")) / "slot_b.image"
+        begin = time.monotonic()
+        while record.stat().st_size < 20_000:
+            assert time.monotonic() - begin < PATIENCE_S
+            time.sleep(0.001)
+        first.popen.send_signal(signal.SIGKILL)
+        first.popen.wait(PATIENCE_S)
+        tester.terminate()
+        tester.communicate(timeout=PATIENCE_S)
+    with ecu(works) as again:
+        assert again.until("booted")["release"] == "first"
+        shown = works.good("ecu", "info", *BUS)
+        assert "filling" in shown
+        tester = flash(works, second)
+        said, _ = tester.communicate(timeout=PATIENCE_S)
+        assert tester.returncode == 0, said
+        assert "second runs, and is confirmed" in said
+        names = again.names()
+        order = ["booted", "update", "checked", "activated", "trial", "self_test", "confirmed"]
+        assert [name for name in names if name in order] == order
+        # The control is there all along, and the new release does it.
+        with PythonCanBus.open(config.bus) as bus:
+            vehicle = Vehicle(config, bus)
+            vehicle.until(lambda: len(vehicle.statuses) > 10, wish=False)
+            assert vehicle.statuses[-1].bundle_hash == int(again.until("trial")["digest"][:8], 16)
+        again.popen.send_signal(signal.SIGTERM)
+        assert again.popen.wait(PATIENCE_S) == 0
+        assert again.other == []
+    shown = json.loads(works.good("ecu", "info", "--slots", works.path("ecu"), "--json"))
+    assert {slot["phase"] for slot in shown["store"]["slots"]} == {"CONFIRMED"}
+    assert shown["store"]["least_security_version"] == 2
