@@ -144,7 +144,7 @@ def test_confirmation_without_a_trial(monkeypatch):
 
 
 def test_key_list_that_nobody_looked_at(monkeypatch):
-    def take(self, raw):
+    def take(self, raw, needed):
         self.backing.keep(Kind.KEYS, raw)
         with suppress(KeyFileError):
             self.keys = key_list.decode(raw, self._root)
