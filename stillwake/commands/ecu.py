@@ -37,14 +37,26 @@ _USES: Final = (
 _VEHICLE: Final = ("operating_point", "flow.control_period", "flow.action_limit", "ecu.delay_steps", "ecu.plan_ahead")
 _BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
 _RUN: Final = "run"
+_FACTS: Final = {
+    "serial_number": "serial number",
+    "hardware": "hardware",
+    "software_version": "stillwake",
+    "dbc_sha256": "DBC",
+    "root_key": "root key",
+    "period_ns": "control period",
+    "capacity": "greatest image, bytes",
+}
+"""What `info` shows of an ECU, by its name for machines."""
 
 
 class _RunsByDefault(TyperGroup):
     """`stillwake ecu BUNDLE` is `stillwake ecu run BUNDLE`."""
 
+    default_command = _RUN
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not args or args[0] not in self.commands:
-            args = [_RUN, *args]
+            args = [self.default_command, *args]
         return super().parse_args(ctx, args)
 
 
@@ -225,7 +237,9 @@ def info(
         console.print_json(data={**found, "store": loads(encode(report))})
         return
     table = Table(show_header=False)
-    for name, value in (*found.items(), *_rows(report)):
+    if "period_ns" in found:
+        found["period_ns"] = f"{int(found['period_ns']) / 1e6:g} ms"
+    for name, value in (*((_FACTS[name], str(value)) for name, value in found.items()), *_rows(report)):
         table.add_row(name, visible(value))
     console.print(table)
 
@@ -259,7 +273,7 @@ def _refuse(why: str, **given: Any) -> None:
             raise ConfigError(f"{name if name.isupper() else f'--{name}'}: {why}; leave it out")
 
 
-def _asked(config: Config) -> "tuple[dict[str, str], Report]":
+def _asked(config: Config) -> "tuple[dict[str, str | int], Report]":
     """What the ECU on a bus says."""
     from time import monotonic, sleep
 
@@ -269,18 +283,18 @@ def _asked(config: Config) -> "tuple[dict[str, str], Report]":
 
     with open_client(config.bus) as client:
         facts = read_facts(Asking(client, key=None, clock=monotonic, sleep=sleep))
-    found = {
-        "serial number": facts.serial_number,
+    found: dict[str, str | int] = {
+        "serial_number": facts.serial_number,
         "hardware": facts.hardware,
-        "stillwake": facts.software_version,
-        "DBC": facts.dbc_sha256,
-        "control period": f"{facts.period_ns / 1e6:g} ms",
-        "greatest image": f"{facts.capacity} bytes",
+        "software_version": facts.software_version,
+        "dbc_sha256": facts.dbc_sha256,
+        "period_ns": facts.period_ns,
+        "capacity": facts.capacity,
     }
     return found, facts.store
 
 
-def _from_folder(slots: Path, root: Path | None) -> "tuple[dict[str, str], Report]":
+def _from_folder(slots: Path, root: Path | None) -> "tuple[dict[str, str | int], Report]":
     """What stands in an ECU's folder; nothing is booted and nothing written."""
     from can_bridge.flashing.report import report_of
     from can_bridge.flashing.store import Store
@@ -291,11 +305,11 @@ def _from_folder(slots: Path, root: Path | None) -> "tuple[dict[str, str], Repor
     store = Store(
         folder.backing(), root=folder.root, hardware=folder.hardware, fits=lambda bundle: Verdict.WRONG_VEHICLE
     )
-    found = {
-        "serial number": folder.serial,
+    found: dict[str, str | int] = {
+        "serial_number": folder.serial,
         "hardware": folder.hardware,
-        "root key": folder.root.fingerprint,
-        "greatest image": f"{store.capacity} bytes",
+        "root_key": folder.root.fingerprint,
+        "capacity": store.capacity,
     }
     return found, report_of(store)
 

@@ -139,6 +139,8 @@ def _found(words: list[str]) -> tuple[set[str], list[str]]:
         app, rest = command_line.app, words[1:]
     command = typer.main.get_command(app)
     while groups := getattr(command, "commands", None):
+        if not (rest and rest[0] in groups) and (default := getattr(command, "default_command", None)):
+            rest = [default, *rest]
         assert rest and rest[0] in groups, f"{shlex.join(words)}: one of {', '.join(groups)}"
         command, rest = groups[rest[0]], rest[1:]
     return {name for parameter in command.params for name in parameter.opts}, rest

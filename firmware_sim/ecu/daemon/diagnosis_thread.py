@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from can_bridge.wire.frame import Frame
+from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time.inbox import Inbox
 from firmware_sim.ecu.real_time.privileges import step_back
@@ -67,6 +68,8 @@ class DiagnosisThread:
             while not self._stop.is_set():
                 self._wakes.wait(SENDING_S if self._ecu.is_busy else PAUSE_S)
                 self._wakes.clear()
-                self._send(self._ecu.service(self._now_ns(), self._inbox.take()))
+                frames = self._inbox.take()
+                for first in range(0, max(1, len(frames)), MOST_FRAMES):
+                    self._send(self._ecu.service(self._now_ns(), frames[first : first + MOST_FRAMES]))
         except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is told
             self._failed(error)

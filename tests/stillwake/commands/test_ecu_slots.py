@@ -126,7 +126,7 @@ def test_it_is_provisioned_once_and_shown(works: Works) -> None:
     shown = works.good("ecu", "info", "--slots", works.path("ecu"))
     assert "confirmed, first" in shown
     found = json.loads(works.good("ecu", "info", "--slots", works.path("ecu"), "--json"))
-    assert (found["hardware"], found["serial number"]) == ("bench", "42")
+    assert (found["hardware"], found["serial_number"]) == ("bench", "42")
     assert found["store"]["slots"][0]["phase"] == "CONFIRMED"
     assert found["store"]["key_list_version"] == 1
 

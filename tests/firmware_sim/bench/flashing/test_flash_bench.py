@@ -1,6 +1,8 @@
 """The tester's own sequence on the simulated bus, beside the control traffic: with and without lost frames."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -34,7 +36,9 @@ def made(folder: Path, config: Config) -> tuple[FlashableEcu, Rig]:
         ("classic", lambda length: length / 7 * (111 / 500e3)),
     ],
 )
-def test_the_time_is_that_of_the_frames(tmp_path: Path, frames: str, bits) -> None:
+def test_the_time_is_that_of_the_frames(
+    tmp_path: Path, frames: Literal["fd", "classic"], bits: Callable[[int], float]
+) -> None:
     config = Config(bus=BusConfig(frames=frames))
     ecu, rig = made(tmp_path, config)
     found = flash_time(ecu, image("second"), config, key=ACCESS.answer)
@@ -49,7 +53,7 @@ def test_the_time_is_that_of_the_frames(tmp_path: Path, frames: str, bits) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", ["fd", "classic"])
-def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path, frames: str) -> None:
+def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path, frames: Literal["fd", "classic"]) -> None:
     config = Config(bus=BusConfig(frames=frames))
     ecu, _ = made(tmp_path, config)
     losses = [Drop(probability=0.01, at="send"), Drop(probability=0.01, at="receive")]

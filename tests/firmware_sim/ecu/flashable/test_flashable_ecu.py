@@ -4,13 +4,27 @@ from pathlib import Path
 
 import pytest
 
+from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.secoc.key import read_key, write_key
+from can_bridge.secoc.node import Authentication
+from can_bridge.wire.message_specs import (
+    ECU_STATUS,
+    FRESHNESS_LENGTH,
+    JET_COMMAND,
+    JET_COMMAND_SECURED,
+    PRESSURE,
+)
 from can_bridge.wire.messages import Mode, Reason
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
+from firmware_sim.ecu.stepped import SteppedEcu
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
     ACTIVATE,
     CONFIRM_ROUTINE,
+    MS,
     REVERT,
     STRANGER,
     Rig,
@@ -39,6 +53,7 @@ def test_without_a_release_it_says_so_and_can_be_flashed(tmp_path: Path) -> None
     assert {(c.enable, c.flow_m2_per_s, c.mode) for c in rig.commands} == {(False, 0.0, Mode.FAULT)}
     # A wish does not stand against it: there is nothing to interrupt. It does once a release runs.
     rig.start(image("first"))
+    assert (Mode.OFF, Reason.UPDATING) in {(status.state, status.reason) for status in rig.statuses}
     rig.wish = False
     rig.run(1100)
     rig.programming()
@@ -145,3 +160,34 @@ def test_an_interrupted_transfer_goes_on_after_a_power_cut(rig: Rig) -> None:
     for _ in rig.blocks(raw, there):
         pass
     assert rig.good(b"\x31\x01\xff\x01")[4] == Verdict.GOOD
+
+
+def test_with_a_key_no_freshness_comes_twice_over_resets_and_releases(tmp_path: Path) -> None:
+    write_key(tmp_path / "bus.key", bytes(range(1, 17)))
+    config = Config(bus=BusConfig(key=str(tmp_path / "bus.key")))
+    provision(tmp_path / "ecu", None)
+    rig = Rig(tmp_path / "ecu", config, authentication=Authentication(key=read_key(tmp_path / "bus.key"), trip=7))
+    rig.run(200)
+    rig.start(image("first"))
+    rig.run(200)
+    spec = JET_COMMAND_SECURED
+    values = [
+        int.from_bytes(frame.data[spec.protected : spec.protected + FRESHNESS_LENGTH], "big")
+        for frame in rig.sent
+        if spec.names(frame)
+    ]
+    assert rig.ecu.resets == 1
+    assert values == list(range(values[0], values[0] + len(values)))
+    assert values[0] == 7 << 32
+
+
+def test_it_steps_like_any_ecu(rig: Rig) -> None:
+    ecu: SteppedEcu = rig.ecu
+    power_on = ecu.state
+    sent = ecu.step(MS, [rig.pressure(False)])
+    assert [frame.frame_id for frame in sent] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
+    assert ecu.state != power_on
+    assert ecu.status().bundle_hash == hash_of(image("first"))
+    ecu.restore(power_on)
+    rig.sender = E2eSender(PRESSURE)
+    assert ecu.step(MS, [rig.pressure(False)]) == sent

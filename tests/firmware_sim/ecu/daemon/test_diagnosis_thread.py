@@ -1,0 +1,140 @@
+"""The tester's thread beside the control's: whatever the one waits for, the other goes on."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from can_bridge.flashing.backing import Kind
+from can_bridge.flashing.folder_backing import FolderBacking
+from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Level
+from can_bridge.wire.frame import Frame
+from contract.config.tree import Config
+from firmware_sim.ecu.daemon.control_side import ControlSide
+from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
+from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from firmware_sim.ecu.real_time import clock
+from tests.firmware_sim.ecu.daemon.conftest import wait_for
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision
+
+CONFIG = Config()
+
+
+class SlowDisk(FolderBacking):
+    """Keeps records only when it is let."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.waits, self.let = Event(), Event()
+
+    def keep(self, kind: Kind, record: bytes) -> None:
+        self.waits.set()
+        assert self.let.wait(10.0)
+        super().keep(kind, record)
+
+
+class AtTheOtherEnd:
+    """A tester, with the wire in between."""
+
+    def __init__(self, ecu: FlashableEcu) -> None:
+        self.endpoint = Endpoint(IsoTpSettings(receive_id=RESPONSE_ID, send_id=REQUEST_ID))
+        self.failures: list[BaseException] = []
+        self.answers: list[bytes] = []
+        self.thread = DiagnosisThread(ecu, self.hear, now_ns=clock.now_ns, failed=self.failures.append)
+
+    def hear(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self.endpoint.receive(clock.now_ns(), frame)
+        self.answers += self.endpoint.take()
+        for frame in self.endpoint.poll(clock.now_ns()):
+            self.thread.put(frame)
+
+    def send(self, request: bytes) -> None:
+        self.endpoint.send(request)
+        for frame in self.endpoint.poll(clock.now_ns()):
+            self.thread.put(frame)
+
+    def ask(self, request: bytes) -> bytes:
+        self.answers.clear()
+        self.send(request)
+        wait_for(lambda: any(answer[:1] != b"\x7f" or answer[2] != 0x78 for answer in self.answers))
+        return self.answers[-1]
+
+
+@contextmanager
+def served(tmp_path: Path, backing_of=FolderBacking) -> Iterator[tuple[FlashableEcu, AtTheOtherEnd]]:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", CONFIG)
+    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, rig.supplies)
+    tester = AtTheOtherEnd(ecu)
+    with tester.thread:
+        yield ecu, tester
+    assert tester.failures == []
+
+
+def test_a_tester_is_answered(tmp_path: Path) -> None:
+    with served(tmp_path) as (_, tester):
+        assert tester.ask(b"\x22\xf1\x8c") == b"\x62\xf1\x8c42"
+        assert b"CONFIRMED" in tester.ask(b"\x22\xfd\x01")
+
+
+def test_a_disk_that_hangs_does_not_come_into_a_control_period(tmp_path: Path) -> None:
+    disks: list[SlowDisk] = []
+
+    def slow(folder: Path) -> SlowDisk:
+        disks.append(SlowDisk(folder))
+        return disks[-1]
+
+    with served(tmp_path, slow) as (ecu, tester):
+        control = ControlSide(ecu)
+        tester.ask(b"\x10\x02")
+        seed = tester.ask(b"\x27\x01")[2:]
+        # The attempt is written before the answer.
+        tester.answers.clear()
+        tester.send(b"\x27\x02" + ACCESS.answer(Level.PROGRAMMING, seed))
+        assert disks[-1].waits.wait(10.0)
+        for step in range(50):
+            assert len(control.step(10**9 + step * CONFIG.period_ns, [])) == 2
+        assert tester.answers == []
+        disks[-1].let.set()
+        wait_for(lambda: tester.answers == [b"\x67\x02"])
+
+
+def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(tmp_path: Path) -> None:
+    with served(tmp_path) as (ecu, tester):
+        control, now_ns = ControlSide(ecu), clock.now_ns() - CONFIG.period_ns * 4
+        before = control.state.commands.counter
+        for _ in range(3):
+            control.step(now_ns := now_ns + CONFIG.period_ns, [])
+        assert control.state.commands.counter == before + 3
+        tester.ask(b"\x10\x02")
+        assert tester.ask(b"\x11\x01") == b"\x51\x01"
+        wait_for(lambda: ecu.resets == 1)
+        # Until the control has taken over there is no one to ask.
+        assert control.state.commands.counter == before + 3
+        control.step(clock.now_ns(), [])
+        assert control.state.commands.counter == 1
+        assert tester.ask(b"\x22\xf1\x86") == b"\x62\xf1\x86\x01"
+
+
+def test_more_frames_than_one_look_takes_are_looked_at_in_portions(tmp_path: Path) -> None:
+    with served(tmp_path) as (_, tester):
+        for _ in range(2 * MOST_FRAMES):
+            tester.thread.put(Frame(frame_id=REQUEST_ID, data=b"\x30\x00\x00" + bytes(5)))
+        assert tester.ask(b"\x22\xf1\x8c") == b"\x62\xf1\x8c42"
+
+
+def test_what_ends_the_thread_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    provision(tmp_path / "ecu", None)
+    rig = Rig(tmp_path / "ecu", CONFIG)
+    failures: list[BaseException] = []
+    monkeypatch.setattr(rig.ecu, "service", lambda now_ns, frames: 1 // 0)
+    with DiagnosisThread(rig.ecu, lambda frames: None, now_ns=clock.now_ns, failed=failures.append) as thread:
+        thread.put(Frame(frame_id=REQUEST_ID, data=bytes(8)))
+        wait_for(lambda: failures)
+    assert isinstance(failures[0], ZeroDivisionError)
