@@ -11,8 +11,8 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 
 MOST_FRAMES: Final = 128
-"""That an ECU looks at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood is
-lost."""
+"""That an ECU looks at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood
+is lost."""
 
 
 def isotp_settings(config: BusConfig, *, receive_id: int, send_id: int) -> IsoTpSettings:
