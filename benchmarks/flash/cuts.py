@@ -69,6 +69,7 @@ class Tally:
     """Cases by depth, and what went wrong in them.
 
     Attributes:
+        spoilt: cases in which no supply was cut and both slots were spoilt.
         operations: of the whole sequence without a cut.
         boots: each of which checked the image that it booted.
         tell: hears what happens in each case.
@@ -78,6 +79,7 @@ class Tally:
     findings: list[Finding] = field(default_factory=list)
     operations: int = 0
     boots: int = 0
+    spoilt: int = 0
     tell: Callable[[str], None] | None = None
 
     def add(self, other: "Tally") -> None:
@@ -85,6 +87,7 @@ class Tally:
             self.cases[depth] += count
         self.findings += other.findings
         self.boots += other.boots
+        self.spoilt += other.spoilt
         self.operations = max(self.operations, other.operations)
 
 
@@ -181,8 +184,7 @@ def recover(
 
 def both_bad(kind: str, seed: int) -> Tally:
     """No slot has an image in order any more: the ECU says so, and can be flashed."""
-    place, tally = provisioned(kind, seed), Tally()
-    tally.cases[1] += 1
+    place, tally = provisioned(kind, seed), Tally(spoilt=1)
     for slot in Slot:
         _spoil(place, slot)
     ecu = BenchEcu(place.backing)

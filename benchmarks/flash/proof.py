@@ -133,6 +133,7 @@ def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list
         "cuts_depth_2": flash.cases[2],
         "cuts_folder": folder.cases[1],
         "cuts_folder_depth_2": folder.cases[2],
+        "both_slots_spoilt": flash.spoilt + folder.spoilt,
         "boots": flash.boots + folder.boots,
         **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [str(finding.case) for tally in tallies.values() for finding in tally.findings][:20],
@@ -159,7 +160,7 @@ def _replay(case: Case) -> None:
         )
     for finding in tally.findings:
         console.print(f"{finding.case}: {finding.kind}: {finding.text}")
-    if not any(tally.cases.values()):
+    if not any(tally.cases.values()) and not tally.spoilt:
         raise StillwakeError(f"case {case}: the sequence has {tally.operations} operations; name one of them")
     if not tally.findings:
         console.print(f"{case}: nothing was lost")

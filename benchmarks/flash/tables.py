@@ -31,6 +31,7 @@ def proof(found: dict[str, Any]) -> str:
         ("second cuts, in the recovery from a first one", of["cuts_depth_2"]),
         ("first cuts, folder", of["cuts_folder"]),
         ("second cuts, folder", of["cuts_folder_depth_2"]),
+        ("ECUs with both slots spoilt", of["both_slots_spoilt"]),
         ("power-ons that were judged", of["boots"]),
         *((text, of[kind]) for kind, text in _LOST.items()),
     ]

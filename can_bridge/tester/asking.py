@@ -22,9 +22,9 @@ P2_EXTENDED_S: Final = 6.0
 """To wait after a response-pending."""
 LONGEST_S: Final = 60.0
 """Of response-pending or busy in a row, after which an ECU counts as gone."""
-TIMES: Final = 3
+TIMES: Final = 5
 """That a request is sent before there is no answer to it."""
-READ_TIMES: Final = 10
+READ_TIMES: Final = 25
 """As `TIMES`, for identifiers: the store's report has 150 classic frames, of which none may be lost."""
 BUSY: Final = 0x21
 """busyRepeatRequest (ISO 14229-1, table A.1)."""
@@ -89,12 +89,18 @@ class Asking:
         """
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
+        refused_keys = 0
         while True:
+            unanswered = self.unanswered
             try:
                 # A lost answer to the key: ask for another seed, which is zero where the first key was good.
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
+                if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
+                    # The seed may have been of a request before: the ECU's answer to it came late.
+                    refused_keys += 1
+                    continue
                 if refused.code == Nrc.INVALID_KEY:
                     raise AccessError(
                         f"the ECU refused the key for {level.name.lower()}: it is not its own; name that with --access"

@@ -84,7 +84,6 @@ class UdsServer:
         if not payload:
             return []
         self._end_silent_session(now_ns)
-        self._timer.hear(now_ns)
         if self.is_busy:
             if payload == bytes([Service.TESTER_PRESENT, _SUPPRESS]):
                 return []

@@ -24,7 +24,7 @@ class SessionTimer:
         self._session, self._heard_ns = session, now_ns
 
     def hear(self, now_ns: int) -> None:
-        """A request came, or one was answered."""
+        """A request was answered, or needs no answer."""
         self._heard_ns = now_ns
 
     def is_over(self, now_ns: int) -> bool:

@@ -48,16 +48,7 @@ def key_file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def ecu(
-    tmp_path: Path, config: Config, releases: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Any]:
-    from can_bridge.flashing import report
-
-    monkeypatch.setattr(
-        "firmware_sim.ecu.flashable.power_cycle.report",
-        lambda store: report.encode(report.report_of(store)),
-        raising=False,
-    )
+def ecu(tmp_path: Path, config: Config, releases: Callable[..., Path]) -> Iterator[Any]:
     provision(tmp_path / "ecu", releases("first"), config)
     with powered(tmp_path / "ecu", config) as made:
         yield made[0]

@@ -139,7 +139,7 @@ def test_a_sample_of_the_whole_measurement_fills_the_tables(tmp_path, monkeypatc
     monkeypatch.setattr(proof, "LOSSES", (0.0,))
     proof.main(tmp_path / "flash.json", every=700, folder_seeds=1, second_cuts=0.0, fuzz_requests=200, workers=1)
     figures = json.loads((tmp_path / "flash.json").read_text(encoding="utf-8"))["figures"]
-    assert figures["cuts_depth_1"] == 5 + 1
+    assert (figures["cuts_depth_1"], figures["both_slots_spoilt"]) == (5, 2)
     assert all(figures[kind] == 0 for kind in cuts.KINDS)
     assert figures["fuzz_requests"] == 200
     assert 1.0 < figures["seconds_flash"] < 3.0

@@ -52,6 +52,11 @@ class PlainBacking:
                 memory.slots[slot] = content[:left] + self._random.randbytes(self._random.choice([0, 100]))
         return PlainBacking(memory, capacity=self._capacity, cut_at=cut_at, seed=seed)
 
+    def content(self, slot: Slot | None) -> bytes:
+        """All that was appended to a slot and is still there."""
+        assert slot is not None
+        return bytes(self.memory.slots[slot] or b"")
+
     @property
     def capacity(self) -> int:
         return self._capacity

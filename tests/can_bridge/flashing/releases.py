@@ -47,9 +47,9 @@ def fits(bundle: Bundle) -> Verdict:
     return Verdict.GOOD if bundle.manifest.operating_point.speed == 25.0 else Verdict.WRONG_VEHICLE
 
 
-def provisioned(first: bytes | None = None, **backing: Any) -> PlainBacking:
+def provisioned(first: bytes | None = None, backing: PlainBacking | None = None) -> PlainBacking:
     """A memory as it leaves production."""
-    made = PlainBacking(**backing)
+    made = PlainBacking() if backing is None else backing
     Store.provision(
         made, root=public_key(ROOT), keys=keys(), image=image() if first is None else first, hardware=HARDWARE,
         fits=fits,
@@ -91,6 +91,11 @@ def phases(store: Store) -> list[Phase]:
 
 def name_of(boot: Boot) -> str | None:
     return None if boot.bundle is None else boot.bundle.manifest.name
+
+
+def digest_of(boot: Boot) -> str:
+    assert boot.bundle is not None
+    return boot.bundle.digest
 
 
 def updated(*images: bytes) -> PlainBacking:

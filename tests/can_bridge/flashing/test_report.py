@@ -18,6 +18,7 @@ from tests.can_bridge.flashing.releases import (
     SECOND,
     booted,
     damage,
+    digest_of,
     flash,
     image,
     keys,
@@ -100,7 +101,7 @@ def test_it_follows_a_transfer_and_a_trial():
     assert report_of(store_on(backing)).reason is None
     store, boot = booted(backing)
     assert report_of(store).running_slot == SlotReport(
-        phase=Phase.CONFIRMED, name="one", digest=boot.bundle.digest, security_version=1, received=len(image()),
+        phase=Phase.CONFIRMED, name="one", digest=digest_of(boot), security_version=1, received=len(image()),
         length=len(image()), boots_left=0, verdict=Verdict.GOOD,
     )  # fmt: skip
     transfer(store, image("two"), until=BLOCK)
@@ -174,3 +175,7 @@ def test_no_truncated_report_is_read():
     for length in range(len(raw)):
         with pytest.raises(BusError):
             report.decode(raw[:length])
+
+
+def test_every_reason_has_words():
+    assert len({reason.in_words for reason in BootReason}) == len(BootReason)

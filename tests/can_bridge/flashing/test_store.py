@@ -4,6 +4,7 @@ import pytest
 
 from can_bridge.flashing.backing import Kind, Slot, at_once
 from can_bridge.flashing.boot import BootReason
+from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
@@ -38,6 +39,8 @@ def test_an_ecu_leaves_production_with_a_confirmed_release():
     assert name_of(boot) == "one"
     assert store.state.least_security_version == 1
     assert store.running == store.state.active == Slot.A
+    assert store.last_boot is boot
+    assert boot.reason.in_words == "confirmed"
 
 
 def test_an_ecu_may_leave_production_without_a_release():
@@ -74,6 +77,22 @@ def test_a_provisioned_ecu_is_not_provisioned_again():
         )  # fmt: skip
 
 
+def test_production_can_be_repeated_after_a_loss_of_power_in_any_call():
+    at, was_cut = 0, True
+    while was_cut:
+        backing = PlainBacking(cut_at=at)
+        try:
+            provisioned(ONE, backing)
+            was_cut = False
+        except PowerCut:
+            backing = backing.after_power_on()
+            if booted(backing)[1].reason == BootReason.NO_RELEASE:
+                provisioned(ONE, backing)
+        assert name_of(booted(backing.after_power_on())[1]) == "one"
+        at += 1
+    assert at > 20
+
+
 def test_a_flashed_release_is_on_trial_until_it_is_confirmed():
     backing = provisioned()
     store, _ = booted(backing)
@@ -91,14 +110,14 @@ def test_a_flashed_release_is_on_trial_until_it_is_confirmed():
 
 def test_what_nobody_confirms_goes_after_three_boots_and_the_image_before_is_back_to_the_bit():
     backing = provisioned()
-    before, records = bytes(backing.memory.slots[Slot.A]), dict(backing.memory.records)
+    before, records = backing.content(Slot.A), dict(backing.memory.records)
     store, _ = booted(backing)
     flash(store, TWO)
     found = [booted(backing := backing.after_power_on())[1] for _ in range(6)]
     assert [name_of(boot) for boot in found] == ["two", "two", "two", "one", "one", "one"]
     assert [boot.reason for boot in found[2:5]] == [BootReason.TRIAL, BootReason.REVERTED, BootReason.CONFIRMED]
     assert [boot.boots_left for boot in found] == [2, 1, 0, 0, 0, 0]
-    assert backing.memory.slots[Slot.A] == before
+    assert backing.content(Slot.A) == before
     assert backing.memory.records[Kind.KEYS] == records[Kind.KEYS]
     assert phases(store_on(backing)) == [Phase.CONFIRMED, Phase.BAD]
 
@@ -134,14 +153,14 @@ def test_during_a_trial_another_image_takes_its_place_and_the_confirmed_one_stay
     backing = provisioned()
     flash(booted(backing)[0], TWO)
     store, _ = booted(backing)
-    before = bytes(backing.memory.slots[Slot.A])
+    before = backing.content(Slot.A)
     transfer(store, image("three"), until=BLOCK)
     with pytest.raises(OutOfOrderError, match="no release to confirm"):
         store.confirm()
     assert flash(store, image("three")) == Verdict.GOOD
     with pytest.raises(OutOfOrderError, match="no release to confirm"):  # it is activated, and has not run
         store.confirm()
-    assert backing.memory.slots[Slot.A] == before
+    assert backing.content(Slot.A) == before
     assert name_of(booted(backing)[1]) == "three"
 
 
@@ -187,6 +206,19 @@ def test_a_trial_that_runs_is_not_activated_anew():
     with pytest.raises(OutOfOrderError):
         store.activate()
     assert store.state.slots[Slot.B].boots_left == TRIAL_BOOTS - 1
+
+
+def test_without_a_confirmed_release_a_second_trial_ends_the_first():
+    backing = PlainBacking()
+    Store.provision(backing, root=public_key(ROOT), keys=keys(), image=None, hardware=HARDWARE, fits=fits)
+    flash(booted(backing)[0], ONE)
+    store, boot = booted(backing)
+    assert (name_of(boot), boot.slot) == ("one", Slot.A)
+    assert flash(store, TWO) == Verdict.GOOD
+    assert phases(store) == [Phase.BAD, Phase.TRIAL]
+    with pytest.raises(OutOfOrderError):
+        store.confirm()
+    assert name_of(booted(backing)[1]) == "two"
 
 
 def test_the_least_security_version_rises_with_the_confirmation_and_not_before():

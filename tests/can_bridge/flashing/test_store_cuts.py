@@ -14,7 +14,7 @@ from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import Level
 from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.can_bridge.flashing.releases import booted, flash, image, keys, provisioned, store_on, transfer
+from tests.can_bridge.flashing.releases import booted, flash, image, keys, name_of, provisioned, store_on, transfer
 
 IMAGES = {"one": image("one"), "two": image("two", version=2), "three": image("three", version=3)}
 VERSIONS = {"one": 1, "two": 2, "three": 3}
@@ -42,11 +42,11 @@ def _judge_equal_bytes_once(monkeypatch):
 def confirmed_update(backing: PlainBacking) -> None:
     """What a tester does until release "two" is confirmed, whatever state the ECU is in."""
     store, boot = booted(backing)
-    if boot.bundle is None or boot.bundle.manifest.name != "two":
+    if boot.bundle is None or name_of(boot) != "two":
         assert flash(store, IMAGES["two"]) == Verdict.GOOD
         store, boot = booted(backing)
     assert boot.bundle is not None
-    assert boot.bundle.manifest.name == "two"
+    assert name_of(boot) == "two"
     store.confirm()
 
 
@@ -55,20 +55,20 @@ def abandoned(backing: PlainBacking) -> None:
     flash(booted(backing)[0], IMAGES["two"])
     for _ in range(TRIAL_BOOTS + 1):
         _, boot = booted(backing)
-    assert boot.bundle.manifest.name == "one"
+    assert name_of(boot) == "one"
 
 
 def taken_back(backing: PlainBacking) -> None:
     flash(booted(backing)[0], IMAGES["two"])
     store, _ = booted(backing)
     at_once(store.revert())
-    assert booted(backing)[1].bundle.manifest.name == "one"
+    assert name_of(booted(backing)[1]) == "one"
 
 
 def over_a_trial(backing: PlainBacking) -> None:
     flash(booted(backing)[0], IMAGES["three"])
     flash(booted(backing)[0], IMAGES["two"])
-    assert booted(backing)[1].bundle.manifest.name == "two"
+    assert name_of(booted(backing)[1]) == "two"
 
 
 def of_two_minds(backing: PlainBacking) -> None:
@@ -108,7 +108,7 @@ def prove(after: PlainBacking) -> None:
     state = store.state
     assert state.active is not None
     confirmed = state.slots[state.active]
-    assert bytes(after.memory.slots[state.active]) == IMAGES[confirmed.name]
+    assert after.content(state.active) == IMAGES[confirmed.name]
     assert state.least_security_version == VERSIONS[confirmed.name]
 
     left_alone = deepcopy(after)
@@ -116,14 +116,15 @@ def prove(after: PlainBacking) -> None:
         left_alone = left_alone.after_power_on()
         _, boot = booted(left_alone)
         assert boot.bundle is not None
-        assert boot.bundle.manifest.name in (confirmed.name, "two", "three")
-    assert boot.bundle.manifest.name == confirmed.name
+        assert name_of(boot) in (confirmed.name, "two", "three")
+    assert name_of(boot) == confirmed.name
     assert boot.slot == state.active
 
     flashed = deepcopy(after)
     confirmed_update(flashed)
     store, boot = booted(flashed.after_power_on())
-    assert boot.bundle.manifest.name == "two"
+    assert name_of(boot) == "two"
+    assert boot.slot is not None
     assert store.state.slots[boot.slot].phase == Phase.CONFIRMED
     assert store.state.least_security_version == 2
 

@@ -30,11 +30,11 @@ def test_when_the_confirmed_release_is_damaged_the_one_before_boots():
     damage(backing, Slot.B)
     store, boot = booted(backing)
     assert (name_of(boot), boot.reason, boot.verdicts[Slot.B]) == ("one", BootReason.FALLBACK, Verdict.WRONG_HASH)
-    before = bytes(backing.memory.slots[Slot.A])
+    before = backing.content(Slot.A)
     assert transfer(store, TWO) == 0  # the same image, but what stands there is known to be bad
     assert at_once(store.finish()) == Verdict.GOOD
     store.activate()
-    assert backing.memory.slots[Slot.A] == before
+    assert backing.content(Slot.A) == before
     assert name_of(booted(backing)[1]) == "two"
 
 

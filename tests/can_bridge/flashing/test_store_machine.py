@@ -14,7 +14,17 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import Level
 from contract.errors import KeyFileError
 from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.can_bridge.flashing.releases import RELEASE, SECOND, STRANGER, booted, flash, image, keys, provisioned
+from tests.can_bridge.flashing.releases import (
+    RELEASE,
+    SECOND,
+    STRANGER,
+    booted,
+    digest_of,
+    flash,
+    image,
+    keys,
+    provisioned,
+)
 from tests.examples import examples
 
 SIGNERS = (RELEASE, SECOND, STRANGER)
@@ -124,7 +134,7 @@ class AnyTester(RuleBasedStateMachine):
             return
         assert self.boot.bundle is not None
         assert self.store.running is not None
-        assert self.store.state.slots[self.store.running].digest == self.boot.bundle.digest
+        assert self.store.state.slots[self.store.running].digest == digest_of(self.boot)
         self.least = max(self.least, self.boot.bundle.manifest.security_version)
 
     @rule()
@@ -163,7 +173,7 @@ class AnyTester(RuleBasedStateMachine):
         if hasattr(self, "store") and self.store.running is not None:
             slot, content = self.protected
             if self.store.state.slots[slot].phase == Phase.CONFIRMED:
-                assert self.backing.memory.slots[slot] == content
+                assert self.backing.content(slot) == content
 
 
 def test_whatever_a_tester_does_the_ecu_has_a_release(monkeypatch):

@@ -15,6 +15,7 @@ from tests.can_bridge.flashing.releases import (
     STRANGER,
     booted,
     damage,
+    digest_of,
     fits,
     flash,
     image,
@@ -33,6 +34,7 @@ def test_a_key_list_replaces_the_one_before():
     store, _ = booted(backing)
     store.take_keys(keys(2, RELEASE, SECOND))
     assert flash(store_booted := booted(backing)[0], image(key=SECOND)) == Verdict.GOOD
+    assert store_booted.keys is not None
     assert store_booted.keys.version == 2
 
 
@@ -115,15 +117,15 @@ def test_the_key_of_a_release_that_runs_because_the_confirmed_one_is_damaged_sta
 def test_a_calibration_belongs_to_one_release():
     backing = provisioned()
     store, boot = booted(backing)
-    one = boot.bundle.digest
+    one = digest_of(boot)
     store.keep_calibration(b"of one")
     flash(store, TWO)
     store, boot = booted(backing)
-    assert (store.calibration(one), store.calibration(boot.bundle.digest)) == (b"of one", None)
+    assert (store.calibration(one), store.calibration(digest_of(boot))) == (b"of one", None)
     store.keep_calibration(b"of two")
     assert at_once(store.revert()) == Verdict.GOOD
     store, boot = booted(backing)
-    assert (boot.bundle.digest, store.calibration(one)) == (one, b"of one")
+    assert (digest_of(boot), store.calibration(one)) == (one, b"of one")
     store.keep_calibration(None)
     assert booted(backing)[0].calibration(one) is None
 
@@ -131,14 +133,14 @@ def test_a_calibration_belongs_to_one_release():
 def test_a_calibration_goes_with_its_release():
     backing = updated()
     store, boot = booted(backing)
-    gone = boot.bundle.digest
+    gone = digest_of(boot)
     store.keep_calibration(b"x" * 1024)
     for name in "abc":
         flash(store, image(name))
         store, boot = booted(backing)
         store.confirm()
         store.keep_calibration(b"y" * 1024)
-        assert store.calibration(boot.bundle.digest) == b"y" * 1024
+        assert store.calibration(digest_of(boot)) == b"y" * 1024
     assert store.calibration(gone) is None
 
 
@@ -156,6 +158,9 @@ def test_failed_attempts_outlive_a_reset():
     store, _ = booted(backing)
     store.keep_failed_attempts(Level.PROGRAMMING, 2)
     store.keep_failed_attempts(Level.CALIBRATION, 400)
+    calls = backing.calls
+    store.keep_failed_attempts(Level.PROGRAMMING, 2)
+    assert backing.calls == calls, "the memory wears out by writing what is there"
     store = store_on(backing.after_power_on())
     assert [store.failed_attempts(level) for level in Level] == [2, 255]
     store.boot()

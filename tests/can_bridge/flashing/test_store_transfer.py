@@ -5,16 +5,19 @@ import hashlib
 import pytest
 
 from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError
+from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import (
     BLOCK,
     STRANGER,
     booted,
     flash,
     image,
+    name_of,
     phases,
     provisioned,
     transfer,
@@ -58,7 +61,7 @@ def test_another_length_or_hash_begins_anew(length, sha256):
     transfer(store, TWO, until=2 * BLOCK)
     store, _ = booted(backing.after_power_on())
     assert at_once(store.announce(length, sha256)) == 0
-    assert backing.memory.slots[Slot.B] == b""
+    assert backing.content(Slot.B) == b""
 
 
 def test_an_image_that_failed_begins_anew():
@@ -67,6 +70,18 @@ def test_an_image_that_failed_begins_anew():
     assert flash(store, wrong) == Verdict.UNKNOWN_KEY
     assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
     assert transfer(store, wrong) == 0
+
+
+def test_a_transfer_that_the_memory_cannot_go_on_with_begins_anew(monkeypatch):
+    def fails(self: PlainBacking, slot: Slot, length: int) -> None:
+        raise MediumError("worn out", length)
+
+    backing = provisioned()
+    transfer(booted(backing)[0], TWO, until=2 * BLOCK)
+    monkeypatch.setattr(PlainBacking, "begin_again", fails)
+    store, _ = booted(backing.after_power_on())
+    assert transfer(store, TWO) == 0
+    assert at_once(store.finish()) == Verdict.GOOD
 
 
 def test_an_image_is_not_checked_before_it_is_whole():
@@ -129,10 +144,10 @@ def test_an_announcement_that_ends_halfway_is_no_transfer():
 def test_the_running_confirmed_image_is_never_written(images):
     backing = updated(*images)
     store, boot = booted(backing)
-    before = bytes(backing.memory.slots[boot.slot])
+    before = backing.content(boot.slot)
     for name in "abc":
         transfer(store, image(name), until=BLOCK)
-        assert backing.memory.slots[boot.slot] == before
+        assert backing.content(boot.slot) == before
 
 
 def test_nothing_is_written_between_going_back_and_the_reset():
@@ -140,11 +155,11 @@ def test_nothing_is_written_between_going_back_and_the_reset():
     backing = updated(TWO)
     store, _ = booted(backing)
     at_once(store.revert())
-    before = {slot: bytes(backing.memory.slots[slot]) for slot in Slot}
+    before = {slot: backing.content(slot) for slot in Slot}
     with pytest.raises(OutOfOrderError, match="reset the ECU first"):
         transfer(store, image("three"))
-    assert {slot: bytes(backing.memory.slots[slot]) for slot in Slot} == before
+    assert {slot: backing.content(slot) for slot in Slot} == before
     store, boot = booted(backing)
-    assert boot.bundle.manifest.name == "one"
+    assert name_of(boot) == "one"
     assert flash(store, image("three")) == Verdict.GOOD
-    assert backing.memory.slots[Slot.A] == before[Slot.A]
+    assert backing.content(Slot.A) == before[Slot.A]

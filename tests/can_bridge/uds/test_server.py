@@ -70,7 +70,9 @@ def test_wrong_lengths(bench, request_hex):
 
 
 def test_a_request_longer_than_iso_tp_carries(bench):
-    assert bench.ask(0x22, bytes(4095)) == refused(0x22, Nrc.INCORRECT_LENGTH)
+    bench.unlock()
+    assert bench.ask(0x2E, KEY_LIST, bytes(4092)) == b"\x6e" + KEY_LIST
+    assert bench.ask(0x2E, KEY_LIST, bytes(4093)) == refused(0x2E, Nrc.INCORRECT_LENGTH)
 
 
 @pytest.mark.parametrize("request_hex", ["1000", "1004", "1060", "1100", "1102", "3102ff00", "3103ff00", "3e01"])
@@ -255,10 +257,11 @@ class TestReading:
         assert bench.ask(0x22, SERIAL) == refused(0x22, Nrc.CONDITIONS_NOT_CORRECT)
 
     def test_answer_that_does_not_fit(self, bench):
-        bench.ecu.values[Did.STORE] = bytes(2100)
         store = Did.STORE.to_bytes(2, "big")
-        assert bench.ask(0x22, store) == b"\x62" + store + bytes(2100)
-        assert bench.ask(0x22, store, store) == refused(0x22, Nrc.RESPONSE_TOO_LONG)
+        bench.ecu.values[Did.STORE] = bytes(4092)
+        assert bench.ask(0x22, store) == b"\x62" + store + bytes(4092)
+        bench.ecu.values[Did.STORE] = bytes(4093)
+        assert bench.ask(0x22, store) == refused(0x22, Nrc.RESPONSE_TOO_LONG)
 
 
 class TestWriting:
