@@ -11,7 +11,8 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 
 MOST_FRAMES: Final = 128
-"""Looked at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood is lost."""
+"""That an ECU looks at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood
+is lost."""
 
 
 def isotp_settings(config: BusConfig, *, receive_id: int, send_id: int) -> IsoTpSettings:
@@ -41,7 +42,7 @@ class DiagnosticLink:
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take frames, do at most one piece of long work, and give out what is to be sent now."""
-        for frame in frames[:MOST_FRAMES]:
+        for frame in frames:
             self._endpoint.receive(now_ns, frame)
         requests = self._endpoint.take()
         for request in requests:

@@ -21,6 +21,7 @@ from contract.config.tree import Config
 from firmware_sim.ecu.ecu import Ecu, Trace
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
+from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
 from firmware_sim.ecu.flashable.power_cycle import PowerCycle
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
@@ -144,14 +145,14 @@ class FlashableEcu:
         return sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Diagnosis: take frames, do at most one piece of long work, and return what is to be sent now."""
+        """Diagnosis: take `MOST_FRAMES` or fewer, do at most one piece of long work, and return what is to be sent."""
         if self._is_silent(now_ns) or self._serviced is not self._controlled:
             return []
         if self._wants_reset:
             self._reset(now_ns)
             return []
         self._service_ns = now_ns
-        cycle = self._serviced
+        cycle, frames = self._serviced, frames[:MOST_FRAMES]
         before = cycle.access
         sent = cycle.link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
         tell_access(self._supplies.tell, before, cycle.access)

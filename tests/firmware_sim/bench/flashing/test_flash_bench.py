@@ -52,9 +52,8 @@ def test_the_time_is_that_of_the_frames(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frames", ["fd", "classic"])
-def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path, frames: Literal["fd", "classic"]) -> None:
-    config = Config(bus=BusConfig(frames=frames))
+def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path) -> None:
+    config = Config()
     ecu, _ = made(tmp_path, config)
     losses = [Drop(probability=0.01, at="send"), Drop(probability=0.01, at="receive")]
     found = flash_time(ecu, image("second"), config, key=ACCESS.answer, losses=losses, seed=1)
