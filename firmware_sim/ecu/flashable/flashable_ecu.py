@@ -138,7 +138,7 @@ class FlashableEcu:
         self._calibrate()
         if self._wants_reset:
             # What is booted next knows nothing of the jets that run now.
-            fault = Reason.NO_RELEASE
+            fault = Reason.UPDATING
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
         self._wish = self._wish.seen(before, self._ecu.state, now_ns)

@@ -66,7 +66,10 @@ class Inside:
 
 
 class ToldProgramming(Programming):
-    """Programming of which the log hears.
+    """Programming of which the log hears, and that a session's end after an announcement resets.
+
+    A tester that goes away amid a transfer would leave the jets shut until the next power-on; the release that ran
+    before is in order, and a transfer that was interrupted goes on after a reset.
 
     Args:
         tell: as `Supplies.tell`.
@@ -82,7 +85,12 @@ class ToldProgramming(Programming):
         tell: Tell,
     ) -> None:
         super().__init__(store, inner, refusal=refusal, report=report)
-        self._tell = tell
+        self._on_leaving, self._tell = inner.reset, tell
+
+    def leave(self) -> None:
+        super().leave()
+        if self.is_updating:
+            self._on_leaving()
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         answer = yield from super().routine(routine, option)

@@ -8,6 +8,7 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
 from can_bridge.secoc.node import Authentication
+from can_bridge.uds.services import S3_MS
 from can_bridge.wire.message_specs import (
     ECU_STATUS,
     FRESHNESS_LENGTH,
@@ -160,6 +161,29 @@ def test_an_interrupted_transfer_goes_on_after_a_power_cut(rig: Rig) -> None:
     for _ in rig.blocks(raw, there):
         pass
     assert rig.good(b"\x31\x01\xff\x01")[4] == Verdict.GOOD
+
+
+@pytest.mark.parametrize("end", [b"", b"\x10\x01"], ids=["no tester any more", "another session"])
+def test_the_end_of_the_session_leads_back_to_the_release_before(rig: Rig, end: bytes) -> None:
+    second = image("second")
+    rig.programming()
+    sent = rig.blocks(second, rig.announce(second))
+    received = next(sent)
+    rig.run(40)
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    if end:
+        rig.good(end)
+        rig.run(100)
+    else:
+        rig.run(S3_MS - 100)
+        assert rig.ecu.resets == 0
+        rig.run(200)
+    assert rig.ecu.resets == 1
+    assert rig.ecu.boot.bundle is not None
+    assert rig.ecu.boot.bundle.manifest.name == "first"
+    assert rig.statuses[-1].reason is not Reason.UPDATING
+    rig.programming()
+    assert 0 < rig.announce(second) <= received
 
 
 def test_with_a_key_no_freshness_comes_twice_over_resets_and_releases(tmp_path: Path) -> None:
