@@ -68,7 +68,9 @@ MEASUREMENTS: Final = {
     "ecu-c": Measurement(
         "ecu.in_c.main", "the ECU in C beside Python's, to the bit; mutants, branches", "half an hour"
     ),
-    "flash": Measurement("flash.proof", "flashing with the supply cut at every write; hostile requests", "10 minutes"),
+    "flash": Measurement(
+        "flash.proof", "flashing with the supply cut at every write; hostile requests", "a quarter of an hour"
+    ),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "soak": Measurement(
         "ecu.soak", "an hour of virtual time on a bus with faults: memory, counters, frames", "half an hour"

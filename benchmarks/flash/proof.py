@@ -62,7 +62,9 @@ def main(
     every: Annotated[int, typer.Option(help="Cut in every so manieth operation; 1: in each.", min=1)] = 1,
     seeds: Annotated[int, typer.Option(help="Ways in which each operation of the flash memory is torn.", min=1)] = 1,
     folder_seeds: Annotated[int, typer.Option(help="Ways in which each call to the folder is torn.", min=1)] = 4,
-    second_cuts: Annotated[float, typer.Option(help="Second cuts for each first one, on average.", min=0.0)] = 1.0,
+    second_cuts: Annotated[
+        float, typer.Option(help="Second cuts, were a recovery as long as the sequence.", min=0.0)
+    ] = 1.0,
     fuzz_requests: Annotated[int, typer.Option(help="Hostile requests to the UDS server.", min=0)] = 1_000_000,
     workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 2,
 ) -> None:
