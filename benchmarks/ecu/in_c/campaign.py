@@ -107,7 +107,9 @@ def _begun_anew(periods: Iterator[Period]) -> Iterator[Period]:
 
 
 def spoilt(answers: Answers, rng: Random) -> Answers:
-    """With a number in plan or forecast that is none."""
+    """With a number in plan or forecast that is none, or no answer at all."""
+    if rng.random() < 0.2:
+        return replace(answers, is_planned=False)
     plan, forces = answers.plan.copy(), answers.forces.copy()
     place = rng.choice((plan, forces[:, 0], forces[:, 1]))
     place[rng.randrange(len(place))] = rng.choice((np.nan, np.inf, -np.inf))

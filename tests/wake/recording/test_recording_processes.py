@@ -76,7 +76,11 @@ def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path: Path, w
 
 def is_worker(process: psutil.Process) -> bool:
     """By its command line; where setproctitle is installed, a worker of dask names itself."""
-    title = " ".join(process.cmdline())
+    try:
+        title = " ".join(process.cmdline())
+    except psutil.NoSuchProcess:
+        # Also one that has ended and was not waited for yet.
+        return False
     return "spawn_main" in title or "dask worker" in title
 
 

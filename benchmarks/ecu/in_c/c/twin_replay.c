@@ -62,6 +62,7 @@ int main(int argc, char **argv)
     fclose(file);
     file = fopen(argv[2], "rb");
     if (file == NULL) return EXIT_FAILURE;
+    sw_ecu_init(&ecu);
     while (fread(&period, sizeof period, 1, file) == 1) {
         if (twin_run(&ecu, &period, 1, compared, &found) != 1) {
             fprintf(stderr, "period %ld differs\n", number);
