@@ -149,6 +149,7 @@ class UdsServer:
         if body[0] != _HARD_RESET:
             raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
         _check_length(len(body) == 1)
+        self._diagnostics.before_reset()
         self._reset_is_due = True
         yield from ()
         return body

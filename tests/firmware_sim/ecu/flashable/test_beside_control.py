@@ -178,3 +178,12 @@ def test_wrong_keys_are_told_counted_and_outlive_a_power_cut(rig: Rig) -> None:
     rig.programming()
     assert rig.told.names()[-1] == "unlocked"
     assert ACCESS.answer(Level.PROGRAMMING, bytes(16)) != bytes(16)
+
+
+def test_a_session_from_before_resets_no_control_that_runs(rig: Rig) -> None:
+    """To begin one takes no key."""
+    rig.good(PROGRAMMING)
+    into_control(rig)
+    assert rig.ask(b"\x11\x01")[2] == NOT_NOW
+    rig.run(100)
+    assert (rig.ecu.resets, rig.statuses[-1].state) == (0, Mode.CONTROL)
