@@ -283,15 +283,15 @@ def _check_length(is_right: bool) -> None:
 
 
 _HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], Long[bytes]]]] = {
-    Service.SESSION: UdsServer._control_session,
-    Service.RESET: UdsServer._reset,
-    Service.READ: UdsServer._read,
-    Service.SECURITY: UdsServer._access,
-    Service.WRITE: UdsServer._write,
-    Service.ROUTINE: UdsServer._routine,
-    Service.DOWNLOAD: UdsServer._download,
-    Service.TRANSFER: UdsServer._take_block,
-    Service.EXIT: UdsServer._exit,
-    Service.TESTER_PRESENT: UdsServer._hear_tester,
+    Service.SESSION: lambda server, body: server._control_session(body),
+    Service.RESET: lambda server, body: server._reset(body),
+    Service.READ: lambda server, body: server._read(body),
+    Service.SECURITY: lambda server, body: server._access(body),
+    Service.WRITE: lambda server, body: server._write(body),
+    Service.ROUTINE: lambda server, body: server._routine(body),
+    Service.DOWNLOAD: lambda server, body: server._download(body),
+    Service.TRANSFER: lambda server, body: server._take_block(body),
+    Service.EXIT: lambda server, body: server._exit(body),
+    Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
 }
 """Not bound to a server: one that refers to itself is never freed where the collector is off."""
