@@ -101,7 +101,7 @@ full: test
 	$(BIN)/python -m benchmarks flash --json results/flash.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m benchmarks bus --json results/bus.json
-	$(BIN)/python -m benchmarks flash --json results/flash.json
+	$(BIN)/python -m benchmarks isotp --json results/isotp.json
 	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
 	test -f bus.key || $(BIN)/stillwake can keygen bus.key
@@ -155,6 +155,7 @@ docs: tables
 	$(BIN)/python docs/settings.py
 	$(BIN)/python docs/can_messages.py
 	$(BIN)/python docs/states.py
+	$(BIN)/python docs/diagnosis.py
 
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.
 pictures: $(VENV)/dev.stamp

@@ -34,6 +34,7 @@ def tables(results: Path) -> dict[str, str]:
         "bus_runs": bus_runs(results),
         "bus_faults": bus_faults(results),
         "two_nodes": two_nodes(results),
+        "isotp": isotp(results),
     }
 
 
@@ -97,6 +98,27 @@ def authentication(found: Any) -> str:
 Load of the bus by the three messages, at worst: {loads}.
 Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,} accepted. Genuine ones between them:
 {forged["genuine_refused"]} of {forged["genuine"]:,} refused."""
+
+
+def isotp(results: Path) -> str:
+    """What a block of a transfer costs, beside the library that the tester uses."""
+    found = read(results / "isotp.json")
+    figures = found["figures"]
+    rows = [
+        (
+            row["frames"],
+            row["direction"],
+            str(row["frames_of_a_block"]),
+            f"{row['stillwake_us']:.0f}",
+            f"{row['can_isotp_us']:.0f}",
+            f"{row['ratio']:.1f}",
+        )
+        for row in figures["rows"]
+    ]
+    heads = ("frames", "direction", "frames of a block", "stillwake, us", "can-isotp, us", "times as fast")
+    return f"""{table(heads, rows)}
+
+A block of {figures["block_bytes"]} bytes, measured on {found["date"]}."""
 
 
 def bus_runs(results: Path) -> str:

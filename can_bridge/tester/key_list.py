@@ -1,17 +1,17 @@
 """Bringing a key list into an ECU, as steps over an open client."""
 
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import RefusedError
+from can_bridge.tester.messages import RefusedError, WrongKeysError
 from can_bridge.tester.transfer import enter_programming
 from can_bridge.uds.services import Did, Nrc, Session
-from contract.errors import FlashError
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
     """Replace the key list; returns the version of the one before, 0 without one, and of the new one.
 
     Raises:
-        FlashError: the ECU does not take it, or not now.
+        WrongKeysError: the ECU does not take it.
+        FlashError: not now, or it does not answer.
     """
     before = _version(asking)
     enter_programming(asking)
@@ -20,7 +20,7 @@ def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
     except RefusedError as refused:
         if refused.code != Nrc.OUT_OF_RANGE:
             raise
-        raise FlashError(
+        raise WrongKeysError(
             f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, "
             "and keep the key that signed the confirmed release"
         ) from refused

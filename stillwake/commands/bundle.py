@@ -58,7 +58,7 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")]
 
 @bundle.command()
 def renew(
-    path: Annotated[Path, typer.Argument(help="Bundle directory or .zip, made for another version's DBC.")],
+    path: Annotated[Path, typer.Argument(help="Bundle directory or .zip; its DBC may be another version's.")],
     output: Annotated[Path, typer.Argument(help="Bundle directory, or a zip if the name ends in .zip.")],
     name: Annotated[str, typer.Option(help="Name of the new bundle.")],
     key: KeyFile,
@@ -83,8 +83,8 @@ def renew(
 
     The old bundle must be in order but for its DBC. The new one names it by its hash.
     With --set operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with
-    --set mpc.weights.lift=0.1 it weighs the cost anew. A sensor estimator that it has is kept; with --sensors it gets
-    one, or another one.
+    --set mpc.weights.lift=0.1 it weighs the cost anew. --security-version and --hardware say which ECUs take it when it
+    is flashed. A sensor estimator that it has is kept; with --sensors it gets one, or another one.
     """
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip")
     _, trusted = locate(path, trust)

@@ -67,8 +67,8 @@ def calibrate(
     stored ones go with the release that runs. Limits can be made narrower than the release's and the vehicle's, never
     wider.
 
-    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not stored, the jets are enabled; 7 the ECU
-    refused something else.
+    Exit status: 1 a value out of its limits, or no release runs; 3 no answer from the ECU; 4 the access key is wrong;
+    5 not stored, the jets are enabled; 7 the ECU refused something else.
 
     stillwake calibrate --bus socketcan:can0 --access access.key lift=0.05 action_limit=0.05
     """

@@ -123,7 +123,7 @@ def run(
 
     stillwake ecu --set bus.interface=socketcan --set bus.channel=can0
 
-    stillwake ecu --slots /var/lib/stillwake --access access.key --set bus.interface=socketcan --set bus.channel=can0
+    stillwake ecu --slots slots --access access.key --set bus.interface=socketcan --set bus.channel=can0
     """
     from contract.controller.interface import RunnableController
     from contract.controller.onnx_session import OnnxController
@@ -190,7 +190,7 @@ def provision(
 
     What is there already is never overwritten. `stillwake ecu --slots FOLDER` runs it.
 
-    stillwake ecu provision /var/lib/stillwake --root root.pub --keys keys.list --bundle firmware_sim/data/bundle
+    stillwake ecu provision slots --root root/release.pub --keys keys.list --bundle firmware_sim/data/bundle
     """
     from secrets import token_hex
 

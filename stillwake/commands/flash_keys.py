@@ -30,8 +30,8 @@ def flash_keys(
     The ECU takes a list that its root key signed, that is newer than the one it has, and that keeps the key of the
     confirmed release. The jets must be shut and the vehicle must not ask for control.
 
-    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 7 the ECU
-    refused something else.
+    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the
+    ECU does not take this list; 7 the ECU refused something else.
 
     stillwake flash-keys new.keys --bus socketcan:can0 --access access.key
     """

@@ -60,7 +60,7 @@ def test_a_newer_list_is_taken_and_an_older_one_is_not(cli, ecu, asked, tmp_path
         listed(tmp_path, 5, signing.project_key(), maker, root=MAKER),
     ):
         outcome = cli("flash-keys", path, *asked)
-        assert (outcome.code, "a version above 3" in outcome.err) == (1, True)
+        assert (outcome.code, "a version above 3" in outcome.err) == (6, True)
     assert ecu[0].store.keys.version == 3
 
 

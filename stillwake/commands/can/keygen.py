@@ -1,4 +1,4 @@
-"""`stillwake can keygen`: a key for authenticated frames."""
+"""`stillwake can keygen`: a key for authenticated frames, or for security access."""
 
 import secrets
 from pathlib import Path
@@ -12,11 +12,14 @@ from stillwake.terminal import console
 def keygen(
     file: Annotated[Path, typer.Argument(help="File to write; one that is there is never overwritten.")],
 ) -> None:
-    """Make the key that authenticates frames on the bus: `bus.key` names its file on both nodes.
+    """Make a key: for authenticated frames, with `bus.key` on both nodes, or for a tester's access, with --access.
 
-    128 random bits as hexadecimal digits, readable by the file's owner alone.
+    128 random bits as hexadecimal digits, readable by the file's owner alone. Frames and access need keys of their own.
     """
     from can_bridge.secoc.key import KEY_LENGTH, write_key
 
     write_key(file, secrets.token_bytes(KEY_LENGTH))
-    console.print(f"wrote {file}: keep it secret, and use it with --set bus.key={file}", soft_wrap=True)
+    console.print(
+        f"wrote {file}: keep it secret; for frames it is --set bus.key={file}, for diagnosis --access {file}",
+        soft_wrap=True,
+    )

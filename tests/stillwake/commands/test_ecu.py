@@ -61,8 +61,11 @@ def test_what_cannot_run_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_example_of_a_service_calls_it_with_options_that_it_has(cli: Callable[..., Any]) -> None:
-    text = (ROOT / "examples/systemd/stillwake-ecu.service").read_text()
+@pytest.mark.parametrize(("name", "count"), [("stillwake-ecu", 5), ("stillwake-ecu-slots", 6)])
+def test_the_example_of_a_service_calls_it_with_options_that_it_has(
+    cli: Callable[..., Any], name: str, count: int
+) -> None:
+    text = (ROOT / f"examples/systemd/{name}.service").read_text()
     unit = RawConfigParser(strict=False, comment_prefixes="#")
     unit.optionxform = str  # type: ignore[assignment,method-assign]  # names as they are
     unit.read_string(text.replace("\\\n", " "))
@@ -71,7 +74,7 @@ def test_the_example_of_a_service_calls_it_with_options_that_it_has(cli: Callabl
     assert command[1] == "ecu"
     known = cli("ecu", "--help").out
     options = [word for word in command if word.startswith("--")]
-    assert len(options) == 5
+    assert len(options) == count
     assert all(option in known for option in options)
     # What the daemon and its page rely on.
     assert service["Type"] == "notify"

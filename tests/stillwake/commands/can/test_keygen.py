@@ -9,6 +9,7 @@ def test_keygen_writes_a_key_once_and_never_shows_it(cli, tmp_path):
     assert len(bytes.fromhex(content)) == 16
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert f"wrote {path}" in made.out
+    assert f"--set bus.key={path}" in made.out and f"--access {path}" in made.out
     assert content.strip() not in made.out
 
     again = cli("can", "keygen", path)

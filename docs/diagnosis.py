@@ -1,0 +1,240 @@
+"""Write `docs/reference/diagnosis.md` from the numbers of UDS, their permissions and those of XCP: `make docs`.
+
+What a number means stands here once for each; one that has no text here is an error.
+"""
+
+import sys
+import textwrap
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Final
+
+from can_bridge.calibration import xcp
+from can_bridge.calibration.segment import ADDRESS
+from can_bridge.calibration.xcp_slave import IDLE_NS
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds import services
+from can_bridge.uds.access_key import ANSWER_LENGTH, SEED_LENGTH
+from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
+from can_bridge.uds.security import DELAY_NS, MAX_ATTEMPTS
+from can_bridge.uds.server import MAX_DIDS
+from can_bridge.uds.services import Did, Level, Nrc, Routine, Service, Session
+from contract.calibration import PACKED_BYTES
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+PAGE: Final = ROOT / "docs" / "reference" / "diagnosis.md"
+
+SERVICE_NAMES: Final[Mapping[Service, str]] = {
+    Service.SESSION: "DiagnosticSessionControl",
+    Service.RESET: "ECUReset",
+    Service.READ: "ReadDataByIdentifier",
+    Service.SECURITY: "SecurityAccess",
+    Service.WRITE: "WriteDataByIdentifier",
+    Service.ROUTINE: "RoutineControl",
+    Service.DOWNLOAD: "RequestDownload",
+    Service.TRANSFER: "TransferData",
+    Service.EXIT: "RequestTransferExit",
+    Service.TESTER_PRESENT: "TesterPresent",
+}
+"""As the standard has them."""
+SERVICE_TEXTS: Final[Mapping[Service, str]] = {
+    Service.SESSION: "change the session; to `02` only while the jets are shut and the vehicle asks for no control",
+    Service.RESET: "`01`: boot anew. After an image was announced, the end of the session does the same",
+    Service.READ: f"read up to {MAX_DIDS} identifiers; those that are not there are left out of the answer",
+    Service.SECURITY: "ask for a level's seed, and answer it",
+    Service.WRITE: "write an identifier",
+    Service.ROUTINE: "`01`: start a routine; there are no others to stop or to ask",
+    Service.DOWNLOAD: "`00 44`, offset (4), length (4): the bytes of the image that are missing",
+    Service.TRANSFER: f"a block of up to {services.MAX_BLOCK} bytes with these two; the last one may come again",
+    Service.EXIT: "all bytes have come",
+    Service.TESTER_PRESENT: "`00`, or `80` without an answer: keep the session",
+}
+DID_TEXTS: Final[Mapping[Did, str]] = {
+    Did.ACTIVE_SESSION: "number of the session, 1 byte",
+    Did.SERIAL_NUMBER: "serial number of the ECU, UTF-8",
+    Did.HARDWARE: "name of the hardware, UTF-8",
+    Did.SOFTWARE_VERSION: "version of stillwake, UTF-8",
+    Did.DBC_SHA256: "SHA-256 of `contract/stillwake.dbc`, 32 bytes",
+    Did.STORE: "what the slots hold, what runs and why, as JSON",
+    Did.KEY_LIST: "read: version of the key list, 4 bytes, 0 for none; write: a signed key list",
+    Did.CAPACITY: "size of the greatest image, 4 bytes",
+    Did.PERIOD_NS: "control period in ns, 8 bytes",
+    Did.CALIBRATION: "the calibration in force; written, the one from the next control period on",
+    Did.CALIBRATION_LIMITS: f"least, greatest and the release's own calibration, {3 * PACKED_BYTES} bytes",
+    Did.CALIBRATION_STORED: "read: 1 if one is stored; write 1: store the one in force; 0: the release's own again",
+}
+ROUTINE_TEXTS: Final[Mapping[Routine, str]] = {
+    Routine.PRECONDITIONS: "may the ECU be programmed now?",
+    Routine.SELF_TEST: "run a control step of the release that runs",
+    Routine.ACTIVATE: "boot the checked image from the next reset on, on trial",
+    Routine.CONFIRM: "keep the release that runs on trial",
+    Routine.REVERT: "boot the release before from the next reset on",
+    Routine.ERASE: "announce an image: its length (4), its SHA-256 (32). The answer has the offset from which it is "
+    "wanted (4)",
+    Routine.CHECK: "check the image. The answer has a [verdict](#verdicts) (1)",
+}
+NRC_TEXTS: Final[Mapping[Nrc, str]] = {
+    Nrc.SERVICE_NOT_SUPPORTED: "no such service here",
+    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "no such session, reset, level or kind of routine control",
+    Nrc.INCORRECT_LENGTH: "the request has the wrong length",
+    Nrc.RESPONSE_TOO_LONG: "all that was asked for does not fit into one answer",
+    Nrc.BUSY_REPEAT_REQUEST: "another request is still worked on",
+    Nrc.CONDITIONS_NOT_CORRECT: "the jets are enabled or the vehicle asks for control; or no release runs; or the "
+    "release before is not in order; or another download is under way",
+    Nrc.SEQUENCE_ERROR: "not its turn: no seed, announcement or download before it, or bytes are missing",
+    Nrc.OUT_OF_RANGE: "no such identifier or routine in this session; or a value that the ECU does not take",
+    Nrc.SECURITY_ACCESS_DENIED: "the level is locked",
+    Nrc.INVALID_KEY: "the answer to the seed is wrong",
+    Nrc.EXCEEDED_ATTEMPTS: f"that was the wrong answer number {MAX_ATTEMPTS} in a row, or a later one",
+    Nrc.DELAY_NOT_EXPIRED: f"no seed within {DELAY_NS / 1e9:g} s after that",
+    Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED: "not sent",
+    Nrc.TRANSFER_SUSPENDED: "a block has more bytes than are missing",
+    Nrc.PROGRAMMING_FAILURE: "the memory failed, or the self-test did",
+    Nrc.WRONG_BLOCK_COUNTER: "a block was left out",
+    Nrc.RESPONSE_PENDING: "it takes longer; the answer follows",
+    Nrc.SUB_FUNCTION_NOT_IN_SESSION: "the level is there, not in this session",
+    Nrc.SERVICE_NOT_IN_SESSION: "the service is there, not in this session",
+}
+UNSENT: Final = frozenset({Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED})
+"""Codes that no answer has; they are known to the tester alone."""
+SESSION_TEXTS: Final[Mapping[Session, str]] = {
+    Session.DEFAULT: "read",
+    Session.PROGRAMMING: "flash; while the jets are shut",
+    Session.EXTENDED: "calibrate; also while control runs",
+}
+
+
+def page() -> str:
+    """The whole page."""
+    return (
+        "\n\n".join(
+            (
+                _head(),
+                "## Sessions",
+                _table(
+                    ("number", "session", "for"),
+                    ((_byte(one), _words(one.name), SESSION_TEXTS[one]) for one in Session),
+                ),
+                f"A session other than the default one ends {services.S3_MS / 1000:g} s after the last request.",
+                "## Services",
+                _table(
+                    ("number", "service", "does", "sessions", "level"),
+                    (
+                        (_byte(one), SERVICE_NAMES[one], SERVICE_TEXTS[one], *_who(SERVICES[one]))
+                        for one in sorted(Service)
+                    ),
+                ),
+                "## Security access",
+                _table(
+                    ("seed, answer", "level", "sessions"),
+                    (
+                        (f"`27 {one:02X}`, `27 {one + 1:02X}`", _words(one.name), _sessions(LEVELS[one]))
+                        for one in Level
+                    ),
+                ),
+                _wrapped(f"""The seed has {SEED_LENGTH} random bytes, the answer {ANSWER_LENGTH}: the AES-CMAC of
+the seed under the level's own key, which is made from the access key
+(`can_bridge/uds/access_key.py`). After {MAX_ATTEMPTS} wrong answers in a row the
+level gives no seed for {DELAY_NS / 1e9:g} s, and again after each further one. The
+count outlives a reset."""),
+                "## Identifiers",
+                _table(
+                    ("number", "identifier", "holds", "written in session", "level"),
+                    ((f"`{one:04X}`", _words(one.name), DID_TEXTS[one], *_writer(one)) for one in sorted(Did)),
+                ),
+                _wrapped("""Reading needs neither session nor level. Numbers are big-endian. A calibration is
+little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) says."""),
+                "## Routines",
+                _table(
+                    ("number", "routine", "does", "sessions", "level"),
+                    (
+                        (f"`{one:04X}`", _words(one.name), ROUTINE_TEXTS[one], *_who(ROUTINES[one]))
+                        for one in sorted(Routine)
+                    ),
+                ),
+                "## Verdicts",
+                "The answer to the routine `FF01`: the first check that the image failed.",
+                _table(("number", "verdict", "means"), ((str(one.value), one.name, one.in_words) for one in Verdict)),
+                "## Negative responses",
+                _table(
+                    ("code", "name", "sent when"),
+                    ((_byte(one), _words(one.name), NRC_TEXTS[one]) for one in Nrc if one not in UNSENT),
+                ),
+                "## XCP",
+                _wrapped(f"""XCP on CAN (ASAM MCD-1 XCP, protocol {xcp.PROTOCOL_VERSION}.x): packets of up to
+{xcp.MAX_CTO} bytes, one segment of {PACKED_BYTES} bytes at address 0x{ADDRESS:X}
+with two pages, no measurement (DAQ) and no flashing. Commands marked with a star
+need seed and key of the resource CAL_PAG. A wrong key ends the connection. So do
+{IDLE_NS // 60_000_000_000} minutes without a command."""),
+                _table(
+                    ("code", "command"),
+                    ((_byte(one), f"{one.name}{' *' if one in xcp.PROTECTED else ''}") for one in xcp.Command),
+                ),
+            )
+        )
+        + "\n"
+    )
+
+
+def _head() -> str:
+    return f"""# Diagnosis
+
+For ECU engineers with a tester or a calibration tool of their own: what an ECU that runs with `--slots` understands.
+[Flash an ECU](../how-to/flash-an-ecu.md) and [calibrate](../how-to/calibrate.md) have the commands that use it, and
+[the threat model](../explanation/threat-model.md) says what the keys protect. `make docs` writes this page from
+`can_bridge/uds/` and `can_bridge/calibration/`.
+
+| identifier on the bus | carries |
+|---|---|
+| 0x{services.REQUEST_ID:X}, 0x{services.RESPONSE_ID:X} | UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) |
+| 0x{xcp.COMMAND_ID:X}, 0x{xcp.RESPONSE_ID:X} | XCP |
+
+{_timing()}"""
+
+
+def _timing() -> str:
+    return _wrapped(f"""All four have 11 bits. Of each two the ECU reads the first and sends the second.
+There is no functional address. The ECU answers within {services.P2_MS} ms, or says
+that the answer is pending, and then again within {services.P2_EXTENDED_MS / 1000:g}
+s each. A request has at most {services.MAX_REQUEST} bytes. Frames of diagnosis carry
+no authentication, also where `bus.key` is set.""")
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(" ".join(text.split()), width=120, break_on_hyphens=False)
+
+
+def _writer(did: Did) -> tuple[str, str]:
+    permission = WRITABLE.get(did)
+    return ("never", "") if permission is None else _who(permission)
+
+
+def _who(permission: Permission) -> tuple[str, str]:
+    level = permission.level
+    return _sessions(permission), "" if level is None else _words(level.name)
+
+
+def _sessions(permission: Permission) -> str:
+    if permission.sessions == frozenset(Session):
+        return "all"
+    return ", ".join(_words(one.name) for one in sorted(permission.sessions))
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
+
+
+def _byte(number: int) -> str:
+    return f"`{number:02X}`"
+
+
+def _table(heads: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = (heads, ("---",) * len(heads), *rows)
+    return "\n".join(
+        "|" + "|".join(cells) + "|" if cells[0] == "---" else f"| {' | '.join(cells)} |" for cells in lines
+    )
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    sys.stdout.write(f"wrote {PAGE}\n")
