@@ -39,7 +39,8 @@ SERVICE_NAMES: Final[Mapping[Service, str]] = {
 """As the standard has them."""
 SERVICE_TEXTS: Final[Mapping[Service, str]] = {
     Service.SESSION: "change the session; to `02` only while the jets are shut and the vehicle asks for no control",
-    Service.RESET: "`01`: boot anew. After an image was announced, the end of the session does the same",
+    Service.RESET: "`01`: boot anew, under the conditions of that session; after an image was announced always, "
+    "and by the session's end, too",
     Service.READ: f"read up to {MAX_DIDS} identifiers; those that are not there are left out of the answer",
     Service.SECURITY: "ask for a level's seed, and answer it",
     Service.WRITE: "write an identifier",

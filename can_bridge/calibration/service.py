@@ -9,6 +9,7 @@ from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
 from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc
@@ -27,7 +28,7 @@ class CalibrationService:
     Args:
         segment: of the release that runs.
         kept: what is stored for that release, if anything.
-        keep: stores it, or nothing; may raise MediumError.
+        keep: stores it, or nothing; may raise MediumError, or OutOfOrderError where the release's slot is written anew.
         refusal: why nothing may be stored now, for instance because the jets are enabled: writing a flash memory can
             take longer than a control period. Changing the values in force is always possible.
     """
@@ -98,3 +99,5 @@ class CalibrationService:
             self._keep(raw)
         except MediumError as error:
             raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
+        except OutOfOrderError as error:
+            raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error

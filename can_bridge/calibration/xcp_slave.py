@@ -6,7 +6,7 @@ measurement (DAQ) and no flashing: those are not announced, and their commands a
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_bridge.calibration import xcp
@@ -45,27 +45,6 @@ class XcpSlave:
         self._identification = b""
         self._page = Page.WORKING
         self._wants_store = False
-        self._commands = {
-            Command.DISCONNECT: self._disconnect,
-            Command.GET_STATUS: self._status,
-            Command.SYNCH: self._synch,
-            Command.GET_COMM_MODE_INFO: self._comm_mode_info,
-            Command.GET_ID: self._get_id,
-            Command.SET_REQUEST: self._set_request,
-            Command.GET_SEED: self._get_seed,
-            Command.UNLOCK: self._unlock,
-            Command.SET_MTA: self._set_mta,
-            Command.UPLOAD: self._upload,
-            Command.SHORT_UPLOAD: self._short_upload,
-            Command.BUILD_CHECKSUM: self._build_checksum,
-            Command.DOWNLOAD: self._download,
-            Command.SET_CAL_PAGE: self._set_page,
-            Command.GET_CAL_PAGE: self._get_page,
-            Command.GET_PAG_PROCESSOR_INFO: self._page_processor_info,
-            Command.GET_SEGMENT_INFO: self._segment_info,
-            Command.GET_PAGE_INFO: self._page_info,
-            Command.COPY_CAL_PAGE: self._copy_page,
-        }
 
     @property
     def is_connected(self) -> bool:
@@ -114,7 +93,7 @@ class XcpSlave:
             raise Denied(Error.CMD_SYNTAX)
         if command in xcp.PROTECTED and not self._access.is_unlocked:
             raise Denied(Error.ACCESS_LOCKED)
-        return self._commands[command](data)
+        return _COMMANDS[command](self, data)
 
     def _connect(self) -> bytes:
         self._end()
@@ -296,3 +275,27 @@ def _page(number: int) -> Page:
         return Page(number)
     except ValueError:
         raise Denied(Error.PAGE_NOT_VALID) from None
+
+
+_COMMANDS: Final[Mapping[Command, Callable[[XcpSlave, bytes], bytes]]] = {
+    Command.DISCONNECT: XcpSlave._disconnect,
+    Command.GET_STATUS: XcpSlave._status,
+    Command.SYNCH: XcpSlave._synch,
+    Command.GET_COMM_MODE_INFO: XcpSlave._comm_mode_info,
+    Command.GET_ID: XcpSlave._get_id,
+    Command.SET_REQUEST: XcpSlave._set_request,
+    Command.GET_SEED: XcpSlave._get_seed,
+    Command.UNLOCK: XcpSlave._unlock,
+    Command.SET_MTA: XcpSlave._set_mta,
+    Command.UPLOAD: XcpSlave._upload,
+    Command.SHORT_UPLOAD: XcpSlave._short_upload,
+    Command.BUILD_CHECKSUM: XcpSlave._build_checksum,
+    Command.DOWNLOAD: XcpSlave._download,
+    Command.SET_CAL_PAGE: XcpSlave._set_page,
+    Command.GET_CAL_PAGE: XcpSlave._get_page,
+    Command.GET_PAG_PROCESSOR_INFO: XcpSlave._page_processor_info,
+    Command.GET_SEGMENT_INFO: XcpSlave._segment_info,
+    Command.GET_PAGE_INFO: XcpSlave._page_info,
+    Command.COPY_CAL_PAGE: XcpSlave._copy_page,
+}
+"""Not bound to a slave, as in `can_bridge.uds.server`."""

@@ -135,8 +135,8 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def reset(self, *, times: int = TIMES) -> None:
-        """Ask for a hard reset."""
-        self._ask("reset", lambda: self._client.ecu_reset(1), times=times)
+        """Ask for a hard reset; raises NotNowError if it would stop a control that runs."""
+        self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
         """Let time pass, the session kept meanwhile."""
@@ -163,9 +163,9 @@ class Asking:
                     raise NoAnswerError(step) from None
             self._sleep(BUSY_WAIT_S)
 
-    def _in_good_state(self, step: str, call: Callable[[], Any]) -> Any:
+    def _in_good_state(self, step: str, call: Callable[[], Any], *, times: int = TIMES) -> Any:
         try:
-            return self._ask(step, call)
+            return self._ask(step, call, times=times)
         except RefusedError as refused:
             if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
                 raise

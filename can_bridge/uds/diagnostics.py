@@ -52,5 +52,8 @@ class Diagnostics(Protocol):
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         """Keep them before the answer goes out."""
 
+    def before_reset(self) -> None:
+        """CONDITIONS_NOT_CORRECT while a reset would stop a control that runs: a session may have begun before it."""
+
     def reset(self) -> None:
         """A reset was asked for and has been answered."""

@@ -29,7 +29,7 @@ class Permission:
 
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut: elsewhere a reset could stop a running control.
+    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` looks again.
     Service.RESET: Permission(_PROGRAMMING),
     Service.READ: Permission(),
     Service.SECURITY: Permission(_BEYOND_DEFAULT),

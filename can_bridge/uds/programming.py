@@ -57,6 +57,7 @@ class Programming:
         self._announced_length = 0
         self._is_updating = False
         self._has_confirmed = False
+        self._taken_keys = b""
 
     @property
     def is_updating(self) -> bool:
@@ -83,8 +84,11 @@ class Programming:
         if did is not Did.KEY_LIST:
             yield from self._inner.write(did, value)
             return
+        if value == self._taken_keys:
+            return
         with _as_refusals():
             self._store.take_keys(value)
+        self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         with _as_refusals():
@@ -125,6 +129,10 @@ class Programming:
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         with _as_refusals():
             self._store.keep_failed_attempts(level, count)
+
+    def before_reset(self) -> None:
+        if not self._is_updating:
+            self._check_preconditions()
 
     def reset(self) -> None:
         self._inner.reset()

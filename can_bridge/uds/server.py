@@ -5,7 +5,7 @@ length right, is the sub-function there and in this session, is the level unlock
 it may refuse for reasons of its own. One request is worked on at a time, in pieces, one for each `tick`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_bridge.uds.access_key import ANSWER_LENGTH, AccessKey
@@ -52,18 +52,6 @@ class UdsServer:
         self._job: Job | None = None
         self._reset_is_due = False
         self._now_ns: int | None = None
-        self._handlers: Final[dict[int, Callable[[bytes], Long[bytes]]]] = {
-            Service.SESSION: self._control_session,
-            Service.RESET: self._reset,
-            Service.READ: self._read,
-            Service.SECURITY: self._access,
-            Service.WRITE: self._write,
-            Service.ROUTINE: self._routine,
-            Service.DOWNLOAD: self._download,
-            Service.TRANSFER: self._take_block,
-            Service.EXIT: self._exit,
-            Service.TESTER_PRESENT: self._hear_tester,
-        }
 
     @property
     def session(self) -> Session:
@@ -145,7 +133,7 @@ class UdsServer:
         if service in _WITH_SUB_FUNCTION:
             _check_length(len(body) >= 1)
             body = bytes([body[0] & ~_SUPPRESS]) + body[1:]
-        return (yield from self._handlers[service](body))
+        return (yield from _HANDLERS[service](self, body))
 
     def _control_session(self, body: bytes) -> Long[bytes]:
         if body[0] not in _SESSIONS:
@@ -161,6 +149,7 @@ class UdsServer:
         if body[0] != _HARD_RESET:
             raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
         _check_length(len(body) == 1)
+        self._diagnostics.before_reset()
         self._reset_is_due = True
         yield from ()
         return body
@@ -291,3 +280,18 @@ class UdsServer:
 def _check_length(is_right: bool) -> None:
     if not is_right:
         raise Refused(Nrc.INCORRECT_LENGTH)
+
+
+_HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], Long[bytes]]]] = {
+    Service.SESSION: lambda server, body: server._control_session(body),
+    Service.RESET: lambda server, body: server._reset(body),
+    Service.READ: lambda server, body: server._read(body),
+    Service.SECURITY: lambda server, body: server._access(body),
+    Service.WRITE: lambda server, body: server._write(body),
+    Service.ROUTINE: lambda server, body: server._routine(body),
+    Service.DOWNLOAD: lambda server, body: server._download(body),
+    Service.TRANSFER: lambda server, body: server._take_block(body),
+    Service.EXIT: lambda server, body: server._exit(body),
+    Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
+}
+"""Not bound to a server: one that refers to itself is never freed where the collector is off."""

@@ -92,7 +92,8 @@ def serve_store(
         is_stopped, write, open_bus: as for `firmware_sim.ecu.daemon.service.serve`.
 
     Raises:
-        StillwakeError: another process runs this ECU, the bus cannot be opened, or a file cannot be written.
+        StillwakeError: another process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset
+            failed within the process: whoever starts it anew boots again.
     """
     check(config, options)
     times, log = PlanTimes(), Log()
@@ -116,13 +117,21 @@ def serve_store(
         freshness, authentication = authentication_of(config, options)
         ecu = FlashableEcu(folder.backing(), config, supplies, authentication=authentication)
         connections: list[Connection] = []
+        fatal: list[BaseException] = []
+
+        def failed(error: BaseException) -> None:
+            goes_on = "the control goes on"
+            if ecu.needs_reset:
+                # No tester is heard any more, and only a reset would end the update.
+                goes_on = "and with it the process"
+                fatal.append(error)
+            log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")
+
         diagnosis = DiagnosisThread(
             ecu,
             lambda frames: [connection.send(frames) for connection in connections],
             now_ns=clock.now_ns,
-            failed=lambda error: log.tell(
-                "diagnosis_ended", f"diagnosis ended, the control goes on: {type(error).__name__}: {error}"
-            ),
+            failed=failed,
         )
 
         @contextmanager
@@ -141,16 +150,19 @@ def serve_store(
             hears={REQUEST_ID: diagnosis.put, COMMAND_ID: diagnosis.put},
             beside=beside,
         )
-        return run(
+        counters = run(
             served,
             config,
             options,
-            is_stopped=is_stopped,
+            is_stopped=lambda: bool(fatal) or is_stopped(),
             write=write,
             key=None if authentication is None else authentication.key,
             freshness=freshness,
             open_bus=open_bus,
         )
+    if fatal:
+        raise fatal[0]
+    return counters
 
 
 @contextmanager

@@ -101,6 +101,11 @@ class FlashableEcu:
         """Whether `service` has something to do without another frame."""
         return self._wants_reset or self._serviced.link.is_busy
 
+    @property
+    def needs_reset(self) -> bool:
+        """Whether only a reset leads out of the shut jets: a release is written, or a reset was asked for."""
+        return self._wants_reset or self._serviced.is_updating
+
     def restore(self, state: EcuState) -> None:
         """Let the control go on from a state of an ECU with the same release and settings; the store stays."""
         self._ecu.restore(state)

@@ -195,6 +195,9 @@ class PlayedEcu:
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         self.kept.attempts[level] = count
 
+    def before_reset(self) -> None:
+        pass
+
     def reset(self) -> None:
         kept = self.kept
         kept.resets += 1

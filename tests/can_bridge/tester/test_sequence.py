@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace
+from random import Random
 from typing import Any
 
 import pytest
@@ -336,13 +337,15 @@ def _loses(number: int, *, to_ecu: bool) -> Callable[[bytes, bool], bool]:
     return lose
 
 
-@given(seed=st.randoms(use_true_random=False), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
+@given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
 @examples(15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_lost_and_doubled_payloads_only_cost_time(seed: Any, rate: float, doubled: bool, kept: Played) -> None:
+def test_lost_and_doubled_payloads_only_cost_time(seed: int, rate: float, doubled: bool, kept: Played) -> None:
     again = replace(kept, running=_old(), other=Held(), written=0, log=[], attempts={})
     time = VirtualTime()
     line = Line(again, time)
-    line.lose = lambda payload, to_ecu: seed.random() < rate
+    # Thousands of draws: more than a strategy gives without complaint.
+    draws = Random(seed)
+    line.lose = lambda payload, to_ecu: draws.random() < rate
     line.double = doubled
     try:
         _flash(line, time)

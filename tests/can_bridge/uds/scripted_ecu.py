@@ -60,6 +60,10 @@ class ScriptedEcu:
         self._note("keep", level, count)
         self.attempts[level] = count
 
+    def before_reset(self) -> None:
+        if "before_reset" in self.refusals:
+            raise Refused(self.refusals["before_reset"])
+
     def reset(self) -> None:
         self._note("reset")
 

@@ -163,6 +163,20 @@ class TestPreconditions:
         assert not client.ecu.programming.is_updating
 
 
+class TestReset:
+    def test_not_while_the_vehicle_has_control_or_asks_for_it(self, client):
+        client.ask(0x10, Session.PROGRAMMING)
+        client.ecu.is_wanted = True
+        assert client.ask(0x11, 1) == refused(0x11, Nrc.CONDITIONS_NOT_CORRECT)
+        assert not client.ecu.is_reset
+
+    def test_it_leads_out_of_an_update_whatever_the_vehicle_asks(self, client):
+        client.unlock()
+        client.announce(IMAGES["newer"])
+        client.ecu.is_wanted = True
+        client.reset()
+
+
 class TestTransfer:
     @pytest.mark.parametrize("length", [0, CAPACITY + 1, 2**32 - 1])
     def test_length_that_fits_no_slot(self, client, length):
@@ -289,6 +303,11 @@ class TestKeys:
     def test_list_that_the_root_key_did_not_sign(self, client, number):
         client.unlock()
         assert self.write(client, pool().foreign_lists[number]) == refused(0x2E, Nrc.OUT_OF_RANGE)
+
+    def test_list_whose_answer_was_missed(self, client):
+        client.unlock()
+        self.write(client, pool().key_lists[1])
+        assert self.write(client, pool().key_lists[1]) == b"\x6e\xfd\x02"
 
     def test_older_list(self, client):
         client.unlock()

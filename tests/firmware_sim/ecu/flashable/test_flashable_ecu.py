@@ -1,5 +1,7 @@
 """Boot, update, trial, confirmation and revert as they show on the wire."""
 
+import gc
+import weakref
 from pathlib import Path
 
 import pytest
@@ -215,3 +217,20 @@ def test_it_steps_like_any_ecu(rig: Rig) -> None:
     ecu.restore(power_on)
     rig.sender = E2eSender(PRESSURE)
     assert ecu.step(MS, [rig.pressure(False)]) == sent
+
+
+def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> None:
+    """Whoever is on the bus can ask for one, and in real time nobody collects what refers to itself."""
+    rig.programming()
+    rig.run(100)
+    cycle = rig.ecu._serviced
+    assert cycle.calibration is not None
+    before = [weakref.ref(part) for part in (cycle.store, cycle.link._server, cycle.calibration._xcp)]
+    del cycle
+    gc.disable()
+    try:
+        rig.reset()
+        rig.run(100)
+        assert [part() for part in before] == [None] * 3
+    finally:
+        gc.enable()

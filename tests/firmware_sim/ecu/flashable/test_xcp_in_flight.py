@@ -168,3 +168,15 @@ def test_a_memory_that_fails_is_tried_once(tmp_path: Path, monkeypatch: pytest.M
     rig.run(200)
     assert len(tried) == 1
     assert STORED_EVENT not in {packet[:2] for packet in packets(rig)[before:]}
+
+
+def test_nothing_is_stored_for_a_release_whose_slot_is_written_anew(rig: Rig) -> None:
+    rig.start(image("second"))
+    connect(rig)
+    rig.programming()
+    rig.announce(image("third"))
+    good(rig, STORE)
+    rig.run(100)
+    assert STORED_EVENT not in {packet[:2] for packet in packets(rig)}
+    assert good(rig, b"\xfd")[1] == 0
+    assert rig.good(b"\x22\xf1\x86")[3:] == b"\x02"
