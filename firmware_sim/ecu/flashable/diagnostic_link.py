@@ -44,10 +44,12 @@ class DiagnosticLink:
         """Take frames, do at most one piece of long work, and give out what is to be sent now."""
         for frame in frames:
             self._endpoint.receive(now_ns, frame)
+        was_busy = self._server.is_busy
         requests = self._endpoint.take()
         for request in requests:
             self._send(self._server.request(now_ns, request))
-        if not (requests and self._server.is_busy):
+        # A request that begins long work has done its first piece; those that come amid it do none.
+        if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
         self._is_sending = bool(sent)

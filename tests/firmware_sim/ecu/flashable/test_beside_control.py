@@ -83,6 +83,20 @@ def test_a_flood_is_bounded_and_changes_no_bit(tmp_path: Path, seed: int) -> Non
     assert rig.good(b"\x22\xf1\x8c")[3:] == b"42"
 
 
+def test_a_flood_of_requests_does_not_stop_long_work(rig: Rig) -> None:
+    raw = image("second")
+    rig.programming()
+    for _ in rig.blocks(raw, rig.announce(raw)):
+        pass
+    rig.tester.send(b"\x31\x01\xff\x01")
+    rig.millisecond()
+    rig.extra = [Frame(frame_id=REQUEST_ID, data=b"\x02\x3e\x00" + bytes(5))]
+    before = len(rig.answers)
+    rig.run(2000)
+    answers = rig.answers[before:]
+    assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in answers)
+
+
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
     into_control(rig)
     rig.good(EXTENDED)
