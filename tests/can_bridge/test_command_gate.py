@@ -269,3 +269,14 @@ def test_fail_safe_settings_move_the_age():
 def test_speed_the_wire_cannot_carry_is_refused():
     with pytest.raises(ConfigError, match=r"action_limit is 7\.5 m2/s .* ends at 6\.5534"):
         GateLimits.from_config(Config(operating_point=OperatingPoint(speed=40.0)))
+
+
+@pytest.mark.parametrize(
+    ("flow", "step", "narrower"),
+    [(2.0, 0.5, (2.0, 0.5)), (8.0, 2.0, (4.0, 1.0)), (2.0, 2.0, (2.0, 1.0)), (8.0, 0.5, (4.0, 0.5))],
+)
+def test_limits_are_narrowed_one_by_one_and_never_widened(flow, step, narrower):
+    other = replace(LIMITS, flow_m2_per_s=flow, step_m2_per_s=step, period_ns=7, fresh_age_ns=8, held_age_ns=9)
+    limits = LIMITS.narrowed(other)
+    assert (limits.flow_m2_per_s, limits.step_m2_per_s) == narrower
+    assert (limits.period_ns, limits.fresh_age_ns, limits.held_age_ns) == (100, 100, 300)
