@@ -26,16 +26,17 @@ from contract.release import bundle, signing
 from firmware_sim.ecu.ecu import Ecu
 from stillwake.shipped import BUNDLE
 
-EXTRAS = ("torch", "shap", "onnx", "numba", "scipy", "matplotlib", "gymnasium", "distributed", "PIL", "pytest", "h5py")
+EXTRAS = ("torch", "shap", "onnx", "numba", "scipy", "matplotlib", "gymnasium", "distributed", "PIL", "pytest", "h5py",
+          "udsoncan", "isotp")  # fmt: skip
 """What only the other extras bring; here it must be missing, or the run proves nothing."""
-LABORATORY = ("contract.recording", "stillwake_data")
-"""Data sets and what reads them: no part of the base install."""
+ELSEWHERE = ("contract.recording", "stillwake_data", "can_bridge.tester")
+"""Data sets and what reads them, and the tester's side of diagnosis: no part of the base install."""
 
 
 def modules(room: ModuleType) -> list[str]:
     """Every module below a package, by name."""
     found = [found.name for found in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
-    return [name for name in found if not name.startswith(LABORATORY)]
+    return [name for name in found if not name.startswith(ELSEWHERE)]
 
 
 def main() -> None:
