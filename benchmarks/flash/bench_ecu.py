@@ -7,7 +7,6 @@ tester waits. Everything but the memory is made anew at each reset, as by a loss
 from collections import deque
 from collections.abc import Callable
 
-from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
 from benchmarks.flash.releases import ACCESS, HARDWARE, ROOT, fits
@@ -15,6 +14,7 @@ from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.store import Store
+from can_bridge.tester.direct_connection import DirectConnection
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.programming import Programming
@@ -27,7 +27,7 @@ _NS = 1_000_000_000
 _TICK_NS = 10_000_000
 
 
-class BenchEcu(BaseConnection):
+class BenchEcu(DirectConnection):
     """The ECU, and the tester's connection to it, by payloads.
 
     Attributes:
@@ -58,15 +58,6 @@ class BenchEcu(BaseConnection):
         while self._now_ns < until:
             self._now_ns = min(until, self._now_ns + _TICK_NS)
             self._answers.extend(self._server.tick(self._now_ns))
-
-    def open(self) -> "BenchEcu":
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def is_open(self) -> bool:
-        return True
 
     def empty_rxqueue(self) -> None:
         self._answers.clear()

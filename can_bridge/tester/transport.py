@@ -4,7 +4,6 @@ There is no thread here: frames are taken off the bus while a request is sent an
 nothing comes unasked. Responses that answer another request, because they are late or doubled, are dropped.
 """
 
-import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from udsoncan.exceptions import TimeoutException
 
 import isotp
 from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.tester.direct_connection import silence
 from can_bridge.tester.matching import answers
 from can_bridge.uds.services import MAX_REQUEST, REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
@@ -41,9 +41,7 @@ _ENDS_SENDING: Final = (
 @contextmanager
 def open_client(config: BusConfig) -> Iterator[Client]:
     """A client for the ECU on a bus; raises BusError as `PythonCanBus.open` does."""
-    for name in ("UdsClient", "Connection", "isotp"):
-        # Without a handler Python prints their warnings to stderr.
-        logging.getLogger(name).addHandler(logging.NullHandler())
+    silence()
     with (
         PythonCanBus.open(config, accept={RESPONSE_ID}) as bus,
         Client(BusConnection(bus, is_fd=config.frames == "fd")) as client,

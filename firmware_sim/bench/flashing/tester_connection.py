@@ -1,37 +1,19 @@
 """udsoncan's connection to an ECU on the bench: while its client waits for an answer, virtual time passes."""
 
-import logging
 from typing import Any
 
-from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
+from can_bridge.tester.direct_connection import DirectConnection
 from firmware_sim.bench.flashing.flash_bench import FlashBench
 
 
-class BenchConnection(BaseConnection):
-    """Open from `open` to `close`."""
+class BenchConnection(DirectConnection):
+    """Of a tester on the bench."""
 
     def __init__(self, bench: FlashBench) -> None:
-        super().__init__("bench")
-        for name in ("UdsClient", "Connection"):
-            # Without a handler Python prints their warnings to stderr.
-            logging.getLogger(name).addHandler(logging.NullHandler())
+        super().__init__()
         self._bench = bench
-        self._is_open = False
-
-    def open(self) -> "BenchConnection":
-        """Nothing is opened: the bench is there."""
-        self._is_open = True
-        return self
-
-    def close(self) -> None:
-        """Take no more requests."""
-        self._is_open = False
-
-    def is_open(self) -> bool:
-        """Whether requests are taken."""
-        return self._is_open
 
     def empty_rxqueue(self) -> None:
         """Drop late answers to earlier requests."""

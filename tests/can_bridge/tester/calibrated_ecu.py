@@ -3,10 +3,9 @@
 from collections import deque
 from dataclasses import replace
 
-from udsoncan.connections import BaseConnection
-
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.service import CalibrationService
+from can_bridge.tester.direct_connection import DirectConnection
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
@@ -71,21 +70,13 @@ class Ecu:
         self.attempts = count
 
 
-class Direct(BaseConnection):
+class Direct(DirectConnection):
     """The server at the other end of nothing."""
 
     def __init__(self, ecu: Ecu) -> None:
         super().__init__()
         self.ecu, self.now_ns = ecu, 0
         self.answers: deque[bytes] = deque()
-
-    def open(self):
-        return self
-
-    def close(self) -> None: ...
-
-    def is_open(self) -> bool:
-        return True
 
     def empty_rxqueue(self) -> None:
         self.answers.clear()

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 
-from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
 from can_bridge.flashing import report
@@ -14,6 +13,7 @@ from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.report import Report, SlotReport
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.tester.direct_connection import DirectConnection
 from can_bridge.tester.matching import answers
 from can_bridge.tester.sequence import digest_of
 from can_bridge.uds.access_key import AccessKey
@@ -209,7 +209,7 @@ class PlayedEcu:
         self._on_reset()
 
 
-class Line(BaseConnection):
+class Line(DirectConnection):
     """A tester's connection to the ECU, by payloads.
 
     Attributes:
@@ -251,15 +251,6 @@ class Line(BaseConnection):
     def arrive(self, payload: bytes) -> None:
         """Let a payload come from the ECU, whatever it is."""
         self._waiting.append(payload)
-
-    def open(self) -> "Line":
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def is_open(self) -> bool:
-        return True
 
     def empty_rxqueue(self) -> None:
         self._waiting.clear()

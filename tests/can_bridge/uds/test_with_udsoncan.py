@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from udsoncan import DataFormatIdentifier, DidCodec, MemoryLocation
 from udsoncan.client import Client
-from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import NegativeResponseException, TimeoutException
 from udsoncan.Response import Response
 from udsoncan.services.ECUReset import ECUReset
@@ -17,6 +16,7 @@ from udsoncan.services.RoutineControl import RoutineControl
 from benchmarks.flash.fuzz_ecu import KEY, FuzzedEcu
 from benchmarks.flash.fuzz_images import pool
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.tester.direct_connection import DirectConnection
 from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
 from tests.can_bridge.uds.scripted_ecu import MS
 
@@ -24,24 +24,15 @@ PIECE_NS = 40 * MS
 """Of work: long enough for response-pending."""
 
 
-class Direct(BaseConnection):
+class Direct(DirectConnection):
     """Requests go into the server at once; waiting lets its time pass."""
 
     def __init__(self, ecu: FuzzedEcu) -> None:
-        super().__init__("direct")
+        super().__init__()
         self.ecu = ecu
         self.now_ns = 0
         self.waiting: deque[bytes] = deque()
         self.pending = 0
-
-    def open(self) -> "Direct":
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def is_open(self) -> bool:
-        return True
 
     def empty_rxqueue(self) -> None:
         self.waiting.clear()

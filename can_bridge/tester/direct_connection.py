@@ -1,0 +1,31 @@
+"""udsoncan's connection to an ECU without a bus between: for benches and proofs in virtual time."""
+
+import logging
+from typing import Self
+
+from udsoncan.connections import BaseConnection
+
+
+class DirectConnection(BaseConnection):
+    """Always open. Who derives from it says how a request gets there, and how an answer is waited for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        silence()
+
+    def open(self) -> Self:
+        """Nothing to be opened: the ECU is there."""
+        return self
+
+    def close(self) -> None:
+        """Nothing to be closed."""
+
+    def is_open(self) -> bool:
+        """Always."""
+        return True
+
+
+def silence() -> None:
+    """Keep what the libraries log from stderr, where Python prints warnings that no handler takes."""
+    for name in ("UdsClient", "Connection", "isotp"):
+        logging.getLogger(name).addHandler(logging.NullHandler())
