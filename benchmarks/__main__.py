@@ -58,6 +58,7 @@ MEASUREMENTS: Final = {
         "ways to fewer operations in a control step, in the loop",
         "a quarter of an hour",
     ),
+    "roads": Measurement("roads.measure", "roads to less drag, each with what it costs, in one table", "hours"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
     "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
