@@ -5,5 +5,18 @@ from typing import Final
 ROADS: Final = {
     "no-control": "without",
     "steady": "without",
+    "constant": "baselines",
+    "sine": "baselines",
+    "proportional": "baselines",
+    "opposition": "baselines",
+    "phase-control": "baselines",
+    "bang-bang": "baselines",
+    "ppo": "rl",
+    "sac": "rl",
     "release": "release",
+    "mpc-90": "mpc_90",
+    "release-coarse": "oracle_rows",
+    "oracle-25": "oracle_rows",
+    "oracle-50": "oracle_rows",
+    "oracle-100": "oracle_rows",
 }

@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from benchmarks.common.parts import part
+from benchmarks.roads.coarse import coarse_starts
 from benchmarks.roads.row import Outcome, outcome_of_log, outcome_of_samples
 from contract.arrays import Array
 from contract.config.controller import CostWeights
@@ -49,6 +50,8 @@ class Setting:
 
     def starts(self) -> Sequence[State]:
         """Developed wakes in these phases, kept beside the roads' folders."""
+        if self.config.flow.refinement != 1.0:
+            return coarse_starts(self.folder.parent, self.config, self.phases)
         kept = CampaignFolder(self.folder.parent / f"starts_{self.phases}")
         kept.start(0).parent.mkdir(parents=True, exist_ok=True)
         states = starting_states(kept, self.config, self.phases)
@@ -57,8 +60,9 @@ class Setting:
 
     def outcomes(self, run: Callable[[State], Outcome], name: str = "phase") -> tuple[Outcome, ...]:
         """What the run found from every phase; each is kept under that name, and found again."""
+        mesh = "" if self.config.flow.refinement == 1.0 else f"_{self.config.flow.refinement:g}"
         return tuple(
-            Outcome(**part(self.folder / f"{name}_{number}.json", partial(_as_tree, run, start)))
+            Outcome(**part(self.folder / f"{name}{mesh}_{number}.json", partial(_as_tree, run, start)))
             for number, start in enumerate(self.starts())
         )
 

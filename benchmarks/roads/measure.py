@@ -18,6 +18,7 @@ import typer
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, save, track
+from benchmarks.roads.coarse import coarse
 from benchmarks.roads.listing import ROADS
 from benchmarks.roads.loop import SPANS, Setting
 from benchmarks.roads.row import Row
@@ -33,16 +34,20 @@ def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/roads"),
     phases: Annotated[int, typer.Option(min=1, help="Phases of the shedding cycle that rows begin in.")] = 3,
+    on_coarse: Annotated[
+        bool, typer.Option("--coarse", help="On the mesh that tuning is done on, five times as fast.")
+    ] = False,
     budget: Annotated[float, typer.Option(min=0.0, help="Multiplies what tuning and learning may spend.")] = 1.0,
 ) -> None:
     """Measure the roads, merge their rows and print the table."""
     wanted = checked(names or list(ROADS))
+    config = coarse(load_config()) if on_coarse else load_config()
     # Before the work: it takes hours.
     rows = list(present(json_file))
     for name in track(wanted, "roads", "roads"):
         folder = parts / name
         folder.mkdir(parents=True, exist_ok=True)
-        setting = Setting(folder=folder, config=load_config(), phases=phases, budget=budget)
+        setting = Setting(folder=folder, config=config, phases=phases, budget=budget)
         made: Row = import_module(f"benchmarks.roads.{ROADS[name]}").measure(name, setting)
         rows = merged(rows, [made.as_tree()])
         # After each: the next one may take an hour.
