@@ -14,6 +14,7 @@ ROADS: Final = {
     "ppo": "rl",
     "sac": "rl",
     "release": "release",
+    "calm-tuned": "calm_tuned",
     "mpc-90": "mpc_90",
     "release-coarse": "oracle_rows",
     "oracle-25": "oracle_rows",
