@@ -30,7 +30,7 @@ def calm_episode(seed: int, steps: int = 120) -> Episode:
         name=f"calm_{seed}",
         role="train",
         series={
-            "t": 0.2 * np.arange(steps),
+            "t": 0.2 * np.arange(steps, dtype=np.float64),
             "action": 0.002 * generator.standard_normal(steps),
             "Cp": -0.17 + 0.01 * generator.standard_normal((steps, sensors.COUNT)),
             "Cd": np.full(steps, CALM_DRAG),
