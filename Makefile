@@ -81,6 +81,7 @@ release: $(VENV)/dev.stamp
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
+	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json
