@@ -82,6 +82,7 @@ release: $(VENV)/dev.stamp
 full: test
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
+	$(BIN)/stillwake tune runs/tune --hours 1 --json results/tune.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json

@@ -1,5 +1,6 @@
 """Controllers with other settings of the optimiser: for the runs of a search, and a release of them to be judged."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import date
@@ -11,7 +12,7 @@ from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import RunnableController, Sizes
 from contract.controller.onnx_session import OnnxController
-from contract.errors import BundleError
+from contract.errors import BundleError, DatasetError
 from contract.model_folder import ModelFolder
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle, MadeEstimator
@@ -33,7 +34,13 @@ class ModelOf:
 
     @classmethod
     def read(cls, folder: Path, dataset: Path, release: Bundle) -> "ModelOf":
-        """Raises BundleError if the model is another release's, ModelError if it is not sound."""
+        """Read the model, and see that all three belong together.
+
+        Raises:
+            BundleError: the model is another release's.
+            DatasetError: the recording is not the model's.
+            ModelError: the model is not sound.
+        """
         from contract import model_folder
 
         model = model_folder.read(folder)
@@ -41,6 +48,16 @@ class ModelOf:
             raise BundleError(
                 f"bundle {release.manifest.name!r} is of the model {release.manifest.weights_sha256[:12]}, {folder} is "
                 f"{model.weights_sha256[:12]}: name the bundle's own with --model"
+            )
+        try:
+            digest = hashlib.sha256(dataset.read_bytes()).hexdigest()
+        except OSError as error:
+            raise DatasetError(f"{dataset}: {error.strerror or error}") from error
+        if digest != model.description.dataset_sha256:
+            own = model.description.dataset_sha256
+            raise DatasetError(
+                f"{dataset} (SHA-256 {digest[:12]}) is not the recording that the model was fitted to ({own[:12]}): "
+                "name that one with --dataset"
             )
         return cls(folder=folder, model=model, dataset=dataset)
 
@@ -51,7 +68,8 @@ def controller_of(release: Bundle, model: ModelOf | None) -> Callable[[MpcConfig
     A learning rate or a horizon is fixed in a graph. Without rounding one is made in a tenth of a second.
     """
     if model is None:
-        return lambda mpc: OnnxController.of(release)
+        controller = OnnxController.of(release)
+        return lambda mpc: controller
 
     from export.program.from_training import program_of
     from export.to_onnx.control_step import build_controller

@@ -1,6 +1,6 @@
 """One run of the loop for the search: through CAN as `stillwake run`, scored block by block while it goes on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -14,8 +14,7 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import Row
 from firmware_sim.runs.summary import summary
 from firmware_sim.tuning.score import Goal, PhaseFigures
-from wake.truck.state import State
-from wake.truck.truck_wake import TruckWake
+from wake.plant import LoopPlant
 
 BLOCK: Final = 10.0
 """t_c of a block: two shedding cycles."""
@@ -35,12 +34,12 @@ def of_settings(bundle: Bundle, mpc: MpcConfig) -> Bundle:
 
 
 class WakeRuns:
-    """The loop from several starts, with any settings.
+    """The loop from several phases, with any settings.
 
     Args:
         bundle: verified release, whose settings are replaced.
-        config: the vehicle, its flow that of the starts.
-        starts: flow states.
+        config: the vehicle, its flow that of the phases.
+        wake_at: the flow at the start of a phase.
         spans: of every run.
         goal: for the scores of the blocks.
         controller: makes what computes the control step with these settings.
@@ -51,14 +50,13 @@ class WakeRuns:
         bundle: Bundle,
         config: Config,
         *,
-        starts: Sequence[State],
+        wake_at: Callable[[int], LoopPlant],
         spans: Spans,
         goal: Goal,
         controller: Callable[[MpcConfig], RunnableController],
     ) -> None:
-        self._bundle, self._config, self._starts, self._spans = bundle, config, starts, spans
+        self._bundle, self._config, self._wake_at, self._spans = bundle, config, wake_at, spans
         self._goal, self._controller = goal, controller
-        self._wake = TruckWake(config.flow, body=config.body)
 
     def __call__(
         self, mpc: MpcConfig, phase: int, report: Report, periods: Callable[[int, int], None] = lambda done, total: None
@@ -67,7 +65,7 @@ class WakeRuns:
 
         Args:
             mpc: settings.
-            phase: number of the start.
+            phase: number of its start.
             report: see `Report`.
             periods: called with control periods done and in all.
 
@@ -75,7 +73,6 @@ class WakeRuns:
             StillwakeError: if the settings do not fit the vehicle. A flow that diverges is a figure.
         """
         config = self._config
-        self._wake.reset(self._starts[phase])
         lead_in, _ = self._spans.periods(config.flow.control_period)
         course = Course(lead_in=lead_in, block=round(BLOCK / config.flow.control_period), goal=self._goal)
 
@@ -90,7 +87,7 @@ class WakeRuns:
                 of_settings(self._bundle, mpc),
                 replace(config, mpc=mpc),
                 spans=self._spans,
-                wake=self._wake,
+                wake=self._wake_at(phase),
                 controller=self._controller(mpc),
                 progress=see,
             )

@@ -7,7 +7,7 @@ finished trials alone, so that a search that was stopped proposes what it would 
 
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -27,6 +27,8 @@ from firmware_sim.tuning.score import TROUBLE, Goal, PhaseFigures
 from firmware_sim.tuning.space import Range, Values, ranges_around, rounded, values_of, with_values
 
 JOURNAL: Final = "trials.log"
+STARTS: Final = "starts"
+"""What is in the folder of a search; a start may be there before the search has begun."""
 LABEL: Final = "label"
 SECONDS: Final = "seconds"
 PHASES: Final = "phases"
@@ -65,6 +67,7 @@ class Plan:
         seed: of the proposals.
         seconds: for all calls together; a trial that began before is made to its end.
         trials: at most; None for no bound.
+        tries: settings that are tried before any is proposed.
     """
 
     present: MpcConfig
@@ -75,6 +78,7 @@ class Plan:
     seed: int
     seconds: float
     trials: int | None = None
+    tries: tuple[Values, ...] = ()
 
     def ranges(self) -> dict[str, Range]:
         """Of every setting that is varied."""
@@ -94,7 +98,11 @@ def open_study(folder: Path, label: Mapping[str, Any]) -> optuna.Study:
     folder.mkdir(parents=True, exist_ok=True)
     try:
         storage = JournalStorage(JournalFileBackend(str(folder / JOURNAL)))
-        study = optuna.create_study(storage=storage, study_name=_STUDY, direction="maximize", load_if_exists=True)
+        # A look at a search of something else must not change its journal.
+        if _STUDY in optuna.get_all_study_names(storage):
+            study = optuna.load_study(study_name=_STUDY, storage=storage)
+        else:
+            study = optuna.create_study(storage=storage, study_name=_STUDY, direction="maximize")
     except (KeyError, ValueError, AssertionError, TypeError) as error:
         raise OutputError(f"{folder / JOURNAL}: not a search, or damaged ({error!r})") from error
     plain = json.loads(json.dumps(label))
@@ -111,7 +119,7 @@ def open_study(folder: Path, label: Mapping[str, Any]) -> optuna.Study:
 
 def check_place(folder: Path) -> None:
     """Raises OutputError if the folder holds something, and no search."""
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / JOURNAL).is_file():
+    if folder.is_dir() and {item.name for item in folder.iterdir()} - {STARTS} and not (folder / JOURNAL).is_file():
         raise OutputError(f"{folder}: there is something that is no search; name another folder")
 
 
@@ -121,7 +129,6 @@ def search(
     run: RunPhase,
     *,
     clock: Callable[[], float],
-    begun: Callable[[int], None] = lambda number: None,
     ended: Callable[[FrozenTrial], None] = lambda trial: None,
 ) -> None:
     """Make trials until the budget is spent; at least the present settings are tried.
@@ -129,7 +136,6 @@ def search(
     Args:
         run: makes the runs.
         clock: seconds; what trials took is added up over all calls.
-        begun: called with a trial's number, as `shown` counts them, before its runs.
         ended: called with every trial of this call.
 
     Raises:
@@ -139,15 +145,15 @@ def search(
     _queue(study, plan)
     study.pruner = optuna.pruners.MedianPruner(n_startup_trials=_NEVER_PRUNED, n_warmup_steps=_UNJUDGED_BLOCKS)
     while True:
-        before = finished(study)
-        enough = plan.trials is not None and len(before) >= plan.trials
-        if before and (enough or spent(study) >= plan.seconds):
+        if is_done(study, plan):
             return
+        before = finished(study)
         study.sampler = _sampler(plan.seed, len(before))
         trial = study.ask(distributions)
-        begun(len(before))
         since = clock()
         settings = {name: rounded(float(value)) for name, value in trial.params.items()}
+        if not before:
+            settings = values_of(plan.present, plan.names)
         trial.set_user_attr(SETTINGS, settings)
         try:
             score: float | None = _attempt(trial, with_values(plan.present, settings), plan, run)
@@ -159,6 +165,12 @@ def search(
         if not before and score == TROUBLE:
             why = told.user_attrs[PHASES][-1]["trouble"] or "there are no averages"
             raise ConfigError(f"the present settings cannot be compared with: {why}")
+
+
+def is_done(study: optuna.Study, plan: Plan) -> bool:
+    """Whether the budget is spent, or there are as many trials as were asked for."""
+    made = len(finished(study))
+    return made > 0 and (spent(study) >= plan.seconds or (plan.trials is not None and made >= plan.trials))
 
 
 def finished(study: optuna.Study) -> list[FrozenTrial]:
@@ -200,7 +212,7 @@ def importances(study: optuna.Study, seed: int) -> dict[str, float]:
         return {}
     copy = optuna.create_study(direction="maximize")
     copy.add_trials(sound)
-    return dict(get_param_importances(copy, evaluator=FanovaImportanceEvaluator(seed=seed)))
+    return dict(get_param_importances(copy, evaluator=FanovaImportanceEvaluator(seed=seed % 2**32)))
 
 
 def _attempt(trial: optuna.Trial, mpc: MpcConfig, plan: Plan, run: RunPhase) -> float:
@@ -236,6 +248,8 @@ def _queue(study: optuna.Study, plan: Plan) -> None:
             study.enqueue_trial(dict(trial.params), skip_if_exists=False)
     if not study.get_trials(deepcopy=False, states=(*FINISHED, TrialState.WAITING)):
         study.enqueue_trial(values_of(plan.present, plan.names))
+    for values in plan.tries:
+        study.enqueue_trial(dict(values), skip_if_exists=True)
 
 
 def _sampler(seed: int, made: int) -> optuna.samplers.TPESampler:
@@ -250,8 +264,3 @@ def _distribution(range_: Range) -> BaseDistribution:
     if range_.whole:
         return IntDistribution(int(range_.low), int(range_.high))
     return FloatDistribution(range_.low, range_.high, log=range_.log)
-
-
-def names_of(values: Sequence[str]) -> str:
-    """Settings by their last word, for people."""
-    return ", ".join(value.rpartition(".")[2] for value in values)

@@ -84,6 +84,32 @@ def chosen(names: Sequence[str], *, weights_only: bool) -> tuple[str, ...]:
     return tuple(name for name in possible if name in found or not names)
 
 
+def parsed(text: str, present: MpcConfig, names: Sequence[str]) -> dict[str, float]:
+    """Settings to be tried, of a text such as `lift=0.2,horizon=30`; what it does not name has its present value.
+
+    Raises:
+        ConfigError: for a name that is not varied, or a value that is no number or out of bounds.
+    """
+    values = values_of(present, names)
+    for item in text.split(","):
+        word, _, number = item.partition("=")
+        name = next((one for one in names if word in (one, one.rpartition(".")[2])), None)
+        if name is None:
+            words = ", ".join(one.rpartition(".")[2] for one in names)
+            raise ConfigError(f"--try {text}: {word!r} is not varied; of {words}")
+        try:
+            values[name] = float(number)
+        except ValueError as error:
+            raise ConfigError(f"--try {text}: {number!r} is no number") from error
+        allowed = RANGES[name].with_value(values_of(present, names)[name])
+        if not allowed.low <= values[name] <= allowed.high or (allowed.whole and values[name] != round(values[name])):
+            kind = "a whole number " if allowed.whole else ""
+            raise ConfigError(f"--try {text}: {word} must be {kind}from {allowed.low:g} to {allowed.high:g}")
+        if allowed.whole:
+            values[name] = round(values[name])
+    return values
+
+
 def ranges_around(present: MpcConfig, names: Sequence[str]) -> dict[str, Range]:
     """The range of each setting, wide enough for the present one."""
     values = values_of(present, names)

@@ -9,11 +9,23 @@ from contract.errors import PlantError
 from firmware_sim.bench.spans import SHEDDING_TIME
 from wake.plants import own_wake
 from wake.truck.state import State, load_state, save_state
+from wake.truck.truck_wake import TruckWake
 
 
 def phases_between(phases: int, control_period: float) -> list[int]:
     """Control periods to phases that lie amid those of `phases_apart`: half a part of a shedding cycle later."""
     return [round((number + 0.5) * SHEDDING_TIME / phases / control_period) for number in range(phases)]
+
+
+def phases_of(config: Config, starts: Sequence[State]) -> Callable[[int], TruckWake]:
+    """One plant that is put at the start of a phase, again and again."""
+    wake = TruckWake(config.flow, body=config.body)
+
+    def at(phase: int) -> TruckWake:
+        wake.reset(starts[phase])
+        return wake
+
+    return at
 
 
 def starts_at(
@@ -37,10 +49,11 @@ def starts_at(
         pass
     wake = own_wake(config, progress)
     states, done = [], 0
-    for wanted, file in zip(periods, files, strict=True):
+    for wanted in periods:
         for _ in range(wanted - done):
             wake.advance(0.0)
         done = wanted
         states.append(replace(wake.state(), substep=0, action=0.0))
-        save_state(file, states[-1])
+    for file, state in zip(files, states, strict=True):
+        save_state(file, state)
     return states

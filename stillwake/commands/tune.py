@@ -1,20 +1,17 @@
 """The command that tunes the optimiser's settings of a release on the live wake."""
 
 import shutil
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import date
-from math import ceil, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from contract.atomic import check_writable
 from contract.config.controller import MpcConfig
-from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.bundle import Bundle
@@ -24,7 +21,8 @@ from stillwake.releases import Trust, describe, open_release
 from stillwake.settings import settings
 from stillwake.shipped import BUNDLE
 from stillwake.stopping import go_on_with
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.tuning import SEARCH, TUNED, Place, coarse_flow, judged, searched, spans_of
 from wake.shipped import model as shipped_model
 from wake.shipped import recording
 
@@ -32,38 +30,17 @@ if TYPE_CHECKING:
     import optuna
     from optuna.trial import FrozenTrial
 
-    from firmware_sim.bench.spans import Spans
     from firmware_sim.tuning.judgement import Judged
     from firmware_sim.tuning.score import Goal
     from firmware_sim.tuning.search import Plan
-    from stillwake.tuned_release import ModelOf
 
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
-_SEARCH: Final = {"lead_in": 10.0, "controlled": 75.0, "settle": 45.0}
-"""The side force takes 40 t_c to calm down."""
-_JUDGEMENT: Final = {"lead_in": 25.0, "controlled": 100.0, "settle": 40.0}
-"""As `stillwake run`."""
-_STABLE: Final = 2 / 3
-"""Of the default time steps, where the cells grow with the time step: `python -m benchmarks live-speed` has both."""
+_LONGEST: Final = 1e4
+"""Hours: a year."""
 _SHOWN: Final = 8
 """Trials in the table."""
 RESULT: Final = "tuning.json"
 FIGURE: Final = "tuning.png"
-TUNED: Final = "bundle"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Place:
-    """The folder of a search."""
-
-    path: Path
-
-    def start(self, refinement: float) -> Path:
-        return self.path / "starts" / f"mesh_{refinement:g}"
-
-    @property
-    def judged(self) -> Path:
-        return self.path / "judged"
 
 
 def tune(
@@ -87,8 +64,18 @@ def tune(
         list[str],
         typer.Option(help="Tune this setting, e.g. lift (repeatable); default: all that can be.", metavar="NAME"),
     ] = [],  # noqa: B006  (typer reads it, nothing writes it)
-    phases: Annotated[int, typer.Option(help="Starts of a trial, equal parts of a shedding cycle apart.", min=1)] = 3,
-    refinement: Annotated[float, typer.Option(help="flow.refinement of the search; the judgement's is --set's.")] = 0.7,
+    tries: Annotated[
+        list[str],
+        typer.Option(
+            "--try", help="Try these settings first, e.g. lift=0.2,horizon=30 (repeatable).", metavar="NAME=VALUE,.."
+        ),
+    ] = [],  # noqa: B006
+    phases: Annotated[
+        int, typer.Option(help="Starts of a trial, equal parts of a shedding cycle apart.", min=1, max=25)
+    ] = 3,
+    refinement: Annotated[
+        float, typer.Option(help="flow.refinement of the search; the judgement's is --set's.")
+    ] = 0.75,
     lift_bound: Annotated[float, typer.Option(help="Mean |Cl| above which side force costs points.")] = 0.2,
     lift_penalty: Annotated[float, typer.Option(help="Points for a unit of mean |Cl| above the bound.")] = 100.0,
     trials: Annotated[int | None, typer.Option(help="End the search after so many trials, too.", min=1)] = None,
@@ -114,17 +101,27 @@ def tune(
     """
     from firmware_sim.tuning.loop import blocks_in
     from firmware_sim.tuning.score import Goal
-    from firmware_sim.tuning.search import JOURNAL, Plan, check_place, complete, open_study, score_of, settings_of
-    from firmware_sim.tuning.space import chosen, with_values
+    from firmware_sim.tuning.search import (
+        JOURNAL,
+        Plan,
+        check_place,
+        complete,
+        finished,
+        open_study,
+        score_of,
+        settings_of,
+    )
+    from firmware_sim.tuning.space import chosen, parsed, with_values
     from stillwake.tuned_release import ModelOf
 
-    if not (isfinite(hours) and hours > 0.0):
-        raise ConfigError(f"--hours {hours}: must be a number above 0")
+    if not 0.0 < hours <= _LONGEST:
+        raise ConfigError(f"--hours {hours}: must be above 0, at most {_LONGEST:g}")
     goal = Goal(lift_bound=lift_bound, lift_penalty=lift_penalty)
+    check_writable(output, folder=True)
     check_place(output)
     check_json(json_file)
     config = settings("tune", config_file, overrides, uses=_USES).config
-    coarse = replace(config, flow=_coarse(config.flow, refinement))
+    coarse = replace(config, flow=coarse_flow(config.flow, refinement))
     release = open_release(bundle, trust)
     if model is None and bundle is None:
         model = shipped_model()
@@ -136,35 +133,35 @@ def tune(
         present=present,
         names=names,
         phases=phases,
-        blocks=blocks_in(_SEARCH["controlled"]),
+        blocks=blocks_in(SEARCH["controlled"]),
         goal=goal,
         seed=seed,
         seconds=3600.0 * hours,
         trials=trials,
+        tries=tuple(parsed(text, present, names) for text in tries),
     )
     label = _label(plan, release, coarse)
     if overwrite and (output / JOURNAL).is_file():
         _clear(output, label)
-    study = open_study(output, label)
+    study = open_study(output, label) if (output / JOURNAL).is_file() else None
     console.print(*describe(release), sep="\n", soft_wrap=True)
     if source is None:
         console.print("no model: only weights are tuned; the bundle's graph fixes learning rate and horizon")
-    place = _Place(path=output)
+    place = Place(path=output)
     with go_on_with(f"{output} keeps the finished trials, the same command continues it"):
-        _searched(study, plan, release, coarse, source, place)
+        study = searched(study, plan, label, release, coarse, source, place)
         best = complete(study)[0]
-        winner = None if best.number == 0 else with_values(present, settings_of(best))
-        judged = _judged(release, present, winner, source, config, goal, place, judged_phases)
+        winner = None if best == finished(study)[0] else with_values(present, settings_of(best))
+        found = judged(release, present, winner, source, config, goal, place, judged_phases)
     _print_trials(study, names)
-    text = _print_judged(judged, winner, goal)
-    figures = _figures(study, plan, winner, judged, text)
+    text = _print_judged(found, winner, goal)
+    figures = _figures(study, plan, winner, found, text)
     facts = {**label, "versions": versions("stillwake", "optuna", "onnxruntime", "numpy", "numba")}
     for file in (output / RESULT, json_file):
         if file is not None:
             write_result(file, figures=figures, facts=facts, on=date.today())
 
     from firmware_sim.tuning.figures import write_figure
-    from firmware_sim.tuning.search import finished
 
     write_figure(output / FIGURE, finished(study), figures["importances"])
     console.print(f"best of {len(figures['trials'])} trials: {score_of(best):.2f} points; {text}", soft_wrap=True)
@@ -173,26 +170,15 @@ def tune(
     console.print(f"wrote {output / RESULT} and {output / FIGURE}", soft_wrap=True, markup=False)
 
 
-def _coarse(flow: FlowConfig, refinement: float) -> FlowConfig:
-    """The flow on the mesh of the search: on a coarser one, with as few time steps as stay stable there."""
-    substeps = flow.substeps if refinement >= flow.refinement else ceil(_STABLE * flow.substeps * refinement)
-    return replace(flow, refinement=refinement, substeps=substeps)
-
-
-def _spans(lengths: Mapping[str, float]) -> "Spans":
-    from firmware_sim.bench.spans import Spans
-
-    return Spans(lead_in=lengths["lead_in"], controlled=lengths["controlled"], settle=lengths["settle"])
-
-
 def _check_vehicle(release: Bundle, config: Config) -> None:
     """What a run would refuse is refused before the search."""
     from contract.body_sensors import layout_of
-    from firmware_sim.ecu.fit import check_flow, check_sensors, check_vehicle
+    from firmware_sim.bench.simulation import Simulation
+    from firmware_sim.ecu.fit import check_flow, check_sensors
 
     check_flow(release, config.flow)
     check_sensors(release, layout_of(config.body))
-    check_vehicle(release, config)
+    Simulation(release, config, spans=spans_of(SEARCH))
 
 
 def _label(plan: "Plan", release: Bundle, coarse: Config) -> dict[str, Any]:
@@ -206,7 +192,7 @@ def _label(plan: "Plan", release: Bundle, coarse: Config) -> dict[str, Any]:
         "present": asdict(plan.present),
         "vary": list(plan.names),
         "phases": plan.phases,
-        "spans": _SEARCH,
+        "spans": SEARCH,
         "goal": asdict(plan.goal),
         "seed": plan.seed,
         "settings": {name: used[name] for name in _USES},
@@ -227,121 +213,8 @@ def _clear(output: Path, label: Mapping[str, Any]) -> None:
             (output / file).unlink(missing_ok=True)
 
 
-def _searched(
-    study: "optuna.Study", plan: "Plan", release: Bundle, coarse: Config, source: "ModelOf | None", place: _Place
-) -> None:
-    """Make the trials, with progress in minutes of the budget."""
-    from firmware_sim.tuning.loop import Report, WakeRuns
-    from firmware_sim.tuning.score import PhaseFigures
-    from firmware_sim.tuning.search import complete, finished, score_of, search, spent
-    from firmware_sim.tuning.starts import phases_between, starts_at
-    from stillwake.tuned_release import controller_of
-
-    made = finished(study)
-    if made and (spent(study) >= plan.seconds or (plan.trials is not None and len(made) >= plan.trials)):
-        return
-    with progress_bar("min", estimate_over=3600.0) as bar:
-        task = bar.add_task("search", total=round(plan.seconds / 60.0, 1), note="")
-
-        def settle(t: float, total: float) -> None:
-            bar.update(task, completed=0, note=f"the wake settles on the coarse mesh: {t:.0f} of {total:.0f} t_c")
-
-        bar.update(task, completed=0, note="preparing the starts")
-        periods = phases_between(plan.phases, coarse.flow.control_period)
-        runs = WakeRuns(
-            release,
-            coarse,
-            starts=starts_at(place.start(coarse.flow.refinement), coarse, periods, settle),
-            spans=_spans(_SEARCH),
-            goal=plan.goal,
-            controller=controller_of(release, source),
-        )
-        before, since = spent(study), time.monotonic()
-        current = [len(made)]
-
-        def begun(number: int) -> None:
-            current[0] = number
-
-        def run(mpc: MpcConfig, phase: int, report: Report) -> PhaseFigures:
-            best = complete(study)
-            reached = f", best {score_of(best[0]):.2f}" if best else ""
-
-            def show(done: int, total: int) -> None:
-                minutes = (before + time.monotonic() - since) / 60.0
-                note = f"trial {current[0]}, run {phase + 1} of {plan.phases}{reached}"
-                bar.update(task, completed=min(round(minutes, 1), round(plan.seconds / 60.0, 1)), note=note)
-
-            return runs(mpc, phase, report, show)
-
-        search(study, plan, run, clock=time.monotonic, begun=begun)
-        bar.update(task, completed=round(plan.seconds / 60.0, 1), note="")
-
-
-def _judged(
-    release: Bundle,
-    present: MpcConfig,
-    winner: MpcConfig | None,
-    source: "ModelOf | None",
-    config: Config,
-    goal: "Goal",
-    place: _Place,
-    phases: int,
-) -> "list[Judged]":
-    """The present settings and the winner's, on the mesh of the settings, from starts that nothing was tuned on."""
-    if phases == 0:
-        return []
-    from contract.controller.onnx_session import OnnxController
-    from firmware_sim.campaign.starts import phases_apart
-    from firmware_sim.tuning.judgement import Candidate, judge
-    from firmware_sim.tuning.loop import WakeRuns
-    from firmware_sim.tuning.score import PhaseFigures
-    from firmware_sim.tuning.starts import starts_at
-    from stillwake.tuned_release import release_of
-
-    spans = _spans(_JUDGEMENT)
-    _, total = spans.periods(config.flow.control_period)
-    found = list["Judged"]()
-    with progress_bar("periods", estimate_over=3600.0) as bar:
-        task: TaskID = bar.add_task("judgement", total=total * phases * (1 if winner is None else 2), note="")
-        bar.update(task, completed=0, note="preparing the starts")
-        times = phases_apart(phases, config.flow.control_period)
-        starts = starts_at(place.start(config.flow.refinement), config, times, lambda t, whole: _tick(bar, task))
-        for name, mpc in (("present", present), ("best", winner)):
-            if mpc is None:
-                continue
-            made = release_of(release, mpc, source, place.path / TUNED, date.today())
-            runs = WakeRuns(
-                made,
-                config,
-                starts=starts,
-                spans=spans,
-                goal=goal,
-                controller=lambda _, made=made: OnnxController.of(made),  # type: ignore[misc]
-            )
-            before = len(found) * phases * total
-
-            def run(mpc: MpcConfig, phase: int, runs: WakeRuns = runs, before: int = before) -> PhaseFigures:
-                def show(done: int, _total: int) -> None:
-                    note = f"{name}, run {phase + 1} of {phases}"  # noqa: B023  (called within this turn)
-                    bar.update(task, completed=before + phase * total + done, note=note)
-
-                return runs(mpc, phase, lambda block, score: None, show)
-
-            def done(phase: int, before: int = before) -> None:
-                bar.update(task, completed=before + (phase + 1) * total)
-
-            candidate = Candidate(name=name, mpc=mpc, digest=made.manifest.program_sha256)
-            found.append(judge(place.judged, candidate, phases, run, done))
-        bar.update(task, note="")
-    return found
-
-
-def _tick(bar: Progress, task: TaskID) -> None:
-    bar.update(task, note="the wake settles on the mesh")
-
-
 def _figures(
-    study: "optuna.Study", plan: "Plan", winner: MpcConfig | None, judged: "Sequence[Judged]", text: str
+    study: "optuna.Study", plan: "Plan", winner: MpcConfig | None, runs: "Sequence[Judged]", text: str
 ) -> dict[str, Any]:
     from firmware_sim.tuning.judgement import is_clearly_better, to_tree
     from firmware_sim.tuning.search import PHASES, SECONDS, SETTINGS, finished, importances, spent
@@ -358,8 +231,8 @@ def _figures(
         "search_hours": spent(study) / 3600.0,
         "importances": importances(study, plan.seed),
         "best": None if winner is None else asdict(winner),
-        "judged": to_tree(judged),
-        "clearly_better": len(judged) == 2 and is_clearly_better(judged[1], judged[0], plan.goal),
+        "judged": to_tree(runs),
+        "clearly_better": len(runs) == 2 and is_clearly_better(runs[1], runs[0], plan.goal),
         "verdict": text,
     }
 
@@ -386,16 +259,16 @@ def _print_trials(study: "optuna.Study", names: Sequence[str]) -> None:
     console.print(f"{len(made)} trials, {len(made) - len(best)} of them given up early")
 
 
-def _print_judged(judged: "Sequence[Judged]", winner: MpcConfig | None, goal: "Goal") -> str:
+def _print_judged(runs: "Sequence[Judged]", winner: MpcConfig | None, goal: "Goal") -> str:
     """The table of the judgement; what it says, in words."""
     from firmware_sim.tuning.judgement import verdict
 
-    if not judged:
+    if not runs:
         return "not judged"
     table = Table(
         "judged", "less drag, %", "least .. most", "mean |Cl|", "most", "less Cd_net, %", "rms action", "jets"
     )
-    for one in judged:
+    for one in runs:
         spreads = {
             name: one.spread(name)
             for name in ("reduction_percent", "abs_Cl", "Cd_net_reduction_percent", "rms_action", "jet_power")
@@ -412,7 +285,7 @@ def _print_judged(judged: "Sequence[Judged]", winner: MpcConfig | None, goal: "G
             f"{spreads['jet_power'][0]:.4f}",
         )
     console.print(table)
-    return verdict(judged[1] if winner is not None else None, judged[0], goal)
+    return verdict(runs[1] if winner is not None else None, runs[0], goal)
 
 
 def _command(bundle: Path | None, model: Path | None, present: MpcConfig, winner: MpcConfig) -> str:
