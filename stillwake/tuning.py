@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from rich.progress import Progress, TaskID
 
 from contract.config.controller import MpcConfig
+from contract.config.loading import to_tree
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.release.bundle import Bundle
@@ -145,7 +146,7 @@ def judged(
         bar.update(task, completed=0, note="preparing the starts")
         times = phases_apart(phases, config.flow.control_period)
         starts = starts_at(place.start(config.flow.refinement), config, times, lambda t, whole: _tick(bar, task))
-        wake_at = phases_of(config, starts)
+        wake_at, vehicle = phases_of(config, starts), to_tree(replace(config, mpc=present))
         for name, mpc in (("present", present), ("best", winner)):
             if mpc is None:
                 continue
@@ -170,8 +171,9 @@ def judged(
             def done(phase: int, before: int = before) -> None:
                 bar.update(task, completed=before + (phase + 1) * total)
 
-            candidate = Candidate(name=name, mpc=mpc, digest=made.manifest.program_sha256)
-            found.append(judge(place.judged, candidate, phases, run, done))
+            program = made.manifest.program_sha256
+            candidate = Candidate(name=name, mpc=mpc, digest=program, vehicle=vehicle)
+            found.append(judge(place.judged, candidate, times, run, done))
         bar.update(task, note="")
     return found
 

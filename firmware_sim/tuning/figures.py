@@ -37,7 +37,8 @@ def write_figure(path: Path, trials: Sequence[FrozenTrial], importances: Mapping
         if t.state == TrialState.PRUNED and t.intermediate_values
     ]
     values = [value for _, value in sound if value is not None]
-    left.plot(*zip(*given_up, strict=True), "x", color="0.6", label="given up") if given_up else None
+    if given_up:
+        left.plot(*zip(*given_up, strict=True), "x", color="0.6", label="given up")
     left.plot([k for k, _ in sound], values, "o", color=BLUE, markersize=4, label="all runs made")
     best = [max(values[: k + 1]) for k in range(len(values))]
     left.step([k for k, _ in sound], best, where="post", color=ORANGE, label="best so far")

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,16 +19,18 @@ class Candidate:
     Attributes:
         name: for people.
         digest: of the release or the program that computes with them.
+        vehicle: settings of vehicle and flow, as plain JSON.
     """
 
     name: str
     mpc: MpcConfig
     digest: str
+    vehicle: Mapping[str, Any]
 
     @property
     def key(self) -> str:
         """By which its runs are kept."""
-        text = json.dumps([asdict(self.mpc), self.digest], sort_keys=True)
+        text = json.dumps([asdict(self.mpc), self.digest, self.vehicle], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
@@ -55,19 +57,20 @@ class Judged:
 def judge(
     folder: Path,
     candidate: Candidate,
-    phases: int,
+    starts: Sequence[int],
     run: Callable[[MpcConfig, int], PhaseFigures],
     done: Callable[[int], None] = lambda phase: None,
 ) -> Judged:
     """The candidate's runs, those that are kept in the folder left out.
 
     Args:
-        run: makes the run from a phase.
+        starts: control periods from the developed wake to each phase.
+        run: makes the run from a phase, by its number.
         done: called with every phase that is there.
     """
     runs = []
-    for phase in range(phases):
-        file = folder / f"{candidate.key}_{phase}.json"
+    for phase, start in enumerate(starts):
+        file = folder / f"{candidate.key}_{start}.json"
         found = _kept(file)
         if found is None:
             found = run(candidate.mpc, phase)

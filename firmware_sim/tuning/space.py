@@ -44,7 +44,7 @@ RANGES: Final[Mapping[str, Range]] = {
     f"{WEIGHTS}drag_fluctuation": Range(low=0.0, high=0.4),
     f"{WEIGHTS}lift": Range(low=0.02, high=0.3, log=True),
     f"{WEIGHTS}lift_mean": Range(low=0.0, high=1.0),
-    f"{WEIGHTS}smoothness": Range(low=0.5, high=32.0, log=True),
+    f"{WEIGHTS}smoothness": Range(low=0.5, high=64.0, log=True),
     f"{WEIGHTS}effort": Range(low=0.0, high=10.0),
     f"{WEIGHTS}rate": Range(low=0.0, high=20.0),
     LEARNING_RATE: Range(low=8e-4, high=4e-3, log=True),

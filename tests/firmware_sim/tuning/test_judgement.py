@@ -8,7 +8,7 @@ from contract.config.controller import CostWeights, MpcConfig
 from firmware_sim.tuning.judgement import Candidate, Judged, is_clearly_better, judge, verdict
 from firmware_sim.tuning.score import Goal, PhaseFigures
 
-CANDIDATE = Candidate(name="best", mpc=MpcConfig(), digest="0" * 64)
+CANDIDATE = Candidate(name="best", mpc=MpcConfig(), digest="0" * 64, vehicle={"flow": {"refinement": 1.0}})
 
 
 def run_of(reduction, abs_Cl=0.1) -> PhaseFigures:
@@ -46,10 +46,13 @@ def test_kept_runs_are_not_made_again(tmp_path) -> None:
         made.append(phase)
         return run_of(20.0 + phase)
 
-    first = judge(tmp_path, CANDIDATE, 3, run)
-    (tmp_path / f"{CANDIDATE.key}_1.json").write_text("{")
-    assert judge(tmp_path, CANDIDATE, 3, run) == first
+    first = judge(tmp_path, CANDIDATE, (0, 8, 17), run)
+    (tmp_path / f"{CANDIDATE.key}_8.json").write_text("{")
+    assert judge(tmp_path, CANDIDATE, (0, 8, 17), run) == first
     assert made == [0, 1, 2, 1]
+    # Another number of phases has other starts.
+    judge(tmp_path, CANDIDATE, (0, 12), run)
+    assert made == [0, 1, 2, 1, 1]
     assert first.spread("reduction_percent") == (21.0, 20.0, 22.0)
 
 
@@ -58,6 +61,7 @@ def test_runs_are_kept_by_settings_and_program() -> None:
         replace(CANDIDATE, mpc=MpcConfig(weights=CostWeights(lift=0.3))),
         replace(CANDIDATE, mpc=MpcConfig(learning_rate=2e-3)),
         replace(CANDIDATE, digest="1" * 64),
+        replace(CANDIDATE, vehicle={"flow": {"refinement": 0.9}}),
     )
-    assert len({one.key for one in (CANDIDATE, *others)}) == 4
+    assert len({one.key for one in (CANDIDATE, *others)}) == 5
     assert replace(CANDIDATE, name="present").key == CANDIDATE.key
