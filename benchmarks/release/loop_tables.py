@@ -42,14 +42,17 @@ def tune(results: Path) -> str:
     """The winner of a search beside the present settings."""
     found = read(results / "tune.json")
     figures, facts = found["figures"], found["facts"]
-    rows = [_judged(one) for one in figures["judged"]]
     given_up = sum(trial["given_up"] for trial in figures["trials"])
+    scores = [trial["score"] for trial in figures["trials"] if trial["score"] is not None]
+    text = f"""Measured on {found["date"]}: {len(figures["trials"])} trials of {facts["phases"]} starts in
+{figures["search_hours"]:.2f} h on a busy machine, {given_up} of them given up early, seed {facts["seed"]}. On the
+coarse mesh the release scores {scores[0]:.2f} points, the best trial {max(scores):.2f}."""
+    if not figures["judged"]:
+        return text
     heads = ("", "less drag, %", "least .. most", "mean abs Cl", "largest", "less Cd_net, %", "rms action", "jet power")
-    return f"""Measured on {found["date"]}: {len(figures["trials"])} trials of {facts["phases"]} starts in
-{figures["search_hours"]:.1f} h, {given_up} of them given up early, seed {facts["seed"]}; judged from
-{len(figures["judged"][0]["runs"])} starts. Verdict: {figures["verdict"]}.
+    return f"""{text} Judged from {len(figures["judged"][0]["runs"])} starts: {figures["verdict"]}.
 
-{table(heads, rows)}"""
+{table(heads, [_judged(one) for one in figures["judged"]])}"""
 
 
 def tune_settings(results: Path) -> str:
