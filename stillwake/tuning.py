@@ -142,7 +142,9 @@ def judged(
     _, total = spans.periods(config.flow.control_period)
     found = list["Judged"]()
     with progress_bar("periods", estimate_over=3600.0) as bar:
-        task = bar.add_task("judgement", total=total * phases * (1 if winner is None else 2), note="")
+        # Periods of the runs that are still to be made, and of those that were made by this call.
+        whole, made_here = total * phases * (1 if winner is None else 2), 0
+        task = bar.add_task("judgement", total=whole, note="")
         bar.update(task, completed=0, note="preparing the starts")
         times = phases_apart(phases, config.flow.control_period)
         starts = starts_at(place.start(config.flow.refinement), config, times, lambda t, whole: _tick(bar, task))
@@ -159,17 +161,17 @@ def judged(
                 goal=goal,
                 controller=controller_of(made, None),
             )
-            before = len(found) * phases * total
 
-            def run(mpc: MpcConfig, phase: int, runs: WakeRuns = runs, before: int = before) -> PhaseFigures:
+            def run(mpc: MpcConfig, phase: int, runs: WakeRuns = runs, name: str = name) -> PhaseFigures:
                 def show(done: int, _total: int) -> None:
-                    note = f"{name}, run {phase + 1} of {phases}"  # noqa: B023  (called within this turn)
-                    bar.update(task, completed=before + phase * total + done, note=note)
+                    bar.update(task, completed=made_here + done, note=f"{name}, run {phase + 1} of {phases}")
 
                 return runs(mpc, phase, lambda block, score: None, show)
 
-            def done(phase: int, before: int = before) -> None:
-                bar.update(task, completed=before + (phase + 1) * total)
+            def done(is_new: bool) -> None:
+                nonlocal whole, made_here
+                whole, made_here = (whole, made_here + total) if is_new else (whole - total, made_here)
+                bar.update(task, completed=made_here, total=whole)
 
             program = made.manifest.program_sha256
             candidate = Candidate(name=name, mpc=mpc, digest=program, vehicle=vehicle)

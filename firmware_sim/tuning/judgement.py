@@ -59,25 +59,26 @@ def judge(
     candidate: Candidate,
     starts: Sequence[int],
     run: Callable[[MpcConfig, int], PhaseFigures],
-    done: Callable[[int], None] = lambda phase: None,
+    done: Callable[[bool], None] = lambda is_new: None,
 ) -> Judged:
     """The candidate's runs, those that are kept in the folder left out.
 
     Args:
         starts: control periods from the developed wake to each phase.
         run: makes the run from a phase, by its number.
-        done: called with every phase that is there.
+        done: called after every run, with whether it was made and not kept from before.
     """
     runs = []
     for phase, start in enumerate(starts):
         file = folder / f"{candidate.key}_{start}.json"
-        found = _kept(file)
+        kept = _kept(file)
+        found = kept
         if found is None:
             found = run(candidate.mpc, phase)
             with replacing(file) as temporary:
                 temporary.write_text(json.dumps(found.to_tree()), encoding="utf-8")
         runs.append(found)
-        done(phase)
+        done(kept is None)
     return Judged(candidate=candidate, runs=tuple(runs))
 
 
