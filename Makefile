@@ -81,6 +81,9 @@ release: $(VENV)/dev.stamp
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
+	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
+	$(BIN)/stillwake tune runs/tune --hours 0.38 --phases 2 --seed 1 --try drag_fluctuation=0 \
+		--try lift_mean=0.6,horizon=30 --try learning_rate=0.0024 --json results/tune.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json

@@ -66,6 +66,9 @@ MEASUREMENTS: Final = {
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
+    "release-loop": Measurement(
+        "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
+    ),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
     "ecu-c": Measurement(

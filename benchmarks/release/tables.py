@@ -94,6 +94,7 @@ def summary(results: Path) -> str:
             f"{100 * (1 - sine['Cd'] / start):.1f} %",
         ),
         ("closed loop over CAN, 4 sensors, int8", *_under(loop, names), f"**{loop['reduction_percent']:.1f} %**"),
+        _from_phases(results),
         (
             f"the same on OpenFOAM's icoFoam, from {second['Cd_uncontrolled']:.3f}",
             *_under(second, names),
@@ -108,6 +109,20 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 {loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
 {loop["frames_rejected"]} rejected.
 """
+
+
+def _from_phases(results: Path) -> tuple[object, ...]:
+    """The closed loop from several phases of the shedding cycle: the row of their means."""
+    figures = read(results / "release_loop.json")["figures"]
+    spread = figures["over_phases"]
+    names = ("Cd_controlled", "abs_Cl_controlled", "Cd_net_controlled", "rms_action", "jet_power_controlled")
+    Cd, *others = (spread[name]["mean"] for name in names)
+    drag = spread["reduction_percent"]
+    return (
+        f"the same from {len(figures['phases'])} starts, mean",
+        *(Cd, None, *others),
+        f"{drag['mean']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
+    )
 
 
 def _under(loop: Mapping[str, Any], names: tuple[str, ...]) -> tuple[float, ...]:
