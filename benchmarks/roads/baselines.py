@@ -26,6 +26,7 @@ from benchmarks.roads.loop import (
     mounted,
     through_can,
 )
+from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
 from contract.config.tree import Config
 from contract.controller.interface import Sizes
@@ -145,12 +146,15 @@ def measure(road: str, setting: Setting) -> Row:
     sizes = Sizes.of(bundle_for(formula, release).manifest)
     (_, short), (_, long) = (spans.periods(config.flow.control_period) for spans in (TRIAL, SPANS))
     interactions = short * trials + (long * len(finals) if len(finals) > 1 else 0)
+    if formula.own_sensors:
+        # It thresholds the release's plan, whose model was recorded for.
+        interactions += recorded_periods()
     words = ", ".join(f"{name} {value:g}" for name, value in chosen.items())
     return Row(
         road=road,
         title=formula.title,
         kind="baseline",
-        outcomes=setting.outcomes(run),
+        outcomes=setting.outcomes(run, _name(chosen)),
         sensors=0 if road in ("constant", "sine") else sizes.sensors,
         loop="CAN",
         mesh=setting.mesh,
@@ -177,9 +181,10 @@ def tuned(formula: Formula, judge: Callable[[Constants], float], label: str) -> 
 
 def kept_trial(formula: Formula, setting: Setting, release: Bundle, spans: Spans, constants: Constants) -> float:
     """What a trial is judged by; it is kept by its constants."""
-    name = "_".join(f"{value:g}" for value in constants.values())
     label = "trial" if spans is TRIAL else "final"
-    found = part(setting.folder / f"{label}_{name}.json", partial(trial, formula, constants, setting, release, spans))
+    found = part(
+        setting.folder / f"{label}_{_name(constants)}.json", partial(trial, formula, constants, setting, release, spans)
+    )
     return judged(found)
 
 

@@ -113,7 +113,7 @@ class Row:
         start: "developed", or another flow that the runs began in.
         interactions: control periods with the plant, recorded or tried, until it was as it is.
         training_minutes: of one core, without the plant's own time; None where nothing was trained.
-        step_ms: median time of a control step here; None where nothing computes.
+        step_ms: median CPU time of a control step here; None where nothing computes.
         m7_ms: modelled on a Cortex-M7 at 480 MHz; None where it cannot run there.
         seeds: of everything drawn.
         note: a sentence for the table.

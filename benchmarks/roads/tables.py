@@ -49,4 +49,6 @@ def _cells(row: dict[str, Any], abs_cl_uncontrolled: float) -> tuple[object, ...
 
 
 def _number(value: float | None, form: str) -> str | None:
-    return None if value is None else form.format(value)
+    if value is None:
+        return None
+    return "< 0.01" if 0.0 < value < 0.005 else form.format(value)
