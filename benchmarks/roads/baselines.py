@@ -188,6 +188,10 @@ def kept_trial(formula: Formula, setting: Setting, release: Bundle, spans: Spans
     return judged(found)
 
 
+def _name(constants: Constants) -> str:
+    return "_".join(f"{value:g}" for value in constants.values())
+
+
 def trial(formula: Formula, constants: Constants, setting: Setting, release: Bundle, spans: Spans) -> dict[str, Any]:
     """A short run on the coarse mesh, and its judgement."""
     config = coarse(setting.config)

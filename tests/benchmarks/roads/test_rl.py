@@ -1,4 +1,4 @@
-"""Learning that is stopped and goes on, on a wake that costs nothing; without Stable-Baselines3 there is nothing to do."""
+"""Learning that is stopped and goes on, on a wake that costs nothing."""
 
 from pathlib import Path
 
@@ -38,6 +38,7 @@ def setting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Setting:
     return Setting(folder=tmp_path, config=load_config(), phases=1)
 
 
+@pytest.mark.slow  # the library is imported, and networks learn
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
 @pytest.mark.parametrize("road", ["ppo", "sac"])
 def test_a_stopped_learning_goes_on_and_its_policy_keeps_the_limit(road, setting, tmp_path):
