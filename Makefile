@@ -147,6 +147,8 @@ full: test
 openfoam: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m openfoam
 	$(BIN)/python -m benchmarks openfoam --json results/openfoam.json
+	$(BIN)/stillwake run runs/foam --overwrite --plant openfoam --lead-in 15 --controlled 85 --settle 25 \
+		--json results/openfoam_loop.json
 
 tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables
