@@ -60,6 +60,9 @@ MEASUREMENTS: Final = {
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
     "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
+    "release-figures": Measurement(
+        "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
+    ),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
@@ -80,6 +83,9 @@ MEASUREMENTS: Final = {
     ),
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
+    "training-phases": Measurement(
+        "model.training_phases", "CPU minutes of each phase of a training, and of a quicker one", "a minute"
+    ),
 }
 PAGES: Final = {
     "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),

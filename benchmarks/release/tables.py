@@ -16,7 +16,48 @@ def tables(results: Path) -> dict[str, str]:
         "square_loop": square_loop(results),
         "steady": steady(results),
         "bundle_fuzz": bundle_fuzz(results),
+        "release_forecasts": release_forecasts(results),
+        "release_distributions": release_distributions(results),
     }
+
+
+def release_forecasts(results: Path) -> str:
+    """Errors of the controller's forecasts in the loop."""
+    found = read(results / "release_figures.json")
+    figures = found["figures"]
+    sigma = figures["sigma"]["uncontrolled"]
+    rows = [
+        (
+            row["h"],
+            *(
+                cell
+                for name in ("drag", "lift")
+                for cell in (row[name]["mean"], f"{row[name]['p10']:.4f} to {row[name]['p90']:.4f}")
+            ),
+        )
+        for row in figures["forecast"]
+        if row["h"] == 1 or row["h"] % 5 == 0
+    ]
+    heads = ("h", "error of Cd, mean", "10 to 90 %", "error of Cl, mean", "10 to 90 %")
+    return f"""{table(heads, rows)}
+
+Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the last
+{found["facts"]["controlled"] - found["facts"]["settle"]:g} t_c. Without control, Cd deviates from its mean by
+{sigma["drag"]:.3f}, Cl by {sigma["lift"]:.3f}."""
+
+
+def release_distributions(results: Path) -> str:
+    """Base pressure, velocity at the probe and the bubble, beside the paper's."""
+    figures = read(results / "release_figures.json")["figures"]
+    base, probe, mean = figures["base_Cp"], figures["Uy"], figures["mean"]
+    cases = ("uncontrolled", "controlled")
+    rows = [
+        ("base Cp, mean", *(base[case]["mean"] for case in cases), -0.441, -0.283),
+        ("base Cp, deviation", *(base[case]["std"] for case in cases), None, None),
+        ("Uy at (10, 0), deviation", *(probe[case]["std"] for case in cases), 0.516, 0.396),
+        ("recirculation bubble, W", *(one["recirculation_length"] for one in mean), None, None),
+    ]
+    return table(("", "uncontrolled", "controlled", "paper, uncontrolled", "paper, controlled"), rows)
 
 
 def bundle_fuzz(results: Path) -> str:
