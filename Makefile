@@ -95,6 +95,7 @@ full: test
 	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
 	$(BIN)/python -m benchmarks truncation --json results/truncation.json
 	$(BIN)/python -m benchmarks parallel-in-time --json results/parallel_in_time.json
+	$(BIN)/python -m benchmarks operations --json results/operations.json
 	$(BIN)/python -m benchmarks roads --json results/roads.json
 	$(BIN)/python -m benchmarks distilled --json results/distilled.json
 	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json

@@ -53,9 +53,12 @@ MEASUREMENTS: Final = {
     ),
     "rounding": Measurement("controller.rounding", "what int8 weights change of a plan, to nearest and with feedback"),
     "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
-    "roads": Measurement(
-        "controller.roads.measure", "roads to fewer operations in a control step, in the loop", "a quarter of an hour"
+    "operations": Measurement(
+        "controller.operations.measure",
+        "ways to fewer operations in a control step, in the loop",
+        "a quarter of an hour",
     ),
+    "roads": Measurement("roads.measure", "roads to less drag, each with what it costs, in one table", "hours"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
     "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),

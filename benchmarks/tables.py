@@ -16,6 +16,7 @@ from benchmarks.flash import tables as flash_tables
 from benchmarks.model import tables as model_tables
 from benchmarks.release import campaign_tables, loop_tables
 from benchmarks.release import tables as release_tables
+from benchmarks.roads import tables as roads_tables
 from benchmarks.wake import tables as wake_tables
 from contract.atomic import replacing
 
@@ -31,6 +32,7 @@ FOLDERS = (
     model_tables,
     controller_tables,
     load_tables,
+    roads_tables,
 )
 
 

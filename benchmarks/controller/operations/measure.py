@@ -1,6 +1,6 @@
 """Roads to fewer operations in a control step, one by one: what they cost, and how good their plans are.
 
-    python -m benchmarks roads [--model DIR] [--dataset H5] [--json FILE]
+    python -m benchmarks operations [--model DIR] [--dataset H5] [--json FILE]
 
 Each road plans through recordings under control as the ECU does, from its own last plan and for the next control
 period; the jets are the recording's. Constants of a road are chosen, and its averages and networks made, on the first
@@ -25,11 +25,11 @@ from rich.table import Table
 from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, save, track
 from benchmarks.common.commands import LOOP
 from benchmarks.common.parts import part
-from benchmarks.controller.roads.chosen import IN_THE_LOOP, RELEASE, average_curvature, chosen_roads
-from benchmarks.controller.roads.road import Road, adam
-from benchmarks.controller.roads.sequences import Sequences, gaps, optima, zero_costs
-from benchmarks.controller.roads.travelling import TravellingController
-from benchmarks.controller.roads.warm_start import learn
+from benchmarks.controller.operations.chosen import IN_THE_LOOP, RELEASE, average_curvature, chosen_roads
+from benchmarks.controller.operations.road import Road, adam
+from benchmarks.controller.operations.sequences import Sequences, gaps, optima, zero_costs
+from benchmarks.controller.operations.travelling import TravellingController
+from benchmarks.controller.operations.warm_start import learn
 from benchmarks.controller.situations import LEAD
 from contract import model_folder
 from contract.arrays import Array
@@ -62,7 +62,7 @@ def main(
     json_file: JsonFile = None,
     model: Model = MODEL,
     data: Dataset = RECORDING,
-    parts: Parts = Path("runs/roads"),
+    parts: Parts = Path("runs/operations"),
     stretches: Annotated[int, typer.Option(min=1, help="Of an episode.")] = 6,
     seed: Annotated[int, typer.Option(help="Of the warm start.")] = 0,
 ) -> None:

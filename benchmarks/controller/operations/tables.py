@@ -1,4 +1,4 @@
-"""The tables of the roads to fewer operations."""
+"""The tables of the ways to fewer operations."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from benchmarks.common.markdown import read, table
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
-    found = read(results / "roads.json")["figures"]
+    found = read(results / "operations.json")["figures"]
     rows = []
     for row in found["roads"]:
         closed = row.get("loop", {})
@@ -31,4 +31,4 @@ def tables(results: Path) -> dict[str, str]:
         ("of the step's products", f"{100.0 * encoder['saved_share']:.0f} %"),
         ("saved, ms", f"{encoder['saved_ms_480']:.2f} of {encoder['step_ms_480']:.2f}"),
     )
-    return {"roads": table(heads, rows), "roads_encoder": table(("", ""), streamed)}
+    return {"operations": table(heads, rows), "operations_encoder": table(("", ""), streamed)}

@@ -1,7 +1,7 @@
 """What is said of a control step's cost: modelled cycles add up, and the streamed encoder's share is the sizes'."""
 
-from benchmarks.controller.roads.chosen import RELEASE
-from benchmarks.controller.roads.measure import encoder, modelled_cycles
+from benchmarks.controller.operations.chosen import RELEASE
+from benchmarks.controller.operations.measure import encoder, modelled_cycles
 from contract.config.controller import MpcConfig
 from export.program.random_program import random_program
 

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from benchmarks.common.command_line import track
 from benchmarks.controller.converged import EVALUATIONS, FALLING
-from benchmarks.controller.roads.road import Memory, Problem, Road
+from benchmarks.controller.operations.road import Memory, Problem, Road
 from benchmarks.controller.situations import LEAD, encode_windows
 from contract.arrays import Array
 from contract.recording.dataset import Episode

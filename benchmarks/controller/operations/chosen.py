@@ -9,8 +9,17 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.controller.roads.road import Blocked, Newton, Proposal, Road, Rule, adam, heavy_ball, lift_curvature
-from benchmarks.controller.roads.sequences import Sequences
+from benchmarks.controller.operations.road import (
+    Blocked,
+    Newton,
+    Proposal,
+    Road,
+    Rule,
+    adam,
+    heavy_ball,
+    lift_curvature,
+)
+from benchmarks.controller.operations.sequences import Sequences
 from benchmarks.controller.situations import LEAD
 from contract.arrays import Array
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.controller.roads.chosen import chosen_roads
-from benchmarks.controller.roads.road import Blocked, Newton, Problem, Road, adam, heavy_ball, lift_slopes
+from benchmarks.controller.operations.chosen import chosen_roads
+from benchmarks.controller.operations.road import Blocked, Newton, Problem, Road, adam, heavy_ball, lift_slopes
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import Settings

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from benchmarks.controller.roads.chosen import RELEASE
-from benchmarks.controller.roads.sequences import Sequences, gaps, optima, zero_costs
+from benchmarks.controller.operations.chosen import RELEASE
+from benchmarks.controller.operations.sequences import Sequences, gaps, optima, zero_costs
 from contract import sensors
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig

@@ -14,8 +14,8 @@ import torch
 from torch import nn
 
 from benchmarks.common.command_line import track
-from benchmarks.controller.roads.road import Problem, Road
-from benchmarks.controller.roads.sequences import Sequences
+from benchmarks.controller.operations.road import Problem, Road
+from benchmarks.controller.operations.sequences import Sequences
 from contract.arrays import Array
 from export.reference.mpc import gradient
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.controller.roads.chosen import RELEASE
-from benchmarks.controller.roads.sequences import Sequences
-from benchmarks.controller.roads.warm_start import learn, random_weights
+from benchmarks.controller.operations.chosen import RELEASE
+from benchmarks.controller.operations.sequences import Sequences
+from benchmarks.controller.operations.warm_start import learn, random_weights
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from export.program.random_program import random_program

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.controller.roads.road import Memory, Problem, Road
+from benchmarks.controller.operations.road import Memory, Problem, Road
 from contract.arrays import Array
 from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
