@@ -138,7 +138,6 @@ full: test
 		--json results/rounding.json
 	$(BIN)/python -m benchmarks rounds --json results/rounds.json
 	$(BIN)/python -m benchmarks training --json results/training.json
-	$(BIN)/python -m benchmarks training-phases --json results/training_phases.json
 	$(BIN)/python -m benchmarks release-figures --json results/release_figures.json
 	$(BIN)/python -m benchmarks wake --json results/wake.json
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json

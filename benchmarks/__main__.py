@@ -86,9 +86,6 @@ MEASUREMENTS: Final = {
     ),
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
     "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
-    "training-phases": Measurement(
-        "model.training_phases", "CPU minutes of each phase of a training, and of a quicker one", "a minute"
-    ),
 }
 PAGES: Final = {
     "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),

@@ -12,7 +12,6 @@ def tables(results: Path) -> dict[str, str]:
     return study_tables.tables(results) | {
         "rounds": rounds(results),
         "training": training(results),
-        "training_phases": training_phases(results),
         "distilled": distilled(results),
     }
 
@@ -70,21 +69,6 @@ def training(results: Path) -> str:
         ("LSTM read as a stream, as many latents", found["stream_lstm_ms"]),
     ]
     return table(("one step, batch of 512 samples, one thread", "ms"), [(name, f"{ms:.1f}") for name, ms in lines])
-
-
-def training_phases(results: Path) -> str:
-    """CPU minutes of every phase, of both recipes."""
-    found = read(results / "training_phases.json")["figures"]
-    lines = [
-        (
-            usual["phase"],
-            *(cell for row in (usual, fast) for cell in (row["steps"], f"{row['ms']:.0f}", f"{row['cpu_min']:.1f}")),
-        )
-        for usual, fast in zip(found["release"], found["quick"], strict=True)
-    ]
-    sums = [f"**{sum(row['cpu_min'] for row in found[name]):.1f}**" for name in ("release", "quick")]
-    heads = ("phase", "steps", "ms a step", "CPU min", "`--quick`: steps", "ms a step", "CPU min")
-    return table(heads, [*lines, ("all", "", "", sums[0], "", "", sums[1])])
 
 
 def _side(loop: Mapping[str, float]) -> Iterator[str]:
