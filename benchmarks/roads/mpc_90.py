@@ -6,8 +6,6 @@ What four sensors, int8 and narrow networks cost in the loop is the difference b
 import numpy as np
 
 from benchmarks.common.command_line import MODEL
-from benchmarks.common.parts import part
-from benchmarks.roads.cost import median_step_ms
 from benchmarks.roads.loop import Law, Setting, controller_law, plant_outcome
 from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
@@ -86,6 +84,5 @@ def measure(road: str, setting: Setting) -> Row:
         loop="plant",
         mesh=setting.mesh,
         interactions=recorded_periods(),
-        step_ms=part(setting.folder / "step_ms.json", lambda: median_step_ms(reference, sizes)),
-        note="the release's teacher: wide networks in float64, its weights of the cost; a step's time is NumPy's",
+        note="the release's teacher: wide networks in NumPy's float64, its weights of the cost",
     )

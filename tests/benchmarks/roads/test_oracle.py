@@ -1,5 +1,7 @@
 """The oracle on problems whose best plan is known."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -43,8 +45,8 @@ class Valley:
         )
 
 
-def oracle(**changed: object) -> Oracle:
-    given = dict(
+def oracle(**changed: Any) -> Oracle:
+    given: dict[str, Any] = dict(
         knots=(2, 4, 6),
         every=2,
         difference=1e-4,

@@ -1,11 +1,14 @@
 """The task for reinforcement learning: delay, window, reward and the episode's end, on a wake that only counts."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 
 from benchmarks.roads.rl_env import RemembersWake, observed, reward
 from contract.release import bundle as bundles
 from stillwake.shipped import BUNDLE
+from wake.env import TruckWakeEnv
 
 MANIFEST = bundles.load(BUNDLE).manifest
 LIMIT = MANIFEST.action_limit
@@ -32,7 +35,7 @@ class Counting:
 def task() -> tuple[RemembersWake, Counting]:
     wake = Counting()
     ticks = iter(range(100))
-    return RemembersWake(wake, MANIFEST, clock=lambda: float(next(ticks))), wake
+    return RemembersWake(cast(TruckWakeEnv, wake), MANIFEST, clock=lambda: float(next(ticks))), wake
 
 
 def test_an_action_acts_in_the_step_after_and_is_cut_to_the_limit():

@@ -1,5 +1,7 @@
 """Rows: averages of series that are known in closed form, and the arithmetic on them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -48,8 +50,8 @@ def test_what_comes_before_the_settling_time_does_not_count():
     assert outcome_of_series(values, enabled, SPANS.settle).Cd == pytest.approx(0.75)
 
 
-def outcome(Cd: float, **changed: object) -> Outcome:
-    given = dict(
+def outcome(Cd: float, **changed: Any) -> Outcome:
+    given: dict[str, Any] = dict(
         Cd_uncontrolled=1.0,
         Cd_net_uncontrolled=1.1,
         Cd=Cd,

@@ -1,13 +1,14 @@
 """What the table says of a row beside its numbers."""
 
 import json
+from typing import Any
 
 from benchmarks.roads.row import Outcome, Row
 from benchmarks.roads.tables import tables
 
 
-def outcome(**changed: object) -> Outcome:
-    given = dict(
+def outcome(**changed: Any) -> Outcome:
+    given: dict[str, Any] = dict(
         Cd_uncontrolled=1.0,
         Cd_net_uncontrolled=1.1,
         Cd=0.8,
@@ -20,8 +21,8 @@ def outcome(**changed: object) -> Outcome:
     return Outcome(**{**given, **changed})
 
 
-def row(road: str, mesh: tuple[int, int] = (443, 164), **changed: object) -> dict[str, object]:
-    given = dict(
+def row(road: str, mesh: tuple[int, int] = (443, 164), **changed: Any) -> dict[str, object]:
+    given: dict[str, Any] = dict(
         road=road, title=road, kind="baseline", outcomes=(outcome(),), sensors=4, loop="CAN", mesh=mesh, note="so"
     )
     return Row(**{**given, **changed}).as_tree()
