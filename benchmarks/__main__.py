@@ -43,6 +43,9 @@ MEASUREMENTS: Final = {
     "live-speed": Measurement(
         "wake.live_speed", "on which grids the wake keeps up with 20 ms, under control", "minutes"
     ),
+    "steady-response": Measurement(
+        "wake.steady_response", "how a pulse grows on the steady wake, and what undoing it takes", "minutes"
+    ),
     "square": Measurement("wake.square", "a square cylinder in the same solver, beside the literature", "minutes"),
     "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),

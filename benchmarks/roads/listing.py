@@ -20,4 +20,7 @@ ROADS: Final = {
     "oracle-25": "oracle_rows",
     "oracle-50": "oracle_rows",
     "oracle-100": "oracle_rows",
+    "foresight-25": "foresight",
+    "foresight-50": "foresight",
+    "foresight-100": "foresight",
 }

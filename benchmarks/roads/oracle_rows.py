@@ -15,6 +15,7 @@ from benchmarks.roads.coarse import coarse, coarse_start
 from benchmarks.roads.loop import Setting, through_can
 from benchmarks.roads.oracle import Oracle, drive
 from benchmarks.roads.row import Outcome, Row, outcome_of_series
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.release import bundle as bundles
 from firmware_sim.bench.spans import Spans
@@ -77,7 +78,7 @@ def _run(road: str, oracle: Oracle, setting: Setting, config: Config) -> Outcome
     lead_in, total = SPANS.periods(config.flow.control_period)
     free = []
     for _ in range(lead_in):
-        free.append(_row(sample))
+        free.append(series_row(sample))
         sample = wake.advance(0.0)
     with progress_bar("periods", estimate_over=3600.0, console=console) as bar:
         task = bar.add_task(road, total=total - lead_in, note="")
@@ -85,19 +86,23 @@ def _run(road: str, oracle: Oracle, setting: Setting, config: Config) -> Outcome
             wake,
             oracle,
             total - lead_in,
-            _row,
+            series_row,
             setting.folder / "run.npz",
             wake.state(),
             lambda done, of: bar.update(task, completed=done),
         )
     series = np.concatenate([np.array(free), controlled])
-    return outcome_of_series(
-        {name: series[:, k] for k, name in enumerate(_SERIES)}, enabled_at=lead_in, settle=SPANS.settle
-    )
+    return outcome_of_series(named(series), enabled_at=lead_in, settle=SPANS.settle)
 
 
-def _row(sample: Sample) -> list[float]:
+def series_row(sample: Sample) -> list[float]:
+    """A sample's numbers without its pressures."""
     return [float(getattr(sample, name)) for name in _SERIES]
+
+
+def named(series: Array) -> dict[str, Array]:
+    """The columns of rows of `series_row`, by their names."""
+    return {name: series[:, k] for k, name in enumerate(_SERIES)}
 
 
 def _release(road: str, setting: Setting) -> Row:
