@@ -143,6 +143,7 @@ full: test
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
+	$(BIN)/python -m benchmarks steady-response --state runs/steady.npz --json results/steady_response.json
 	$(MAKE) docs
 
 # The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.

@@ -28,6 +28,7 @@ def tables(results: Path) -> dict[str, str]:
         "live": _live(results),
         "open_loop": _open_loop(results),
         "square": _square(results),
+        "steady_response": _steady_response(results),
         "plants": openfoam_tables.plants(results),
         "openfoam_loop": openfoam_tables.loop(results),
     }
@@ -144,3 +145,23 @@ def _open_loop(results: Path) -> str:
     return f"""Measured on {found["date"]}, averages over the whole cycles of the sine in {span}.
 
 {table(("frequency", "begins after", *names), rows)}"""
+
+
+def _steady_response(results: Path) -> str:
+    """What a pulse grows to on the steady wake, and what undoing it takes."""
+    figures = read(results / "steady_response.json")["figures"]
+    growth = [(f"{row['t_c']:g} to {row['t_c'] + 5:g}", row["velocity"], row["pressure"]) for row in figures["growth"]]
+    lags = [(f"{row['lag_t_c']:g}", f"{row['action']:.0f}", row["left"]) for row in figures["undoing"]]
+    modes = [
+        (order, "; ".join(f"{mode['growth']:+.3f} at {mode['frequency']:.3f}" for mode in modes[:4]))
+        for order, modes in figures["modes"].items()
+    ]
+    return "\n\n".join(
+        [
+            table(
+                ("t_c after the pulse", "largest v on the axis, a kick", "largest pressure difference, a kick"), growth
+            ),
+            table(("order", "growing pairs: rate at frequency, in 1 / t_c"), modes),
+            table(("undone from t_c on", "largest action, in kicks", "motion left in the end"), lags),
+        ]
+    )
