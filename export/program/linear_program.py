@@ -45,6 +45,8 @@ class LinearProgram:
                 f"model {self.model.shape}, gain {self.gain.shape}: must be "
                 f"({columns}, L, {columns}) and (L, {columns})"
             )
+        if self.window < 2:
+            raise ExportError(f"window = {self.window}: a linear controller has at least 2 rows of memory")
         if not (np.isfinite(self.model).all() and np.isfinite(self.gain).all()):
             raise ExportError("model or gain: a number is not finite")
         if self.gain[-1, -1] != 0.0:
