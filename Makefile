@@ -81,6 +81,9 @@ release: $(VENV)/dev.stamp
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
+	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
+	$(BIN)/stillwake tune runs/tune --hours 0.38 --phases 2 --seed 1 --try drag_fluctuation=0 \
+		--try lift_mean=0.6,horizon=30 --try learning_rate=0.0024 --json results/tune.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json
@@ -92,6 +95,7 @@ full: test
 	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
 	$(BIN)/python -m benchmarks truncation --json results/truncation.json
 	$(BIN)/python -m benchmarks parallel-in-time --json results/parallel_in_time.json
+	$(BIN)/python -m benchmarks operations --json results/operations.json
 	$(BIN)/python -m benchmarks roads --json results/roads.json
 	$(BIN)/python -m benchmarks distilled --json results/distilled.json
 	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json
@@ -134,6 +138,7 @@ full: test
 		--json results/rounding.json
 	$(BIN)/python -m benchmarks rounds --json results/rounds.json
 	$(BIN)/python -m benchmarks training --json results/training.json
+	$(BIN)/python -m benchmarks release-figures --json results/release_figures.json
 	$(BIN)/python -m benchmarks wake --json results/wake.json
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
@@ -144,6 +149,8 @@ full: test
 openfoam: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m openfoam
 	$(BIN)/python -m benchmarks openfoam --json results/openfoam.json
+	$(BIN)/stillwake run runs/foam --overwrite --plant openfoam --lead-in 15 --controlled 85 --settle 25 \
+		--json results/openfoam_loop.json
 
 tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables

@@ -53,16 +53,25 @@ MEASUREMENTS: Final = {
     ),
     "rounding": Measurement("controller.rounding", "what int8 weights change of a plan, to nearest and with feedback"),
     "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
-    "roads": Measurement(
-        "controller.roads.measure", "roads to fewer operations in a control step, in the loop", "a quarter of an hour"
+    "operations": Measurement(
+        "controller.operations.measure",
+        "ways to fewer operations in a control step, in the loop",
+        "a quarter of an hour",
     ),
+    "roads": Measurement("roads.measure", "roads to less drag, each with what it costs, in one table", "hours"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
     "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
     "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
+    "release-figures": Measurement(
+        "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
+    ),
     "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
+    "release-loop": Measurement(
+        "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
+    ),
     "bundle-fuzz": Measurement("release.bundle_fuzz", "what becomes of damaged bundles, graphs and C headers"),
     "hostile": Measurement("ecu.hostile", "ECU and vehicle against a hostile bus, clock and controller", "minutes"),
     "ecu-c": Measurement(

@@ -14,8 +14,9 @@ from benchmarks.controller import tables as controller_tables
 from benchmarks.ecu import tables as ecu_tables
 from benchmarks.flash import tables as flash_tables
 from benchmarks.model import tables as model_tables
-from benchmarks.release import campaign_tables
+from benchmarks.release import campaign_tables, loop_tables
 from benchmarks.release import tables as release_tables
+from benchmarks.roads import tables as roads_tables
 from benchmarks.wake import tables as wake_tables
 from contract.atomic import replacing
 
@@ -26,10 +27,12 @@ FOLDERS = (
     latency_tables,
     release_tables,
     campaign_tables,
+    loop_tables,
     wake_tables,
     model_tables,
     controller_tables,
     load_tables,
+    roads_tables,
 )
 
 

@@ -61,7 +61,7 @@ class Description:
         metrics: "teacher", "slim" and with narrower networks "deployed" (`train.evaluate.EncoderMetrics`), and
             "slim_latent" (L1/sigma against the teacher).
         ranking: method and order of the sensors; of SHAP also every sensor's mean and std, stability of the best sets.
-        versions: of the software.
+        versions: of the software; "torch_threads" is the number of threads that it trained with.
     """
 
     config: Config

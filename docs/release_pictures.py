@@ -1,4 +1,4 @@
-"""Draw `docs/demo.png` and `docs/pictures/closed_loop.gif` from a run of the shipped release: `make pictures`.
+"""Draw `docs/demo.png` and `docs/pictures/closed_loop.webp` from a run of the shipped release: `make pictures`.
 
     python docs/release_pictures.py RUN_FOLDER
 
@@ -16,26 +16,20 @@ from contract.config.loading import load_config
 from contract.errors import StillwakeError
 from contract.release import bundle
 from firmware_sim.runs import run_log
-from firmware_sim.runs.pictures import key
+from firmware_sim.runs.film import story_of
 from firmware_sim.runs.report import write_picture
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 from stillwake.shipped import BUNDLE
 from wake.pictures.animation import animate
-from wake.pictures.drawing import WakePicture
+from wake.pictures.film import HOLD, Film
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
 DOCS: Final = Path(__file__).resolve().parent
 OVERVIEW: Final = DOCS / "demo.png"
-ANIMATION: Final = DOCS / "pictures" / "closed_loop.gif"
+ANIMATION: Final = DOCS / "pictures" / "closed_loop.webp"
 PROVENANCE: Final = DOCS / "pictures" / "provenance.json"
-
-BEGIN: Final = 20.0
-END: Final = 50.0
-"""t_c: a cycle without control, and what control makes of the wake."""
-EVERY: Final = 3
-WIDTH: Final = 640
 
 
 def main(folder: RunFolder) -> None:
@@ -60,14 +54,11 @@ def _animate(log: RunLog) -> None:
     config = load_config()
     wake = TruckWake(config.flow)
     wake.reset(developed_state())
-    drawn = WakePicture(wake, "vorticity", log.metadata.sensors, WIDTH)
-    # Room for the key below.
-    drawn.figure.set_figheight(3.5)
-    drawn.figure.legend(handles=key(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
-    period = config.flow.control_period
+    period, story = config.flow.control_period, story_of(log)
     # Row k holds the action reached at t_k.
-    actions = log.series["action"][1 : round(END / period) + 1]
-    animate(ANIMATION, drawn, wake, actions, skip=round(BEGIN / period), every=EVERY)
+    actions = log.series["action"][1 : round(story.end / period) + 1]
+    film = Film(wake, story, log.metadata.sensors)
+    animate(ANIMATION, film, wake, actions, skip=round(story.begin / period), every=2, fps=20, hold=HOLD)
 
 
 if __name__ == "__main__":

@@ -33,6 +33,7 @@ from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
 from stillwake.commands.run import report, run
 from stillwake.commands.train import train
+from stillwake.commands.tune import tune
 from stillwake.commands.vehicle import vehicle
 from stillwake.endings import status_of
 from stillwake.stopping import ends_like_ctrl_c
@@ -76,7 +77,7 @@ SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
     CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
-    MODEL: (record, train, identify, export),
+    MODEL: (record, train, identify, export, tune),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),
 }

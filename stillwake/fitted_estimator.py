@@ -9,7 +9,7 @@ from contract.release.manifest import Manifest
 from stillwake.terminal import console
 
 
-def fitted_estimator(dataset: Path, bar: Progress, manifest: Manifest) -> MadeEstimator:
+def fitted_estimator(dataset: Path, bar: Progress, manifest: Manifest, *, threads: int = 1) -> MadeEstimator:
     """A sensor estimator for a controller, fitted to a data set; the bar shows how far it is."""
     from contract.recording.dataset import read
     from export.int8.rounded_estimator import rounded_estimator
@@ -22,6 +22,7 @@ def fitted_estimator(dataset: Path, bar: Progress, manifest: Manifest) -> MadeEs
         manifest.sensors,
         manifest.window,
         rounded=lambda network: rounded_estimator(network).network,
+        threads=threads,
         progress=lambda done, total: bar.update(task, completed=done, total=total),
     )
     r2 = dict(zip(manifest.sensors, fitted.r2, strict=True))
@@ -34,5 +35,6 @@ def fitted_estimator(dataset: Path, bar: Progress, manifest: Manifest) -> MadeEs
             "dataset_sha256": sha256(dataset.read_bytes()),
             "judged_on": fitted.judged_on,
             "r2": r2,
+            "torch_threads": threads,
         },
     )

@@ -48,6 +48,9 @@ ConfigFile = Annotated[
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Also write the figures and their settings here.", metavar="FILE")
 ]
+Threads = Annotated[
+    int, typer.Option("--threads", help="Of torch. More are slower where other work runs beside.", min=1)
+]
 Overrides = Annotated[
     list[str],
     typer.Option(

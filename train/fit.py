@@ -165,8 +165,8 @@ def fit_joint(
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
         _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
-            # Its fields bear the names of those they replace.
-            last = replace(settings, **asdict(settings.finish))
+            # Its fields bear the names of those they replace. It reads windows, as the vehicle will.
+            last = replace(settings, streamed=False, **asdict(settings.finish))
             _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model
 

@@ -41,7 +41,8 @@ class LossTerms:
 def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms:
     """Loss of a batch whose segments hold W - k samples of k = `config.unroll` steps each."""
     steps = config.unroll
-    encoded = model.encoder.encode_segments(batch.inputs)
+    encode = model.encoder.encode_stream if config.streamed else model.encoder.encode_segments
+    encoded = encode(batch.inputs)
     samples = encoded.shape[1] - steps
     start = encoded[:, :samples].flatten(0, 1)
     actions = batch.actions.unfold(1, steps, 1)[:, :samples].flatten(0, 1)

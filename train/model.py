@@ -45,6 +45,14 @@ class Encoder(nn.Module):
             last = last_hidden(segments, self.window, *self.lstm.all_weights[0])
         return self.read_out(last)
 
+    def encode_stream(self, segments: Tensor) -> Tensor:
+        """As `encode_segments`, with the state carried through each stretch instead of begun anew in every window.
+
+        One LSTM step a row where windows take L. The latent at row k has read all rows of its stretch up to k.
+        """
+        hidden, _ = self.lstm(segments)
+        return self.read_out(hidden[:, self.window - 1 :])
+
     def read_out(self, state: Tensor) -> Tensor:
         """(..., H) hidden states of the LSTM -> (..., N_z) latents."""
         latent: Tensor = self.output(nn.functional.elu(self.hidden(self.norm(state))))

@@ -3,9 +3,10 @@
 import hashlib
 import platform
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Final
 
 import torch
 
@@ -31,7 +32,11 @@ from train.selection.hand_choice import select_by_hand
 from train.selection.methods import select
 from train.selection.ranking import Ranking
 from train.selection.shap_ranking import ShapRanker, rank
+from train.threads import torch_threads
 from train.unfinished import Identity
+
+THREADS: Final = "torch_threads"
+"""Among a model's `versions`: how many threads torch had, or every number if it was continued with another one."""
 
 
 def train_all(
@@ -43,6 +48,7 @@ def train_all(
     device: str = "cpu",
     resume: bool = True,
     chosen: Sequence[str] | None = None,
+    threads: int = 1,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
     """Train on the recording's "train" episodes, judge on its "test" episodes, store at `output`.
@@ -57,7 +63,9 @@ def train_all(
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
-        notice: called with a line for every training episode that is left out because it is too short.
+        threads: of torch while it trains; the caller's number is restored. The model's `versions` name it.
+        notice: called with a line for every training episode that is left out because it is too short, and one if the
+            run goes on with another number of threads than it began with.
 
     Returns:
         The stored model, on the CPU.
@@ -65,10 +73,37 @@ def train_all(
     Raises:
         DatasetError: unreadable or unsuitable recording (`contract.recording.findings`: too short, constant signal,
             another control period, action limit or Reynolds number than `config.flow`), or another one's checkpoint.
-        ConfigError: unknown device, CUDA absent, unknown or repeated sensor, or another configuration's checkpoint.
+        ConfigError: unknown device, CUDA absent, unknown or repeated sensor, another configuration's checkpoint, or
+            fewer than one thread.
         TrainingError: if the loss does not stay finite.
         StillwakeError: if `output` cannot be written.
     """
+    with torch_threads(threads):
+        return _train_all(
+            dataset_path,
+            config,
+            output,
+            progress=progress,
+            device=device,
+            resume=resume,
+            chosen=chosen,
+            threads=threads,
+            notice=notice,
+        )
+
+
+def _train_all(
+    dataset_path: Path,
+    config: Config,
+    output: Path,
+    *,
+    progress: Progress,
+    device: str,
+    resume: bool,
+    chosen: Sequence[str] | None,
+    threads: int,
+    notice: Callable[[str], None],
+) -> TrainedModel:
     where = device_named(device)
     model_folder.check_free(output)
     recording = dataset.read(dataset_path)
@@ -83,7 +118,10 @@ def train_all(
     scaling = fit_scaling(episodes, layout)
     train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
     test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
-    checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen), resume)
+    checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen, threads), resume)
+    used = sorted({*unfinished.threads(checkpoints.folder), threads})
+    if len(used) > 1:
+        notice(f"torch's threads were {_listed(n for n in used if n != threads)} and are {threads}: bytes may differ")
 
     rows = train_rows.to(where)
     teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
@@ -113,7 +151,7 @@ def train_all(
         dataset_sha256=digest,
         metrics=evaluate_model(teacher, slim, predictor, test_rows, indices),
         ranking=choice,
-        versions=_versions(),
+        versions={**_versions(), THREADS: _listed(used)},
         layout=layout,
     )
     model_store.save(output, trained)
@@ -166,6 +204,10 @@ def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoi
     )
     checkpoint.save(path, checkpoints.identity, {"scores": torch.from_numpy(ranking.scores)})
     return ranking
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def _versions() -> dict[str, str]:

@@ -1,8 +1,10 @@
 """What a training reports while it runs."""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Phase(StrEnum):
@@ -36,3 +38,51 @@ class Progress(Protocol):
 def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
     """A Progress that does nothing."""
     del phase, step, total, terms
+
+
+@dataclass(kw_only=True)
+class Spent:
+    """What a phase took in this process.
+
+    Attributes:
+        steps: done.
+        cpu_s, wall_s: CPU time of the process and time on the wall, s.
+    """
+
+    steps: int = 0
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+
+
+@dataclass(kw_only=True)
+class Stopwatch:
+    """A Progress that adds up what every phase takes. Time between two calls belongs to the phase of the later one.
+
+    Attributes:
+        cpu, wall: clocks, s.
+        spent: by phase, in order.
+    """
+
+    cpu: Callable[[], float] = time.process_time
+    wall: Callable[[], float] = time.monotonic
+    spent: dict[Phase, Spent] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._last = self.cpu(), self.wall()
+
+    def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        """Count what has passed since the last call."""
+        del total, terms
+        now = self.cpu(), self.wall()
+        one = self.spent.setdefault(phase, Spent())
+        one.steps = step
+        one.cpu_s += now[0] - self._last[0]
+        one.wall_s += now[1] - self._last[1]
+        self._last = now
+
+    def figures(self) -> list[dict[str, Any]]:
+        """One entry a phase: its name, steps, CPU minutes and minutes."""
+        return [
+            {"phase": phase.label, "steps": one.steps, "cpu_min": one.cpu_s / 60.0, "min": one.wall_s / 60.0}
+            for phase, one in self.spent.items()
+        ]

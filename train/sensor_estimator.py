@@ -18,6 +18,7 @@ from contract.controller.estimator import REACH, EstimatorNetwork, Hypotheses, v
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset, Episode
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
+from train.threads import torch_threads
 
 WIDTHS: Final = (64, 64)
 """Of the hidden layers. With 192 the residuals are some percent smaller, and no microcontroller has room for it."""
@@ -56,6 +57,7 @@ def fit_estimator(
     epochs: float = EPOCHS,
     seed: int = 0,
     rounded: Callable[[EstimatorNetwork], EstimatorNetwork] = lambda network: network,
+    threads: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> FittedEstimator:
     """Fit it for the sensors and the window of a controller.
@@ -64,10 +66,11 @@ def fit_estimator(
         recording: data set with those sensors.
         epochs: passes over the training windows.
         rounded: what becomes of the numbers when they are stored; residuals are measured after it.
+        threads: of torch while it fits; the caller's number is restored.
         progress: called with (batches done, batches in all).
 
     Raises:
-        ConfigError: the recording has no such sensor.
+        ConfigError: the recording has no such sensor, or fewer than one thread.
         DatasetError: no training episode holds a window, or a pressure or the action never changes.
     """
     columns = recording.layout.indices(sensors)
@@ -85,7 +88,9 @@ def fit_estimator(
     together = np.concatenate(learned)
     mean, std = together.mean(axis=0), together.std(axis=0)
     mean[-1] = 0.0
-    network = rounded(_fit(learned, mean, std, window, epochs=epochs, seed=seed, progress=progress))
+    with torch_threads(threads):
+        fitted = _fit(learned, mean, std, window, epochs=epochs, seed=seed, progress=progress)
+    network = rounded(fitted)
     judged = [item for item in recording.episodes if item.role != "train" and len(item) > window + SLOW_PERIODS]
     roles = tuple(sorted({item.role for item in judged}))
     return _measured(network, [_rows(item, columns) for item in judged or used], roles or ("train",))

@@ -66,7 +66,6 @@ def fit_stream(
 
     def loss(step: int) -> dict[str, Tensor]:
         batch = add_sensor_noise(sampler.batch(step), noise)
-        hidden, _ = student.lstm(batch.inputs)
-        return {"total": prediction_loss(student.read_out(hidden[:, window - 1 :]), target[batch.ends])}
+        return {"total": prediction_loss(student.encode_stream(batch.inputs), target[batch.ends])}
 
     optimise(student, loss, schedule, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

@@ -26,18 +26,23 @@ class Identity:
     Attributes:
         settings: canonical text of the configuration that decides the result.
         dataset_sha256: of the recording.
+        threads: of torch. Another number is no other training: it goes on, with sums in another order.
     """
 
     settings: str
     dataset_sha256: str
+    threads: int = 1
 
     @classmethod
-    def of(cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None) -> "Identity":
+    def of(
+        cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
+    ) -> "Identity":
         """Of a training with these settings.
 
         Args:
             device: "cpu" or "cuda".
             chosen: names of the sensors, if the caller chose them.
+            threads: of torch.
         """
         settings = {
             "model": asdict(config.model),
@@ -47,7 +52,7 @@ class Identity:
             "device": device,
             "chosen": None if chosen is None else list(chosen),
         }
-        return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256)
+        return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +102,7 @@ def note(folder: Path, identity: Identity, reached: Reached) -> None:
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,
         "reached": asdict(reached),
+        "threads": sorted({*threads(folder), identity.threads}),
     }
     with replacing(folder / _LABEL) as temporary:
         temporary.write_text(json.dumps(label, sort_keys=True), encoding="utf-8")
@@ -110,6 +116,12 @@ def reached(folder: Path) -> Reached | None:
         return Reached(phase=phase, step=int(found["step"]), total=int(found["total"]))
     except (TypeError, ValueError, KeyError, StopIteration):
         return None
+
+
+def threads(folder: Path) -> tuple[int, ...]:
+    """Every number of threads that torch has had in this training; empty if that was not kept."""
+    found = (_label(folder) or {}).get("threads")
+    return tuple(found) if isinstance(found, list) and all(isinstance(item, int) for item in found) else ()
 
 
 def has_checkpoints(folder: Path) -> bool:

@@ -42,13 +42,7 @@ def open_plant(
             or fails.
     """
     if name == "stillwake":
-        wake = TruckWake(config.flow, body=config.body)
-        state = _start(start, config)
-        if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
-            moved(state, box_grid(config.body.length), wake, SETTLE_TIME, progress)
-        else:
-            wake.reset(state)
-        yield wake
+        yield own_wake(config, progress, start=start)
         return
     if start is not None:
         raise PlantError(f"start {start}: OpenFOAM develops its own; only the own solver begins from a state file")
@@ -66,6 +60,19 @@ def open_plant(
     refinement = config.openfoam.refinement
     with OpenFoamWake(folder / "coupled", begin, config.flow, refinement, duration=duration) as foam:
         yield foam
+
+
+def own_wake(
+    config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
+) -> TruckWake:
+    """The own solver's developed wake at t = 0; arguments and errors as for `open_plant`."""
+    wake = TruckWake(config.flow, body=config.body)
+    state = _start(start, config)
+    if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
+        moved(state, box_grid(config.body.length), wake, SETTLE_TIME, progress)
+    else:
+        wake.reset(state)
+    return wake
 
 
 def _start(path: Path | None, config: Config) -> State:

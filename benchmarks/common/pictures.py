@@ -15,10 +15,10 @@ SOURCE: Final = "Source"
 """Name of the text in a PNG that says what it was drawn from."""
 
 
-def draw(figures: Mapping[str, Figure], source: Path) -> None:
+def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
     """Write figures, by the names of their files, that were drawn from one file of results."""
     for name, figure in figures.items():
-        with replacing(PICTURES / f"{name}.png") as temporary:
+        with replacing(folder / f"{name}.png") as temporary:
             figure.savefig(temporary, format="png", metadata={SOURCE: source_text(source)})
 
 

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
 from benchmarks.controller import truncation_tables
-from benchmarks.controller.roads import tables as road_tables
+from benchmarks.controller.operations import tables as operations_tables
 
 _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
@@ -23,7 +23,7 @@ def tables(results: Path) -> dict[str, str]:
         "mcu_release": mcu_release(results / "mcu.json"),
         "parallel_in_time": parallel_in_time(results / "parallel_in_time.json"),
         **truncation_tables.tables(results),
-        **road_tables.tables(results),
+        **operations_tables.tables(results),
     }
 
 

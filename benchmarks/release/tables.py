@@ -16,7 +16,48 @@ def tables(results: Path) -> dict[str, str]:
         "square_loop": square_loop(results),
         "steady": steady(results),
         "bundle_fuzz": bundle_fuzz(results),
+        "release_forecasts": release_forecasts(results),
+        "release_distributions": release_distributions(results),
     }
+
+
+def release_forecasts(results: Path) -> str:
+    """Errors of the controller's forecasts in the loop."""
+    found = read(results / "release_figures.json")
+    figures = found["figures"]
+    sigma = figures["sigma"]["uncontrolled"]
+    rows = [
+        (
+            row["h"],
+            *(
+                cell
+                for name in ("drag", "lift")
+                for cell in (row[name]["mean"], f"{row[name]['p10']:.4f} to {row[name]['p90']:.4f}")
+            ),
+        )
+        for row in figures["forecast"]
+        if row["h"] == 1 or row["h"] % 5 == 0
+    ]
+    heads = ("h", "error of Cd, mean", "10 to 90 %", "error of Cl, mean", "10 to 90 %")
+    return f"""{table(heads, rows)}
+
+Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the last
+{found["facts"]["controlled"] - found["facts"]["settle"]:g} t_c. Without control, Cd deviates from its mean by
+{sigma["drag"]:.3f}, Cl by {sigma["lift"]:.3f}."""
+
+
+def release_distributions(results: Path) -> str:
+    """Base pressure, velocity at the probe and the bubble, beside the paper's."""
+    figures = read(results / "release_figures.json")["figures"]
+    base, probe, mean = figures["base_Cp"], figures["Uy"], figures["mean"]
+    cases = ("uncontrolled", "controlled")
+    rows = [
+        ("base Cp, mean", *(base[case]["mean"] for case in cases), -0.441, -0.283),
+        ("base Cp, deviation", *(base[case]["std"] for case in cases), None, None),
+        ("Uy at (10, 0), deviation", *(probe[case]["std"] for case in cases), 0.516, 0.396),
+        ("recirculation bubble, W", *(one["recirculation_length"] for one in mean), None, None),
+    ]
+    return table(("", "uncontrolled", "controlled", "paper, uncontrolled", "paper, controlled"), rows)
 
 
 def bundle_fuzz(results: Path) -> str:
@@ -38,8 +79,9 @@ that are accepted are sound bundles of another content, which nobody signed.
 
 
 def summary(results: Path) -> str:
-    """Uncontrolled, the best sine and the closed loop, side by side."""
+    """Uncontrolled, the best sine and the closed loop on both plants, side by side."""
     loop = read(results / "demo.json")["figures"]
+    second = read(results / "openfoam_loop.json")["figures"]
     sines = [row for row in read(results / "open_loop.json")["figures"] if row["frequency"] > 0]
     sine = min(sines, key=lambda row: float(row["Cd"]))
     names = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
@@ -51,12 +93,12 @@ def summary(results: Path) -> str:
             *(sine[name] for name in (*names, "rms_action", "jet_power")),
             f"{100 * (1 - sine['Cd'] / start):.1f} %",
         ),
+        ("closed loop over CAN, 4 sensors, int8", *_under(loop, names), f"**{loop['reduction_percent']:.1f} %**"),
+        _from_phases(results),
         (
-            "closed loop over CAN, 4 sensors, int8",
-            *(loop[f"{name}_controlled"] for name in names),
-            loop["rms_action"],
-            loop["jet_power_controlled"],
-            f"**{loop['reduction_percent']:.1f} %**",
+            f"the same on OpenFOAM's icoFoam, from {second['Cd_uncontrolled']:.3f}",
+            *_under(second, names),
+            f"{second['reduction_percent']:.1f} %",
         ),
     ]
     heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
@@ -67,6 +109,25 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 {loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
 {loop["frames_rejected"]} rejected.
 """
+
+
+def _from_phases(results: Path) -> tuple[object, ...]:
+    """The closed loop from several phases of the shedding cycle: the row of their means."""
+    figures = read(results / "release_loop.json")["figures"]
+    spread = figures["over_phases"]
+    names = ("Cd_controlled", "abs_Cl_controlled", "Cd_net_controlled", "rms_action", "jet_power_controlled")
+    Cd, *others = (spread[name]["mean"] for name in names)
+    drag = spread["reduction_percent"]
+    return (
+        f"the same from {len(figures['phases'])} starts, mean",
+        *(Cd, None, *others),
+        f"{drag['mean']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
+    )
+
+
+def _under(loop: Mapping[str, Any], names: tuple[str, ...]) -> tuple[float, ...]:
+    """Under control."""
+    return (*(loop[f"{name}_controlled"] for name in names), loop["rms_action"], loop["jet_power_controlled"])
 
 
 def demo(results: Path) -> str:

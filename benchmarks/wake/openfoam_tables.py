@@ -1,4 +1,4 @@
-"""The table of the second plant next to the own one."""
+"""The tables of the second plant next to the own one."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -34,6 +34,34 @@ def plants(results: Path) -> str:
         )
         parts.append(_rows("closed loop", figures["loop"], columns | last))
     return "\n".join(parts)
+
+
+def loop(results: Path) -> str:
+    """The shipped release in the closed loop on both plants."""
+    columns = {
+        "Cd_uncontrolled": "Cd before",
+        "Cd_controlled": "Cd under control",
+        "reduction_percent": "less drag, %",
+        "Cd_net_uncontrolled": "with slots and jets before",
+        "Cd_net_controlled": "under control",
+        "base_Cp_controlled": "base Cp",
+        "abs_Cl_uncontrolled": "mean abs Cl before",
+        "abs_Cl_controlled": "under control",
+        "mean_Cl_controlled": "mean Cl",
+        "rms_action": "rms action",
+        "jet_power_controlled": "jet power",
+    }
+    rows, notes = [], []
+    for name in ("demo", "openfoam_loop"):
+        found = read(results / f"{name}.json")
+        figures, facts = found["figures"], found["facts"]
+        rows.append(figures | {"case": facts["plant"]})
+        notes.append(
+            f"- {facts['plant']}: {figures['controller']}, {found['date']};\n"
+            f"  {figures['cycles_controlled']} shedding cycles from {facts['settle']:g} t_c after the request on; of "
+            f"{figures['frames_sent']} frames {figures['frames_lost']} lost."
+        )
+    return "\n".join([_rows("closed loop", rows, columns), "", *notes])
 
 
 def _rows(first: str, rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:

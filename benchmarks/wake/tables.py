@@ -29,6 +29,7 @@ def tables(results: Path) -> dict[str, str]:
         "open_loop": _open_loop(results),
         "square": _square(results),
         "plants": openfoam_tables.plants(results),
+        "openfoam_loop": openfoam_tables.loop(results),
     }
 
 

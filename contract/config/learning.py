@@ -86,6 +86,9 @@ class TrainConfig(Settings):
     segment: Annotated[AtLeastOne[int], WINDOWS] = 1
     """Consecutive windows drawn together; 1 draws each on its own, as the paper does. Neighbours share most of
     their work, so 8 makes an iteration several times cheaper for a batch of the same size."""
+    streamed: bool = False
+    """Whether the joint fit reads each drawn stretch once, with the LSTM's state carried on, instead of window by
+    window; the passes of `finish` read windows in any case."""
     schedule: Literal["constant", "one_cycle"] = "constant"
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES] = 0.0

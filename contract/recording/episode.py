@@ -14,9 +14,10 @@ from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
-Role = Literal["train", "test", "extended", "controlled"]
+Role = Literal["train", "test", "extended", "controlled", "calm"]
 """The model is fitted to "train" and judged on "test"; "extended" asks for more than it was trained for; "controlled"
-is held out like them, and recorded while a controller drove the jets."""
+is held out like them, and recorded while a controller drove the jets; "calm" is held out, too, and begins at the steady
+wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {

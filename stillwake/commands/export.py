@@ -23,7 +23,7 @@ from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_json, check_output
 from stillwake.releases import open_release
 from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
 from wake.shipped import recording
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -58,6 +58,7 @@ def export(
             "--sensors", help="Also fit a sensor estimator, so that the ECU finds sensors that lie: takes minutes."
         ),
     ] = False,
+    threads: Threads = 1,
     key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,
     overwrite: Overwrite = False,
     config_file: ConfigFile = None,
@@ -108,7 +109,7 @@ def export(
             created=date.today(),
             key=signing_key,
             named=dataset is not None,
-            estimator=partial(fitted_estimator, used, bar) if sensors else None,
+            estimator=partial(fitted_estimator, used, bar, threads=threads) if sensors else None,
             ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=phases.index(begun), note=begun),

@@ -2,7 +2,6 @@
 
 from dataclasses import asdict
 from datetime import date
-from math import log10
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -64,28 +63,15 @@ def steady(
     check_output(output, overwrite=overwrite)
     check_json(json_file)
 
-    from wake.truck.state import save_state
-    from wake.truck.steady import TOLERANCE, settle
-    from wake.truck.truck_wake import TruckWake
+    from stillwake.settling import settle_into
 
-    wake = TruckWake(config.flow, body=config.body)
-    # Rates fall by decades.
-    decades = -log10(TOLERANCE)
-    with progress_bar("decades") as bar:
-        task = bar.add_task("settling", total=decades, note="")
-
-        def progress(t: float, rate: float) -> None:
-            done = min(decades, max(0.0, -log10(rate)))
-            bar.update(task, completed=round(done, 2), note=f"t {t:.0f}  max |d/dt| {rate:.1e}")
-
-        found = settle(wake, progress=progress)
-    save_state(output, found.state)
+    found, grid = settle_into(output, config)
     figures = found.figures()
     if json_file is not None:
         facts = {
             "config": asdict(config.flow),
             "body": asdict(config.body),
-            "grid": list(wake.grid.shape),
+            "grid": list(grid),
             "versions": versions("numpy", "numba", "scipy"),
         }
         write_result(json_file, figures=figures, facts=facts, on=date.today())

@@ -1,11 +1,12 @@
-"""The command that records: forced episodes, the paper's data set, or a round under a release's controller."""
+"""The command that records: forced episodes, the paper's data set, or a round under a release's controller or from the
+steady wake."""
 
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import TaskID
@@ -14,15 +15,24 @@ from contract.atomic import check_writable
 from contract.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import StillwakeError
-from stillwake.outputs import Overwrite, check_dataset_name
+from contract.release.bundle import Bundle
+from stillwake.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.releases import describe, open_release
 from stillwake.settings import settings
 from stillwake.stopping import go_on_with
 from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
 
+if TYPE_CHECKING:
+    from wake.recording.calm_plan import CalmRound
+    from wake.recording.controlled_plan import ControlledRound
+    from wake.recording.feedback import PolicyFactory
+
 
 def record(
-    output: Annotated[Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under, to add to.")],
+    output: Annotated[
+        Path,
+        typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to."),
+    ],
     training: Annotated[
         int | None,
         typer.Option(
@@ -49,19 +59,43 @@ def record(
     controlled: Annotated[
         int | None, typer.Option(help="With --under: control steps an episode (1100).", min=1)
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help="With --under: episodes (2).", min=1)] = None,
+    from_steady: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-steady",
+            help="Instead, begin at the steady symmetric wake of this file (.npz, from `steady`; computed and written "
+            "there if there is none) under small random actions, and add the episodes. With --under, the controller "
+            "acts as well.",
+        ),
+    ] = None,
+    calm: Annotated[int | None, typer.Option(help="With --from-steady: control steps an episode (350).", min=1)] = None,
+    amplitudes: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="With --from-steady: smallest and largest rms of the random action, in U_inf W; the episodes lie "
+            "between them, evenly by the logarithm (0.0005 0.02).",
+        ),
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(help="With --under: episodes (2); with --from-steady (8).", min=1)
+    ] = None,
     exploration: Annotated[
         float | None,
         typer.Option(help="With --under: rms of the noise added to the commands, in action limits (0.15)."),
     ] = None,
     role: Annotated[
-        str | None, typer.Option(help="With --under: train, or controlled to hold the episodes out (train).")
+        str | None,
+        typer.Option(
+            help="With --under: train, or controlled to hold the episodes out (train); with --from-steady, train or "
+            "calm."
+        ),
     ] = None,
     seed: Annotated[
         int,
         typer.Option(
             help="Seed of the training waveform; with --paper, of the first of its ten episodes, and the others count "
-            "on from it; with --under, of the exploration and of where episodes begin.",
+            "on from it; with --under, of the exploration and of where episodes begin; with --from-steady, of the "
+            "random actions.",
             min=0,
         ),
     ] = 1,
@@ -83,27 +117,44 @@ def record(
     """Record the forced wake at every control step: pressures at all sensors, drag and side force.
 
     With --under, record it under a controller with exploration, and add the
-    episodes. It can be stopped at any time. The same command continues where
-    it was, and leaves a finished recording as it is.
+    episodes. With --from-steady, record how small disturbances grow on the
+    steady wake, with or without a controller. It can be stopped at any time.
+    The same command continues where it was, and leaves a finished recording
+    as it is.
     """
-    uses = ("body", "flow", "forcing" if under is None else "forcing.exploration_time")
+    is_forced = under is None and from_steady is None
+    uses = ("body", "flow", "forcing" if is_forced else "forcing.exploration_time")
     config = settings("record", config_file, overrides, uses=uses).config
     check_writable(output)
     check_dataset_name(output)
     lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
-    of_round = {"controlled": controlled, "episodes": episodes, "exploration": exploration, "role": role}
+    of_controlled = {"controlled": controlled, "exploration": exploration}
+    of_calm = {"calm": calm, "amplitudes": amplitudes}
+    of_round: dict[str, Any] = {"episodes": episodes, "role": role}
     recording = {"workers": _cores() if workers is None else workers, "scheduler": scheduler, "start": start}
-    if under is None:
-        _refuse_given(of_round, "needs a controller: give --under BUNDLE as well")
+    if from_steady is None:
+        _refuse_given(of_calm, "is of episodes from the steady wake: give --from-steady FILE as well")
+    if is_forced:
+        _refuse_given(of_controlled, "needs a controller: give --under BUNDLE as well")
+        _refuse_given(of_round, "needs a controller or the steady wake: give --under or --from-steady as well")
         _record_forced(output, config, lengths, paper, seed, {**recording, "overwrite": overwrite})
         return
+    option, steps = ("--under", "--controlled") if from_steady is None else ("--from-steady", "--calm")
     if paper:
-        raise StillwakeError("--under and --paper are two recordings: give one of them")
+        raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
     if overwrite:
-        raise StillwakeError("--overwrite does not go with --under, which adds a round and replaces nothing")
-    _refuse_given(lengths, "does not go with --under: give --controlled and --episodes instead")
-    of_plan = {"steps" if name == "controlled" else name: v for name, v in of_round.items() if v is not None}
-    _record_round(output, config, under, {**of_plan, "seed": seed}, recording)
+        raise StillwakeError(f"--overwrite does not go with {option}, which adds a round and replaces nothing")
+    _refuse_given(lengths, f"does not go with {option}: give {steps} and --episodes instead")
+    of_round["seed"] = seed
+    if from_steady is not None:
+        _refuse_given(of_controlled, "does not go with --from-steady: give --calm and --amplitudes instead")
+        _refuse_given({"start": start}, "does not go with --from-steady, which names where episodes begin")
+        smallest, largest = (None, None) if amplitudes is None else amplitudes
+        of_plan = _given({**of_round, "steps": calm, "smallest": smallest, "largest": largest})
+        _record_calm(output, config, from_steady, under, of_plan, recording)
+    elif under is not None:
+        of_plan = _given({**of_round, "steps": controlled, "exploration": exploration})
+        _record_controlled(output, config, under, of_plan, recording)
 
 
 def _record_forced(
@@ -145,26 +196,76 @@ def _record_forced(
     )
 
 
-def _record_round(
+def _record_controlled(
     output: Path, config: Config, bundle: Path, of_plan: Mapping[str, Any], recording: Mapping[str, Any]
 ) -> None:
+    from wake.recording.controlled_plan import ControlledRound
+
+    release, policy = _policy(bundle, config)
+    planned = ControlledRound(**of_plan, bundle=release.manifest.name, bundle_digest=release.digest)
+    _record_round(output, config, planned, policy, recording, f"under the controller for {planned.role!r}")
+
+
+def _record_calm(
+    output: Path,
+    config: Config,
+    steady: Path,
+    bundle: Path | None,
+    of_plan: Mapping[str, Any],
+    recording: Mapping[str, Any],
+) -> None:
+    from stillwake.settling import settle_into
+    from wake.recording.calm_plan import CalmRound
+    from wake.recording.episode_job import check_start
+    from wake.recording.feedback import NoFeedback
+    from wake.truck.state import load_state
+    from wake.truck.steady import check_steady
+    from wake.truck.truck_wake import TruckWake
+
+    policy: PolicyFactory = NoFeedback
+    if bundle is not None:
+        release, policy = _policy(bundle, config)
+        of_plan = {**of_plan, "bundle": release.manifest.name, "bundle_digest": release.digest}
+    planned = CalmRound(**of_plan)
+    if not steady.exists():
+        console.print(f"{steady} is not there: computing the steady wake", soft_wrap=True, markup=False)
+        check_output(steady, overwrite=False)
+        settle_into(steady, config)
+    check_start(config, steady)
+    check_steady(TruckWake(config.flow, body=config.body), load_state(steady))
+    by = "" if planned.bundle is None else f" and the controller of {planned.bundle}"
+    said = f"from the steady wake under random actions{by} for {planned.role!r}"
+    _record_round(output, config, planned, policy, {**recording, "start": steady}, said)
+
+
+def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
     from firmware_sim.ecu.bundle_policy import BundlePolicy
     from firmware_sim.ecu.fit import check_flow
-    from wake.recording.controlled_plan import ControlledRound
-    from wake.recording.controlled_recording import record_round
 
     release = open_release(bundle, None)
     check_flow(release, config.flow)
-    planned = ControlledRound(**of_plan, bundle=release.manifest.name, bundle_digest=release.digest)
     # Built once here, so that a model that does not load is refused before anything is recorded.
     policy = partial(BundlePolicy, release, layout=layout_of(config.body))
     policy()
     console.print(*describe(release), sep="\n", soft_wrap=True)
+    return release, policy
+
+
+def _record_round(
+    output: Path,
+    config: Config,
+    planned: "ControlledRound | CalmRound",
+    policy: "PolicyFactory",
+    recording: Mapping[str, Any],
+    said: str,
+) -> None:
+    from wake.recording.controlled_recording import record_round
+
     with _continued(output), _progress(planned.episodes) as shown:
         number = record_round(output, planned, config, policy, **recording, **shown)
     console.print(
-        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps under the controller for "
-        f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all",
+        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {said}, "
+        f"{output.stat().st_size / 1e6:.1f} MB in all",
         soft_wrap=True,
         markup=False,
     )
@@ -205,6 +306,10 @@ def _progress(episodes: int) -> Iterator[dict[str, Any]]:
                 bar.update(tasks[label], completed=completed)
 
         yield {"progress": show, "notice": bar.console.print}
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _refuse_given(options: Mapping[str, object], reason: str) -> None:

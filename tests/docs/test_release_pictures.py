@@ -18,7 +18,7 @@ def test_they_are_of_the_shipped_bundle():
     assert PROVENANCE["bundle"] == bundle.load(BUNDLE).digest, "another release is shipped: `make pictures`"
 
 
-@pytest.mark.parametrize("name", ["docs/demo.png", "docs/pictures/closed_loop.gif"])
+@pytest.mark.parametrize("name", ["docs/demo.png", "docs/pictures/closed_loop.webp"])
 def test_they_are_the_files_that_were_drawn(name):
     found = hashlib.sha256((ROOT / name).read_bytes()).hexdigest()
     assert PROVENANCE["files"][name] == found, f"{name} was altered: `make pictures`"

@@ -15,6 +15,7 @@ DATA = (".h5", ".npz", ".npy", ".hdf5")
 NEEDED = (
     "contract/stillwake.dbc",
     "contract/release/release.pub",
+    "contract/config/quick.toml",
     "contract/config/release.toml",
     "firmware_sim/data/bundle/controller.onnx",
     "firmware_sim/data/bundle/manifest.json",

@@ -39,6 +39,7 @@ BEGINNINGS = (
     "firmware_sim.mcu.measure.compile_for_cortex_m7",
     "wake.recording.parallel.run_parallel",
     "firmware_sim.campaign.conduct.execute",
+    "firmware_sim.tuning.starts.starts_at",
     "wake.pictures.drawing.save_figure",
     "can_bridge.tools.raw_bus.open_bus",
     "can_bridge.tester.transport.open_client",

@@ -1,19 +1,18 @@
-"""A run of the wake as a moving picture: GIF through Pillow, MP4 where ffmpeg is installed."""
+"""A run of the wake as a moving picture: GIF and WebP through Pillow, MP4 where ffmpeg is installed."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.animation import FFMpegWriter
+from matplotlib.figure import Figure
 from PIL import Image
 
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError
-from wake.pictures.drawing import BLOWING, FIELD_COLOURS, SENSOR_COLOURS, SUCKING, WakePicture
 from wake.truck.truck_wake import TruckWake
 
 Pixels = npt.NDArray[np.uint8]
@@ -22,29 +21,54 @@ Progress = Callable[[int, int], None]
 FASTEST: Final = 50
 """Frames per second: many viewers play a GIF with frames shorter than 20 ms slowly."""
 _GIF_TICK: Final = 10  # ms; the format counts in hundredths of a second
+_SUFFIXES: Final = (".gif", ".webp", ".mp4")
+_WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
+
+
+class MovingPicture(Protocol):
+    """One figure of fixed size that shows a plant as it is now: `WakePicture`, `Film`.
+
+    Attributes:
+        figure: drawn anew for every frame.
+    """
+
+    figure: Figure
+
+    def record(self) -> None:
+        """Called at every control period's end from the first frame on, also between frames."""
+
+    def pixels(self) -> Pixels:
+        """The present state as (height, width, 3)."""
+        ...
+
+    def palette(self) -> Array:
+        """At most 256 colours for a GIF, (n, 3) from 0 to 1."""
+        ...
 
 
 def animate(
     path: Path,
-    picture: WakePicture,
+    picture: MovingPicture,
     wake: TruckWake,
     actions: Array,
     *,
     skip: int = 0,
     every: int = 1,
     fps: int = 10,
+    hold: float = 0.0,
     progress: Progress = lambda done, total: None,
 ) -> int:
     """Run the plant from its present state and write what it shows, whole or not at all.
 
     Args:
-        path: ends in .gif or .mp4.
+        path: ends in .gif, .webp or .mp4.
         picture: of the same plant.
         wake: the plant, moved to the end of the run.
         actions: commanded in turn, one a control period, (n,); U_inf W.
         skip: control periods that pass before the first frame.
         every: control periods between frames.
         fps: frames per second; a GIF rounds the time of a frame to 10 ms.
+        hold: s for which the last frame stays, beyond its time.
         progress: called with (control periods done, in all).
 
     Returns:
@@ -62,59 +86,69 @@ def animate(
     frames = _frames(picture, wake, actions, skip, every, progress)
     with replacing(path) as temporary:
         if path.suffix.lower() == ".gif":
-            return _write_gif(temporary, frames, fps)
-        return _write_mp4(temporary, picture, frames, fps)
+            return _write_gif(temporary, picture.palette(), frames, fps, hold)
+        if path.suffix.lower() == ".webp":
+            return _write_webp(temporary, frames, fps, hold)
+        return _write_mp4(temporary, picture, frames, fps, hold)
 
 
 def check_target(path: Path) -> None:
     """Raises ConfigError if a moving picture of that name cannot be made."""
     suffix = path.suffix.lower()
-    if suffix not in (".gif", ".mp4") or path.is_dir():
-        raise ConfigError(f"{path}: must be a file ending in .gif or .mp4")
+    if suffix not in _SUFFIXES or path.is_dir():
+        raise ConfigError(f"{path}: must be a file ending in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
     if suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        raise ConfigError(f"{path}: needs ffmpeg, which is not installed; a name ending in .gif needs nothing")
+        raise ConfigError(f"{path}: needs ffmpeg, which is not installed; a name ending in .gif or .webp needs nothing")
 
 
 def _frames(
-    picture: WakePicture, wake: TruckWake, actions: Array, skip: int, every: int, progress: Progress
+    picture: MovingPicture, wake: TruckWake, actions: Array, skip: int, every: int, progress: Progress
 ) -> Iterator[Pixels]:
     for k in range(len(actions) + 1):
-        if k >= skip and (k - skip) % every == 0:
-            yield picture.pixels()
+        if k >= skip:
+            picture.record()
+            if (k - skip) % every == 0:
+                yield picture.pixels()
         if k < len(actions):
             wake.advance(float(actions[k]))
             progress(k + 1, len(actions))
 
 
-def _write_gif(path: Path, frames: Iterator[Pixels], fps: int) -> int:
-    palette = _palette()
+def _write_gif(path: Path, colours: Array, frames: Iterator[Pixels], fps: int, hold: float) -> int:
+    # One palette for all frames, so that colours neither flicker nor depend on the run.
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.rint(255.0 * colours).astype(np.uint8).tobytes())
     images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    duration = _GIF_TICK * round(1000 / fps / _GIF_TICK)
-    images[0].save(path, format="GIF", save_all=True, append_images=images[1:], duration=duration, loop=0)
+    durations = _durations(len(images), _GIF_TICK * round(1000 / fps / _GIF_TICK), hold)
+    images[0].save(path, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
     return len(images)
 
 
-def _palette() -> Image.Image:
-    """One for all frames, so that colours neither flicker nor depend on the run: the pictures' own colours."""
-    scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
-    colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
-    # Edges of the arrows and the slots blend into black and white.
-    blends = [
-        np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
-    ]
-    table = np.vstack([*colours, *blends])
-    image = Image.new("P", (1, 1))
-    image.putpalette(np.rint(255.0 * table).astype(np.uint8).tobytes())
-    return image
+def _write_webp(path: Path, frames: Iterator[Pixels], fps: int, hold: float) -> int:
+    images = [Image.fromarray(frame) for frame in frames]
+    durations = _durations(len(images), round(1000 / fps), hold)
+    images[0].save(
+        path, format="WEBP", save_all=True, append_images=images[1:], duration=durations, loop=0, **_WEBP
+    )  # fmt: skip
+    return len(images)
 
 
-def _write_mp4(path: Path, picture: WakePicture, frames: Iterator[Pixels], fps: int) -> int:
+def _durations(frames: int, each: int, hold: float) -> list[int]:
+    """Of the frames, in ms."""
+    return [each] * (frames - 1) + [each + round(1e3 * hold)]
+
+
+def _write_mp4(path: Path, picture: MovingPicture, frames: Iterator[Pixels], fps: int, hold: float) -> int:
     # The container is named, because the temporary file's suffix is another; players want even sizes in 4:2:0.
     options = ["-f", "mp4", "-pix_fmt", "yuv420p", "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2"]
     writer: Any = FFMpegWriter(fps=fps, extra_args=options)
     count = 0
+    # savefig would paint its own background.
+    colour = {"facecolor": picture.figure.get_facecolor()}
     with writer.saving(picture.figure, str(path), picture.figure.dpi):
         for _ in frames:
-            writer.grab_frame()
+            writer.grab_frame(**colour)
             count += 1
+        for _ in range(round(hold * fps)):
+            writer.grab_frame(**colour)
     return count

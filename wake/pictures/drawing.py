@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
+import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -113,6 +114,20 @@ class WakePicture:
         numbers = f"t = {sample.t:.1f} W/U∞".ljust(18) + f"Cd = {sample.Cd:.3f}  action = {sample.action:+.3f}"
         self._title.set_text(numbers if title is None else title)
         return self.figure
+
+    def record(self) -> None:
+        """Nothing is kept from frame to frame."""
+
+    @staticmethod
+    def palette() -> Array:
+        """The picture's own colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
+        scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
+        colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
+        # Edges of the arrows and the slots blend into black and white.
+        blends = [
+            np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
+        ]
+        return np.vstack([*colours, *blends])
 
     def _arrow(self, share: float, side: int) -> Array:
         return jet_arrow(share, side, self._wake.body.length)

@@ -1,8 +1,9 @@
-"""Recording where the controller lives: a round of episodes under it, added to a data set."""
+"""Recording where the controller lives, or where it shall lead: a round of episodes, added to a data set."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -10,20 +11,27 @@ from contract.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.recording.appending import append, read_to_append
 from contract.recording.dataset import Episode
-from wake.recording.controlled_plan import ControlledRound
 from wake.recording.episode_job import EpisodeJob, Progress, setting_of
-from wake.recording.feedback import PolicyFactory
+from wake.recording.feedback import NoFeedback, PolicyFactory
+from wake.recording.plan import Plan
 from wake.recording.recorder import BLOCK_STEPS, finished_jobs, jobs_for, task_of
 
 FACTS = ("flow", "grid")
 """Provenance that all episodes of a data set must share; start, versions and forcing may differ."""
 
 
+class Round(Protocol):
+    """Episodes that are added together, such as `ControlledRound` and `CalmRound`."""
+
+    def plans(self, number: int) -> Sequence[Plan]:
+        """The episodes of round `number`; their provenance holds it as "round"."""
+
+
 def record_round(
     output: Path,
-    planned: ControlledRound,
+    planned: Round,
     config: Config,
-    policy: PolicyFactory,
+    policy: PolicyFactory = NoFeedback,
     *,
     workers: int = 1,
     scheduler: str | None = None,
@@ -32,7 +40,7 @@ def record_round(
     block_steps: int = BLOCK_STEPS,
     start: Path | None = None,
 ) -> int:
-    """Record the wake under a controller and add the episodes to a data set, which is made if there is none.
+    """Record a round and add its episodes to a data set, which is made if there is none.
 
     The round's number is one more than the highest in the file, so that a second call adds new data and repeats none.
     A call that was stopped is continued by the next one, at whatever instant that was: stopped between adding its
@@ -42,7 +50,7 @@ def record_round(
         output: the HDF5 file.
         planned: what to record.
         config: flow and forcing settings.
-        policy: makes the controller in each recording process.
+        policy: makes the controller in each recording process; without one, the plans' signals are all that acts.
         workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
 
     Returns:

@@ -23,6 +23,12 @@ TOLERANCE: Final = 1e-6
 """In the last stage rates fall by a factor e in about 23 t_c: forces are then final to some 1e-5."""
 
 
+_UNEVEN: Final = 1e-9
+"""In U_inf: a state that was settled is symmetric to the bit."""
+_RATE: Final = 1e-2
+"""In U_inf / t_c: a state that was settled is far below, the developed wake has about 1."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SteadyWake:
     """A wake that has settled.
@@ -106,6 +112,32 @@ def settle(
         drag_rate=drag_rate,
         time=time,
     )
+
+
+def check_steady(wake: TruckWake, state: State) -> None:
+    """Refuse a state that is not the steady symmetric wake; the plant is left a control period behind it.
+
+    Raises:
+        PlantError: if the flow is not its own mirror image, blows, or changes; the message names by how much, and the
+            remedy.
+    """
+    wake.reset(state)
+    flow = wake.flow
+    uneven = max(
+        float(np.abs(flow.u - flow.u[:, ::-1]).max()),
+        float(np.abs(flow.v + flow.v[:, ::-1]).max()),
+    )
+    remedy = "`stillwake steady FILE` computes the steady wake"
+    if uneven > _UNEVEN or state.action != 0.0:
+        raise PlantError(
+            f"not the steady wake: velocities differ from their mirror image by up to {uneven:.2g}, with an action of "
+            f"{state.action:g} in force: {remedy}"
+        )
+    before = flow.velocities.copy()
+    wake.advance(0.0)
+    rate = float(np.abs(flow.velocities - before).max()) / wake.config.control_period
+    if rate > _RATE:
+        raise PlantError(f"not the steady wake: max |du/dt| = {rate:.2g}, must be at most {_RATE:g}: {remedy}")
 
 
 def _drag(sample: Sample) -> float:

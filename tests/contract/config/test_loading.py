@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import TrainConfig
-from contract.config.loading import from_tree, load, load_config, to_tree
+from contract.config.loading import from_tree, load, load_config, quick, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 
@@ -198,3 +198,12 @@ def test_a_folder_is_no_file_of_settings(tmp_path):
 def test_a_file_from_windows_is_read(tmp_path):
     (tmp_path / "mine.toml").write_bytes(b"\xef\xbb\xbf[mpc]\r\nhorizon = 9\r\n")
     assert load_config(tmp_path / "mine.toml").mpc.horizon == 9
+
+
+def test_the_quick_training_differs_from_the_release_in_training_alone() -> None:
+    fast, usual = quick(), load_config()
+    assert fast.train != usual.train
+    assert replace(fast, train=usual.train) == usual
+    assert fast.train.streamed and fast.train.finish.epochs > 0, "its encoder must have read windows in the end"
+    for name in ("epochs", "stream_epochs", "distil_epochs", "predictor_epochs"):
+        assert getattr(fast.train, name) < getattr(usual.train, name)

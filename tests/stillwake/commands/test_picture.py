@@ -129,8 +129,9 @@ def test_a_run_that_does_not_exist_is_refused(settings, message):
         (["picture", "vorticity", "a.png", "--sensors", "upper_99"], "unknown sensor 'upper_99'"),
         (["picture", "pressure", "a.png", "--state", "nowhere.npz"], "nowhere.npz: not a flow state"),
         (["picture", "mean", "a.png", "--duration", "1", "--settle", "1"], r"--settle 1\.0: must be shorter"),
-        (["animate", "a.png"], r"a\.png: must be a file ending in \.gif or \.mp4"),
+        (["animate", "a.png"], r"a\.png: must be a file ending in \.gif, \.webp or \.mp4"),
         (["animate", "a.gif", "--skip", "30"], "skip = 150"),
+        (["animate", "a.webp", "--film"], "--film: needs --run FOLDER"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_error_and_no_file(tmp_path, monkeypatch, arguments, message):

@@ -7,6 +7,7 @@ import pytest
 from matplotlib.animation import FFMpegWriter
 from PIL import Image
 from PIL.GifImagePlugin import GifImageFile
+from PIL.WebPImagePlugin import WebPImageFile
 
 from contract.errors import ConfigError, PlantError
 from wake.pictures.animation import animate
@@ -50,6 +51,21 @@ def test_a_gif_has_its_frames_and_their_time(
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_webp_has_its_frames_and_holds_the_last(wake: TruckWake, picture: WakePicture, tmp_path: Path) -> None:
+    path = tmp_path / "a.webp"
+    assert animate(path, picture, wake, np.array([0.0, 0.03]), fps=20, hold=1.5) == 3
+    with Image.open(path) as webp:
+        assert isinstance(webp, WebPImageFile)
+        durations = []
+        for k in range(webp.n_frames):
+            webp.seek(k)
+            webp.load()
+            durations.append(webp.info["duration"])
+        last = np.asarray(webp.convert("RGB"), dtype=float)
+    assert durations == [50, 50, 1550]
+    assert np.abs(last - picture.pixels()).mean() < 3.0
+
+
 def test_a_run_that_fails_leaves_nothing(wake: TruckWake, picture: WakePicture, tmp_path: Path) -> None:
     with pytest.raises(PlantError, match=r"action 0\.2"):
         animate(tmp_path / "a.gif", picture, wake, np.array([0.0, 0.2]))
@@ -59,7 +75,7 @@ def test_a_run_that_fails_leaves_nothing(wake: TruckWake, picture: WakePicture, 
 @pytest.mark.parametrize(
     ("name", "settings", "message"),
     [
-        ("a.avi", {}, r"a\.avi: must be a file ending in \.gif or \.mp4"),
+        ("a.avi", {}, r"a\.avi: must be a file ending in \.gif, \.webp or \.mp4"),
         ("a.mp4", {}, "needs ffmpeg, which is not installed"),
         ("a.gif", {"fps": 0}, "fps = 0: must be between 1 and 50"),
         ("a.gif", {"every": 0}, "every = 0"),

@@ -1,5 +1,7 @@
 """The steady symmetric wake on a coarse grid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,26 @@ def test_without_shedding_a_third_of_the_drag_is_gone(settled: steady.SteadyWake
     assert -0.25 < settled.figures()["base_Cp"] < -0.1
     assert settled.recirculation_length > 4.0
     assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_steady_wake_is_taken_for_it(plant: TruckWake, settled: steady.SteadyWake) -> None:
+    steady.check_steady(plant, settled.state)
+
+
+def test_what_is_not_steady_is_refused(plant: TruckWake, settled: steady.SteadyWake) -> None:
+    with pytest.raises(PlantError, match=r"with an action of 0\.01 in force: `stillwake steady FILE` computes"):
+        steady.check_steady(plant, replace(settled.state, action=0.01))
+    plant.reset(settled.state)
+    kicked = plant.advance(0.01)
+    assert kicked.Cl != 0.0
+    bent = replace(plant.state(), substep=0, action=0.0)
+    with pytest.raises(PlantError, match="velocities differ from their mirror image by up to"):
+        steady.check_steady(plant, bent)
+    # Symmetric, and far from any balance.
+    plant.reset(settled.state)
+    plant.flow.u[:] *= 0.5
+    with pytest.raises(PlantError, match=r"max \|du/dt\| = .*, must be at most 0\.01"):
+        steady.check_steady(plant, replace(plant.state(), action=0.0))
 
 
 def test_a_wake_that_does_not_settle_is_an_error(coarse: TruckWake) -> None:

@@ -1,0 +1,102 @@
+"""The release's pictures: forecasts in the loop, distributions, Cp along the body, and mean flows side by side."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from contract import sensors
+from contract.geometry import HALF_WIDTH
+from wake.pictures.drawing import outline
+from wake.pictures.fields import Raster, velocity
+from wake.solver.flow import Flow
+from wake.truck.recirculation import recirculation_length
+from wake.truck.truck_wake import TruckWake
+
+UNCONTROLLED, CONTROLLED = "0.25", "#1f77b4"
+_CASES: Final = (("uncontrolled", UNCONTROLLED), ("controlled", CONTROLLED))
+_BEHIND: Final = (-0.6, 10.4, -1.5, 1.5)
+"""Shown of the mean flow, from the base."""
+
+
+def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
+    """What the figures alone decide, by the names of the files."""
+    return {"release_forecasts": forecasts(figures), "release_distributions": distributions(figures)}
+
+
+def forecasts(figures: Mapping[str, Any]) -> Figure:
+    """Mean error of the forecasts over the horizon, and where 10 to 90 % of them lie."""
+    figure = Figure(figsize=(9.0, 3.2), dpi=100, layout="constrained")
+    rows = figures["forecast"]
+    ahead = [row["h"] for row in rows]
+    panels = figure.subplots(1, 2)
+    for axes, name, label, colour in zip(panels, ("drag", "lift"), ("C_d", "C_l"), ("#d62728", "#1f77b4"), strict=True):
+        low, mean, high = ([row[name][key] for row in rows] for key in ("p10", "mean", "p90"))
+        axes.fill_between(ahead, low, high, color=colour, alpha=0.2, linewidth=0.0, label="10 to 90 %")
+        axes.plot(ahead, mean, "o-", color=colour, markersize=3, linewidth=1.2, label="mean")
+        sigma = figures["sigma"]["uncontrolled"][name]
+        axes.set(xlabel="control steps ahead", ylabel=f"|error of ${label}$|", xlim=(0.5, ahead[-1] + 0.5))
+        axes.set_ylim(0.0, 1.15 * max(high))
+        axes.set_title(f"${label}$; without control its deviation is {sigma:.3f}", fontsize=9)
+        axes.grid(color="0.92")
+        axes.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def distributions(figures: Mapping[str, Any]) -> Figure:
+    """Base pressure, transverse velocity at the probe, and mean Cp along the body."""
+    figure = Figure(figsize=(10.0, 3.2), dpi=100, layout="constrained")
+    base, probe, along = figure.subplots(1, 3)
+    _histogram(base, figures["base_Cp"], "base $C_p$, mean over 10 sensors")
+    _histogram(probe, figures["Uy"], r"$U_y / U_\infty$ at the probe (10, 0)")
+    x = sensors.positions()[: sensors.PER_SIDE, 0]
+    for (case, colour), one in zip(_CASES, figures["mean"], strict=True):
+        values, n = np.array(one["Cp"]), sensors.PER_SIDE
+        # The mean flow is symmetric but for the short average.
+        along.plot(x, 0.5 * (values[:n] + values[n : 2 * n]), color=colour, linewidth=1.4, label=case)
+        across = values[sensors.BASE]
+        along.plot(np.full(len(across), x[-1] + 0.25), across, ".", color=colour, markersize=4)
+    along.set(xlabel="x / W along the sides; dots: base", ylabel="mean $C_p$")
+    along.legend(fontsize=8)
+    along.grid(color="0.92")
+    return figure
+
+
+def _histogram(axes: Axes, found: Mapping[str, Any], label: str) -> None:
+    for case, colour in _CASES:
+        one = found[case]
+        axes.stairs(one["density"], found["edges"], color=colour, fill=True, alpha=0.35)
+        axes.stairs(one["density"], found["edges"], color=colour, linewidth=1.0)
+        axes.axvline(one["mean"], color=colour, linewidth=1.0, linestyle=":")
+        axes.plot([], [], color=colour, linewidth=4, alpha=0.6, label=f"{case}: {one['mean']:.3f} ± {one['std']:.3f}")
+    axes.set(xlabel=label, ylabel="probability density")
+    # Above the tallest bar.
+    axes.set_ylim(top=1.3 * axes.get_ylim()[1])
+    axes.legend(fontsize=8, loc="upper center")
+
+
+def mean_flows(wake: TruckWake, flows: Sequence[Flow]) -> Figure:
+    """Mean u behind the truck without control and under it, with the edge of backward flow and the bubble's length."""
+    left, right, low, high = _BEHIND
+    view = (wake.body.length + left, wake.body.length + right, low, high)
+    raster = Raster.of(wake.grid.xc, wake.grid.yc, view, 900)
+    figure = Figure(figsize=(9.0, 5.4), dpi=100, layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for axes, (case, _), flow in zip(panels, _CASES, flows, strict=True):
+        u, v = (raster(component) for component in velocity(flow))
+        x, y = np.meshgrid(raster.x, raster.y)
+        inside = (x < wake.body.length) & (np.abs(y) < HALF_WIDTH)
+        u[inside] = v[inside] = np.nan
+        image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", aspect="equal")
+        axes.streamplot(
+            raster.x, raster.y, u, v, color=(1, 1, 1, 0.6), linewidth=0.6, arrowsize=0.6, density=(2.2, 0.8)
+        )
+        axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
+        axes.fill(*outline(wake.body).T, facecolor="0.82", edgecolor="0.15", linewidth=0.8, zorder=3)
+        axes.set(xlim=view[:2], ylim=view[2:], ylabel="y / W")
+        axes.set_title(f"{case}: bubble {recirculation_length(wake.grid, flow):.2f} W", fontsize=10, loc="left")
+    panels[-1].set_xlabel("x / W")
+    figure.colorbar(image, ax=list(panels), label=r"mean $u / U_\infty$", fraction=0.025, pad=0.012, extend="both")
+    return figure

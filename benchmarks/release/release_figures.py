@@ -1,0 +1,222 @@
+"""The paper's figures of control, for a release: its forecasts against what came, distributions, and mean fields.
+
+    python -m benchmarks release-figures [--bundle DIR] [--json FILE]
+
+Closes the loop as `stillwake run` does, keeps every forecast of the controller, and averages the flow without control
+and under it. Pictures go to docs/pictures, or to the folder that --pictures names.
+
+A forecast is the one that the optimiser planned with, so from its second action on it is of a plan that the next
+control steps may change. The error at h = 1 .. H is the distance between the forces forecast at t_k for t_{k+h} and
+those that the flow had then.
+"""
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.pictures import PICTURES, draw
+from benchmarks.release import release_drawings
+from contract.arrays import Array
+from contract.config.loading import load_config
+from contract.controller.interface import ControlStep, RunnableController
+from contract.controller.onnx_session import OnnxController
+from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import Row, RunLog
+from stillwake.releases import Trust, open_release
+from stillwake.terminal import progress_bar
+from wake.pictures.fields import TimeMean
+from wake.plants import open_plant
+from wake.solver.flow import Flow
+from wake.truck.recirculation import recirculation_length
+from wake.truck.truck_wake import TruckWake
+
+BINS: Final = 40
+"""Of a histogram, over the range of both cases."""
+_QUANTILES: Final = (0.1, 0.9)
+CASES: Final = ("uncontrolled", "controlled")
+
+
+@dataclass(kw_only=True)
+class Listening:
+    """A controller that remembers its latest step; in all else the one inside.
+
+    Attributes:
+        inner: computes the steps.
+        latest: of `inner`, until it is taken.
+    """
+
+    inner: RunnableController
+    latest: ControlStep | None = None
+    description: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.description = self.inner.description
+
+    def warm_up(self, steps: int) -> None:
+        self.inner.warm_up(steps)
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+        self.latest = self.inner.control_step(window, plan, free, weights)
+        return self.latest
+
+    def taken(self) -> ControlStep | None:
+        """The latest step, once."""
+        step, self.latest = self.latest, None
+        return step
+
+
+def main(
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    trust: Trust = None,
+    json_file: JsonFile = None,
+    run: Annotated[Path, typer.Option(help="Run folder to write.")] = Path("runs/release_figures"),
+    pictures: Annotated[Path, typer.Option(help="Folder of the pictures.")] = PICTURES,
+    lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=5.0)] = 25.0,
+    controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=20.0)] = 100.0,
+    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+) -> None:
+    """Close the loop once, write figures and pictures."""
+    release, config = open_release(bundle, trust), load_config()
+    horizon, period = release.manifest.mpc.horizon, config.flow.control_period
+    listening = Listening(inner=OnnxController.of(release))
+    forecasts: list[Array] = []
+    first, settled = round(lead_in / period), round((lead_in + settle) / period)
+    with open_plant("stillwake", run, config) as wake, progress_bar("periods", console=progress) as bar:
+        assert isinstance(wake, TruckWake)
+        means = [TimeMean(wake.grid.shape) for _ in range(2)]
+        task = bar.add_task("closed loop", total=round((lead_in + controlled) / period), note="")
+
+        def show(row: Row, done: int, total: int) -> None:
+            step = listening.taken()
+            forecasts.append(np.full((horizon, 2), np.nan) if step is None else step.forces)
+            if done <= first or done > settled:
+                means[done > first].add(wake.flow)
+            bar.update(task, completed=done, total=total, note=f"Cd {row.sample.Cd:.3f}")
+
+        log = run_closed_loop(
+            run,
+            release,
+            config,
+            lead_in=lead_in,
+            controlled=controlled,
+            settle=settle,
+            controller=listening,
+            plant=nullcontext(wake),
+            progress=show,
+        )
+    flows = [mean.flow() for mean in means]
+    figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
+    facts = {
+        "bundle": {"name": release.manifest.name, "digest": release.digest},
+        "lead_in": lead_in, "controlled": controlled, "settle": settle,
+        "period": period, "versions": log.metadata.versions,
+    }  # fmt: skip
+    save(json_file, figures=figures, facts=facts)
+    drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
+    # Without a file of results the run is what they were drawn from.
+    draw(drawn, RunFolder(run).summary if json_file is None else json_file.resolve(), folder=pictures)
+    _print(figures)
+
+
+def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
+    """Errors of the forecasts and distributions.
+
+    Args:
+        forecasts: (n, H, 2) forces forecast in every period for the next ones; NaN where none was made.
+        settled: index of the first row that counts as under control.
+    """
+    truth = np.column_stack([log.series["Cd"], log.series["Cl"]])
+    errors = forecast_errors(forecasts[settled:], truth[settled:])
+    spans = (slice(0, log.enabled_at), slice(settled, len(truth)))
+    return {
+        "forecast": [_errors(h, found) for h, found in enumerate(errors, start=1)],
+        "sigma": {
+            case: {"drag": float(truth[span, 0].std()), "lift": float(truth[span, 1].std())}
+            for case, span in zip(CASES, spans, strict=True)
+        },
+        "base_Cp": _distribution([log.series["base_Cp"][span] for span in spans]),
+        "Uy": _distribution([log.series["Uy_probe"][span] for span in spans]),
+    }
+
+
+def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
+    """|forecast - truth| at h = 1 .. H, (m_h, 2) each.
+
+    Args:
+        forecasts: (n, H, 2), row k for k + 1 .. k + H; NaN where none was made.
+        truth: (n, 2).
+    """
+    found = []
+    for ahead in range(1, forecasts.shape[1] + 1):
+        error = np.abs(forecasts[: len(truth) - ahead, ahead - 1] - truth[ahead:])
+        found.append(error[~np.isnan(error).any(axis=1)])
+    return found
+
+
+def _errors(ahead: int, found: Array) -> dict[str, Any]:
+    low, high = np.quantile(found, _QUANTILES, axis=0)
+    return {
+        "h": ahead,
+        "forecasts": len(found),
+        **{
+            name: {"mean": float(found[:, i].mean()), "p10": float(low[i]), "p90": float(high[i])}
+            for i, name in enumerate(("drag", "lift"))
+        },
+    }
+
+
+def _distribution(values: list[Array]) -> dict[str, Any]:
+    edges = np.histogram_bin_edges(np.concatenate(values), BINS)
+    return {
+        "edges": edges.tolist(),
+        **{
+            case: {
+                "density": np.histogram(one, edges, density=True)[0].tolist(),
+                "samples": len(one),
+                "mean": float(one.mean()),
+                "std": float(one.std()),
+            }
+            for case, one in zip(CASES, values, strict=True)
+        },
+    }
+
+
+def _mean(wake: TruckWake, flow: Flow) -> dict[str, Any]:
+    """Of a mean flow: its bubble, its forces, and Cp at all sensors."""
+    seen = wake.surface.measure(flow)
+    return {
+        "recirculation_length": recirculation_length(wake.grid, flow),
+        "Cd": float(seen.Cd),
+        "Cl": float(seen.Cl),
+        "Cp": np.asarray(seen.Cp).tolist(),
+    }
+
+
+def _print(figures: Mapping[str, Any]) -> None:
+    table = Table(
+        "h", "|Cd error|, mean", "10 to 90 %", "|Cl error|, mean", "10 to 90 %", title="forecasts in the loop"
+    )
+    for row in figures["forecast"]:
+        if row["h"] in (1, 5, 10, 15, 20, 25):
+            cells = [
+                cell
+                for name in ("drag", "lift")
+                for cell in (f"{row[name]['mean']:.4f}", f"{row[name]['p10']:.4f} to {row[name]['p90']:.4f}")
+            ]
+            table.add_row(str(row["h"]), *cells)
+    console.print(table)
+    before_and_under = Table("", *CASES)
+    for label, name in (("base Cp", "base_Cp"), ("Uy at the probe", "Uy")):
+        before_and_under.add_row(
+            label, *(f"{figures[name][c]['mean']:.3f} +- {figures[name][c]['std']:.3f}" for c in CASES)
+        )
+    before_and_under.add_row("bubble / W", *(f"{one['recirculation_length']:.2f}" for one in figures["mean"]))
+    console.print(before_and_under)

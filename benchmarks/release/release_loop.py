@@ -1,0 +1,132 @@
+"""The shipped release in the closed loop from several phases of the shedding cycle: figures with their spread.
+
+    python -m benchmarks release-loop [--json FILE]
+
+Each run is one of `stillwake run`: through CAN, int8, ONNX Runtime, 25 t_c without control and 100 with it, of which
+the last 60 are averaged. Finished runs are kept.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, Parts, console, save, track
+from benchmarks.common.commands import LOOP
+from benchmarks.common.parts import part
+from benchmarks.common.workers import process_pool
+from contract.config.loading import load_config
+from contract.release import bundle as bundles
+from contract.results import versions
+from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.spans import Spans
+from firmware_sim.campaign.folder import CampaignFolder
+from firmware_sim.campaign.starts import keep_states, phases_apart, starting_states
+from firmware_sim.runs.summary import summary
+from stillwake.shipped import BUNDLE
+from wake.truck.state import load_state
+from wake.truck.truck_wake import TruckWake
+
+SPANS: Final = Spans(lead_in=25.0, controlled=100.0, settle=40.0)
+MOST_WORKERS: Final = 2
+_MEASURED: Final = (
+    *("Cd_uncontrolled", "abs_Cl_uncontrolled", "Cd_net_uncontrolled", "Cd_net_controlled"),
+    *("jet_power_controlled", "trouble", *LOOP),
+)
+FIGURES: Final = (
+    *("reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action", "jet_power_controlled"),
+    *("Cd_uncontrolled", "Cd_controlled", "Cd_net_uncontrolled", "Cd_net_controlled"),
+    *("net_reduction_percent", "net_of_power_percent"),
+)
+"""Of a phase, and of their mean and spread."""
+
+
+def main(
+    json_file: JsonFile = None,
+    parts: Parts = Path("runs/release_loop"),
+    phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 5,
+    workers: Annotated[int, typer.Option(min=1, max=MOST_WORKERS, help="Processes, a run each at a time.")] = 2,
+) -> None:
+    """Close the loop from every phase and print a table."""
+    release, config = bundles.load(BUNDLE), load_config()
+    kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
+    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
+    keep_states(kept, starting_states(kept, config, phases))
+    rows = [with_net(row) for row in track(_runs(kept, phases, workers), "release", "runs", total=phases)]
+    over_phases = spread(rows)
+    _print(rows, over_phases)
+    facts = {
+        "bundle": release.manifest.name,
+        "digest": release.digest,
+        "mpc": asdict(release.manifest.mpc),
+        **{name: getattr(SPANS, name) for name in ("lead_in", "controlled", "settle")},
+        "phases_t_c": [
+            apart * config.flow.control_period for apart in phases_apart(phases, config.flow.control_period)
+        ],
+        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
+    }
+    save(json_file, figures={"phases": rows, "over_phases": over_phases}, facts=facts)
+
+
+def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A run's figures with what is left of the reduction when the jets are paid for, in per cent.
+
+    `net_reduction_percent` is of `Cd_net`: wall, slot faces and the jets' momentum. `net_of_power_percent` is of
+    `Cd_net` and the jets' power together: at the vehicle's speed, a unit of `jet_power` is the power of a unit of Cd.
+    """
+    before, under = row["Cd_net_uncontrolled"], row["Cd_net_controlled"]
+    return {
+        **row,
+        "net_reduction_percent": 100.0 * (1.0 - under / before),
+        "net_of_power_percent": 100.0 * (1.0 - (under + row["jet_power_controlled"]) / before),
+    }
+
+
+def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """Mean, least and most over the phases, of every figure that all phases have."""
+    found = {}
+    for name in FIGURES:
+        values = [row[name] for row in rows]
+        if None not in values:
+            found[name] = {"mean": sum(values) / len(values), "least": min(values), "most": max(values)}
+    return found
+
+
+def _runs(kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
+    """The figures of every phase, in order."""
+    files = [kept.path / f"phase_{number}.json" for number in range(phases)]
+    starts = [kept.start(number) for number in range(phases)]
+    missing = sum(not file.is_file() for file in files)
+    # A process of its own costs seconds: none is made for what is kept.
+    with nullcontext() if missing == 0 else process_pool(min(workers, missing)) as pool:
+        yield from map(_kept_run, files, starts) if pool is None else pool.map(_kept_run, files, starts)
+
+
+def _kept_run(file: Path, start: Path) -> dict[str, Any]:
+    found: dict[str, Any] = part(file, lambda: _run(start))
+    return found
+
+
+def _run(start: Path) -> dict[str, Any]:
+    """One run of the shipped release from there."""
+    config, release = load_config(), bundles.load(BUNDLE)
+    wake = TruckWake(config.flow, body=config.body)
+    wake.reset(load_state(start))
+    found = summary(simulate(release, replace(config, mpc=release.manifest.mpc), spans=SPANS, wake=wake))
+    return {name: found[name] for name in _MEASURED}
+
+
+def _print(rows: Sequence[Mapping[str, Any]], over_phases: Mapping[str, Mapping[str, float]]) -> None:
+    table = Table(
+        "phase", "less drag, %", "mean |Cl|", "mean Cl", "rms action", "jet power", "less Cd_net, %", "net, %"
+    )
+    shown = (*FIGURES[:5], "net_reduction_percent", "net_of_power_percent")
+    named = [(str(number), row) for number, row in enumerate(rows)]
+    named += [(kind, {name: found[kind] for name, found in over_phases.items()}) for kind in ("mean", "least", "most")]
+    for label, row in named:
+        table.add_row(label, *("" if row.get(name) is None else f"{row[name]:.3f}" for name in shown))
+    console.print(table)

@@ -1,0 +1,155 @@
+"""The search: the present first, hopeless trials given up, the budget kept, and stops that change nothing."""
+
+import pytest
+from optuna.trial import TrialState
+
+from contract.errors import ConfigError, OutputError
+from firmware_sim.tuning.search import (
+    JOURNAL,
+    PHASES,
+    check_place,
+    complete,
+    finished,
+    importances,
+    open_study,
+    score_of,
+    search,
+    settings_of,
+    spent,
+)
+from tests.firmware_sim.tuning.conftest import BLOCKS, MadeUpLoop, Stopped, plan_of
+
+LABEL = {"of": "a test"}
+
+
+def proposals(study) -> list[dict[str, float]]:
+    return [dict(settings_of(trial)) for trial in finished(study)]
+
+
+def test_the_first_trial_has_the_present_settings(loop, tmp_path) -> None:
+    plan = plan_of(trials=3)
+    study = open_study(tmp_path, LABEL)
+    search(study, plan, loop, clock=loop.clock)
+    assert [mpc for mpc, _ in loop.made[:2]] == [plan.present] * 2
+    assert [phase for _, phase in loop.made[:6]] == [0, 1] * 3
+    first = finished(study)[0]
+    assert score_of(first) == pytest.approx(30.0 - 400.0 * 0.19**2 + 0.005)
+    assert len(first.user_attrs[PHASES]) == 2
+
+
+def test_settings_to_be_tried_come_after_the_present_and_once(tmp_path) -> None:
+    tried = {"mpc.weights.lift": 0.2, "mpc.weights.smoothness": 4.0}
+    for trials in (3, 5):
+        loop = MadeUpLoop()
+        study = open_study(tmp_path, LABEL)
+        search(study, plan_of(trials=trials, tries=(tried,)), loop, clock=loop.clock)
+    assert [number for number, found in enumerate(proposals(study)) if found == tried] == [1]
+
+
+@pytest.mark.slow  # fifty proposals
+def test_the_search_finds_what_is_best(tmp_path) -> None:
+    loop, study = MadeUpLoop(), open_study(tmp_path, LABEL)
+    search(study, plan_of(trials=50), loop, clock=loop.clock)
+    best = settings_of(complete(study)[0])
+    assert score_of(complete(study)[0]) > 29.0
+    assert best["mpc.weights.lift"] == pytest.approx(0.2, abs=0.06)
+    assert best["mpc.weights.smoothness"] == pytest.approx(8.0, abs=2.0)
+    # Far from 8 the smoothness costs up to 170 points, the lift at most 13.
+    assert next(iter(importances(study, 0))) == "mpc.weights.smoothness"
+
+
+def test_trials_that_fall_behind_are_given_up(loop, tmp_path) -> None:
+    study = open_study(tmp_path, LABEL)
+    search(study, plan_of(trials=25), loop, clock=loop.clock)
+    given_up = [trial for trial in finished(study) if trial.state == TrialState.PRUNED]
+    assert given_up
+    # They cost less, and each was worse than what it was compared with: the median of those before it.
+    assert loop.blocks < 25 * 2 * BLOCKS
+    assert max(trial.number for trial in finished(study)[:5]) < min(trial.number for trial in given_up)
+    for trial in given_up:
+        before = sorted(score_of(one) for one in complete(study) if one.number < trial.number)
+        last = list(trial.intermediate_values.values())[-1]
+        assert last < before[len(before) // 2] + 0.1
+
+
+@pytest.mark.parametrize(("trials", "stop_in"), [(3, 0), (3, 3), (13, 17)])
+def test_a_search_that_was_killed_proposes_what_it_would_have_without(tmp_path, trials, stop_in) -> None:
+    plan, whole = plan_of(trials=trials), MadeUpLoop()
+    search(open_study(tmp_path / "whole", LABEL), plan, whole, clock=whole.clock)
+    cut, again = MadeUpLoop(stop_in=stop_in), MadeUpLoop()
+    with pytest.raises(Stopped):
+        search(open_study(tmp_path / "cut", LABEL), plan, cut, clock=cut.clock)
+    study = open_study(tmp_path / "cut", LABEL)
+    search(study, plan, again, clock=again.clock)
+    assert proposals(study) == proposals(open_study(tmp_path / "whole", LABEL))
+    # The trial that was cut is made again from its first run on, those before it are not.
+    settings, phase = cut.made[-1]
+    assert again.made[0] == (settings, 0)
+    assert len(cut.made) - (phase + 1) + len(again.made) == len(whole.made)
+
+
+def test_the_seed_decides_what_is_proposed(tmp_path) -> None:
+    found = []
+    for number, seed in enumerate((1, 1, 2)):
+        loop, study = MadeUpLoop(), open_study(tmp_path / str(number), LABEL)
+        search(study, plan_of(trials=4, seed=seed), loop, clock=loop.clock)
+        found.append(proposals(study))
+    assert found[0] == found[1]
+    assert found[0] != found[2]
+
+
+def test_no_trial_begins_after_the_budget_is_spent(loop, tmp_path) -> None:
+    # A trial takes 20 s: the fourth begins at 60 and ends at 80.
+    study = open_study(tmp_path, LABEL)
+    search(study, plan_of(seconds=65.0), loop, clock=loop.clock)
+    assert (len(finished(study)), spent(study), loop.now) == (4, 80.0, 80.0)
+
+
+def test_the_budget_is_of_all_calls_together(tmp_path) -> None:
+    for seconds, trials in ((30.0, 2), (30.0, 2), (70.0, 4)):
+        loop = MadeUpLoop()
+        study = open_study(tmp_path, LABEL)
+        search(study, plan_of(seconds=seconds), loop, clock=loop.clock)
+        assert len(finished(study)) == trials
+        assert spent(study) == 20.0 * trials
+
+
+def test_the_present_settings_are_tried_even_with_no_time(loop, tmp_path) -> None:
+    search(open_study(tmp_path, LABEL), plan_of(seconds=1e-6), loop, clock=loop.clock)
+    assert len(loop.made) == 2
+
+
+def test_present_settings_in_trouble_end_the_search(tmp_path) -> None:
+    loop = MadeUpLoop(trouble=True)
+    with pytest.raises(ConfigError, match="the present settings cannot be compared with: ECU FAULT: made up"):
+        search(open_study(tmp_path, LABEL), plan_of(trials=3), loop, clock=loop.clock)
+    assert len(loop.made) == 1
+
+
+def test_a_few_trials_say_nothing_about_what_matters(loop, tmp_path) -> None:
+    study = open_study(tmp_path, LABEL)
+    search(study, plan_of(trials=3), loop, clock=loop.clock)
+    assert importances(study, 0) == {}
+
+
+def test_a_search_of_something_else_is_refused(tmp_path) -> None:
+    open_study(tmp_path, {"seed": 1, "phases": (1, 2)})
+    open_study(tmp_path, {"seed": 1, "phases": (1, 2)})
+    with pytest.raises(OutputError, match="holds a search with other phases, seed; give --overwrite"):
+        open_study(tmp_path, {"seed": 2})
+
+
+def test_a_journal_of_something_else_is_refused(tmp_path) -> None:
+    (tmp_path / JOURNAL).write_text("text\ntext\n")
+    with pytest.raises(OutputError, match="not a search, or damaged"):
+        open_study(tmp_path, LABEL)
+
+
+def test_a_folder_with_something_else_is_refused(tmp_path) -> None:
+    check_place(tmp_path / "missing")
+    check_place(tmp_path)
+    (tmp_path / "starts").mkdir()
+    check_place(tmp_path)
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(OutputError, match="there is something that is no search"):
+        check_place(tmp_path)

@@ -1,0 +1,122 @@
+"""Recording from the steady wake: its random actions, rounds, and what the data set says of them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contract.config.tree import Config
+from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Dataset, read
+from tests.wake.recording.killing import Killed
+from wake.recording.calm_plan import CalmRound
+from wake.recording.controlled_plan import ControlledRound
+from wake.recording.controlled_recording import record_round
+from wake.solver.grid import box_grid
+from wake.truck.state import Origin, State, save_state
+
+START = np.array([0.3, -0.1])
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Path:
+    """A state of the cheap plant, in a file as the steady wake's."""
+    path = tmp_path / "start" / "steady.npz"
+    path.parent.mkdir()
+    config = Config()
+    origin = Origin(shape=box_grid(config.body.length, 1.0).shape, reynolds=config.flow.reynolds)
+    save_state(path, State(flat=START, substep=0, action=0.0, origin=origin))
+    return path
+
+
+def recorded(output: Path, start: Path, wanted: CalmRound, **arguments: Any) -> Dataset:
+    record_round(output, wanted, Config(), start=start, **{"block_steps": 3, **arguments})
+    return read(output)
+
+
+def test_the_random_actions_have_the_amplitudes_asked_for() -> None:
+    plans = CalmRound(episodes=4, steps=100_000, smallest=0.001, largest=0.008).plans(1)
+    rms = [np.sqrt(np.mean(plan.signal(Config()) ** 2)) for plan in plans]
+    # A correlation time of five steps leaves some 20,000 independent values: four standard errors of a deviation.
+    assert rms == pytest.approx([0.001, 0.002, 0.004, 0.008], rel=4 / np.sqrt(2 * 20_000))
+
+
+def test_one_episode_has_the_smallest_amplitude() -> None:
+    assert [plan.amplitude for plan in CalmRound(episodes=1, smallest=0.003).plans(1)] == [0.003]
+
+
+def test_no_two_episodes_are_disturbed_alike() -> None:
+    rounds = [CalmRound(steps=9), CalmRound(steps=9, seed=2), CalmRound(steps=9, role="calm")]
+    plans = [plan for wanted in rounds for number in (1, 2) for plan in wanted.plans(number)]
+    signals = np.array([plan.signal(Config()) / plan.amplitude for plan in plans])
+    assert len(np.unique(signals.round(9), axis=0)) == len(plans) == 48
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"episodes": 0}, "episodes = 0: must be at least 1"),
+        ({"steps": 0}, "steps = 0"),
+        ({"seed": -1}, "seed = -1"),
+        ({"smallest": np.nan}, "smallest amplitude = nan: must be finite and positive"),
+        ({"largest": 0.0}, "largest amplitude = 0.0"),
+        ({"smallest": 0.03}, r"smallest amplitude = 0\.03: must not exceed the largest, 0\.02"),
+        ({"role": "test"}, "role = 'test': must be one of train, calm"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(changes: dict[str, Any], named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        CalmRound(**changes)
+
+
+@pytest.mark.usefixtures("cheap_plant")
+class TestOnACheapPlant:
+    def test_episodes_begin_in_the_file_and_are_driven_by_the_signal(
+        self, tmp_path: Path, start: Path, oscillator: type
+    ) -> None:
+        wanted = CalmRound(episodes=2, steps=7)
+        for plan, episode in zip(wanted.plans(1), recorded(tmp_path / "a.h5", start, wanted).episodes, strict=True):
+            plant, expected = oscillator(), []
+            plant.reset(State(flat=START, substep=0, action=0.0))
+            for action in plan.signal(Config()):
+                expected.append(plant.sample().Cd)
+                plant.advance(action)
+            assert np.array_equal(episode.series["action"], plan.signal(Config()))
+            # Stored in 16 bits.
+            assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
+            assert episode.initial_action == 0.0
+
+    def test_provenance_names_start_amplitude_and_controller(self, tmp_path: Path, start: Path) -> None:
+        wanted = CalmRound(episodes=2, steps=4, smallest=0.001, largest=0.002, seed=4, role="calm", bundle="mine")
+        found = recorded(tmp_path / "a.h5", start, wanted)
+        facts = {"forcing_signal": "calm", "round": 1, "seed": 4, "lead_steps": 0, "bundle": "mine",
+                 "start": "steady.npz"}  # fmt: skip
+        for episode, amplitude in zip(found.with_role("calm"), (0.001, 0.002), strict=True):
+            assert facts.items() <= episode.provenance.items()
+            assert episode.provenance["amplitude"] == pytest.approx(amplitude)
+        with pytest.raises(DatasetError, match="no episode with role 'train'"):
+            found.with_role("train")
+
+    def test_rounds_of_both_kinds_count_on_in_one_file(self, tmp_path: Path, start: Path) -> None:
+        output, wanted = tmp_path / "a.h5", CalmRound(episodes=1, steps=3)
+        recorded(output, start, wanted)
+        controlled = ControlledRound(episodes=1, steps=3, bundle="none", bundle_digest="0" * 64)
+        record_round(output, controlled, Config())
+        names = [episode.name for episode in recorded(output, start, wanted).episodes]
+        assert names == ["calm_1_0", "controlled_2_0", "calm_3_0"]
+
+    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path, start: Path) -> None:
+        wanted = CalmRound(episodes=2, steps=8)
+        whole = recorded(tmp_path / "whole.h5", start, wanted)
+
+        def stop(name: str, steps: int, total: int) -> None:
+            if steps == 6:
+                raise Killed
+
+        stopped = tmp_path / "stopped.h5"
+        with pytest.raises(Killed):
+            recorded(stopped, start, wanted, progress=stop)
+        found = recorded(stopped, start, wanted)
+        for a, b in zip(whole.episodes, found.episodes, strict=True):
+            assert all(np.array_equal(a.series[name], b.series[name]) for name in a.series)
