@@ -1,6 +1,6 @@
 """A linear controller as data: an autoregressive model, a state feedback, and nothing else."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,13 +56,13 @@ class LinearProgram:
 
     @classmethod
     def of(cls, model: LinearModelFolder, mpc: MpcConfig) -> "LinearProgram":
-        """The controller of a stored model with these settings."""
+        """The controller of a stored model with these settings, of which the iterations become 1: there are none."""
         about = model.description
         return cls(
             model=model.model,
             gain=model.gain,
             scaling=about.scaling,
-            mpc=mpc,
+            mpc=replace(mpc, iterations=1),
             action_limit=about.config.flow.action_limit,
             sensors=about.sensors,
         )

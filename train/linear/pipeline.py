@@ -130,8 +130,8 @@ def identify_all(
 
     Args:
         recording: data set.
-        config: settings; control period and limit of the jets are taken from the recording where it knows them, the
-            window from `how`, and iterations there are none.
+        config: settings; control period and limit of the jets are taken from the recording where it knows them, and
+            the window from `how`.
         phase: called with each of `PHASES` when it begins.
 
     Raises:
@@ -192,7 +192,7 @@ _PACKAGES: Final = ("stillwake", "numpy", "scipy")
 
 
 def _settings(config: Config, how: Identification) -> Config:
-    return replace(config, model=replace(config.model, window=how.window), mpc=replace(config.mpc, iterations=1))
+    return replace(config, model=replace(config.model, window=how.window))
 
 
 def _judged(series: Sequence[Series], how: Identification) -> np.typing.NDArray[np.float64]:

@@ -53,7 +53,9 @@ def episode(name: str, steps: int, seed: int, *, noise: float = 0.0, probe: bool
 
 def recorded(episodes: Sequence[Episode]) -> Dataset:
     return Dataset(
-        tuple(episodes), layout=LAYOUT, facts=PlantFacts(control_period=PERIOD, action_limit=0.075, reynolds=500.0)
+        episodes=tuple(episodes),
+        layout=LAYOUT,
+        facts=PlantFacts(control_period=PERIOD, action_limit=0.075, reynolds=500.0),
     )
 
 
