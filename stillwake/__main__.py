@@ -27,6 +27,7 @@ from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
 from stillwake.commands.flash import flash
 from stillwake.commands.flash_keys import flash_keys
+from stillwake.commands.identify import identify
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
@@ -76,7 +77,7 @@ SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
     CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
-    MODEL: (record, train, export, tune),
+    MODEL: (record, train, identify, export, tune),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),
 }

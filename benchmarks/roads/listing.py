@@ -16,6 +16,7 @@ ROADS: Final = {
     "release": "release",
     "calm-tuned": "calm_tuned",
     "mpc-90": "mpc_90",
+    "linear": "linear",
     "release-coarse": "oracle_rows",
     "oracle-25": "oracle_rows",
     "oracle-50": "oracle_rows",

@@ -40,6 +40,8 @@ MAX_SENSORS: Final = 1_000
 Precision = Literal["float32", "int8"]
 """Of the weights; arithmetic is float32 in either `controller.onnx`."""
 PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
+LINEAR: Final = "linear"
+"""`kind` in the provenance of a release whose controller is a linear model and a state feedback."""
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
@@ -138,6 +140,11 @@ class Manifest:
     sensor_estimator: SensorEstimator | None = None
     security_version: int = 0
     hardware: str | None = None
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether its maker says that the controller is linear: then the cost's weights change no action."""
+        return self.provenance.get("kind") == LINEAR
 
     def __post_init__(self) -> None:
         if not is_name(self.name):

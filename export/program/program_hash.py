@@ -3,16 +3,22 @@
 import hashlib
 import json
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
+from export.program.linear_program import LinearProgram
 
 
-def program_sha256(program: ControllerProgram) -> str:
+def program_sha256(program: ControllerProgram | LinearProgram) -> str:
     """SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
     digest = hashlib.sha256()
-    tree = {name: asdict(getattr(program, name)) for name in ("encoder", "dynamics", "decoder", "scaling", "mpc")}
+    tree: dict[str, Any] = {"scaling": asdict(program.scaling), "mpc": asdict(program.mpc)}
+    if isinstance(program, LinearProgram):
+        tree |= {"linear": {"model": program.model, "gain": program.gain}}
+    else:
+        tree |= {name: asdict(getattr(program, name)) for name in ("encoder", "dynamics", "decoder")}
     settings = {
         **tree,
         "action_limit": program.action_limit,

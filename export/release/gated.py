@@ -95,7 +95,7 @@ def _gate_library(lowered: Lowered, windows: Sequence[Array], limits: Quantisati
         quantisation = compare_answers(lowered.program.source, controller.control_step, windows)
         check_quantisation(quantisation, limits, name="int8 C library")
     else:
-        parity = check_lowering(lowered.program, controller, "C library", windows)
+        parity = check_lowering(lowered.effective, controller, "C library", windows)
     replayed = replay(controller, windows, lowered.effective.mpc.horizon)
     return LibraryReport(
         parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes, replayed=replayed

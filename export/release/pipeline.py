@@ -32,6 +32,7 @@ from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
+from export.reference.specification import AnyProgram
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
@@ -85,7 +86,7 @@ def calibration_windows(
     return found
 
 
-def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
+def gate_windows(program: AnyProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
     """The last `GATE_WINDOWS` windows (L, S+1) of the first episode that has as many.
 
     Raises:
@@ -146,7 +147,7 @@ def export_all(
         c_folder_format.check_replaceable(c_folder)
     phase("read")
     trained = model_folder.read(model)
-    _check_settings(trained.description, config)
+    check_settings(trained.description.config, config)
     episodes = _recording_of(trained.description, recording, named, notice)
     program = program_of(trained, config.mpc)
     lowered, windows = _lowered(program, episodes, precision, with_library=c_folder is not None, phase=phase)
@@ -240,8 +241,8 @@ def _positions(model: Description) -> tuple[tuple[float, float], ...]:
     return tuple((float(x), float(y)) for x, y in chosen)
 
 
-def _check_settings(model: Description, config: Config) -> None:
-    """The controller's clock and limit are what the model was trained with, and its time fits into the clock's period.
+def check_settings(own: Config, config: Config) -> None:
+    """Raise ExportError unless the settings keep the model's clock and limit, and the computing time fits the clock.
 
     The manifest would refuse that too, but only after the work, and with the C library written.
     """
@@ -252,7 +253,7 @@ def _check_settings(model: Description, config: Config) -> None:
             f"{vehicle.budget_ms:g} ms (flow.control_period in W / U_inf of operating_point)"
         )
     for name in ("control_period", "action_limit"):
-        trained, here = getattr(model.config.flow, name), getattr(config.flow, name)
+        trained, here = getattr(own.flow, name), getattr(config.flow, name)
         if trained != here:
             raise ExportError(
                 f"flow.{name} = {here:g} in the settings, the model was trained with {trained:g}: "

@@ -1,9 +1,9 @@
-"""Write a sample of the C library, of a small random program in both precisions, to open, compile and debug.
+"""Write samples of the C library, of small random programs of every kind, to open, compile and debug.
 
     python -m export.to_c build/c
 
-makes `build/c/float32` and `build/c/int8`, which are folders as `stillwake export --c` writes them, and
-`compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.
+makes `build/c/float32`, `build/c/int8` and `build/c/linear`, which are folders as `stillwake export --c` writes them,
+and `compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.
 """
 
 from pathlib import Path
@@ -19,18 +19,21 @@ from contract.controller.compiler import STANDARD
 from contract.controller.host_library import CController
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
+from export.program.random_linear_program import random_linear_program
 from export.program.random_program import random_program, random_windows
 from export.to_c.folder_files import documents, replay
 from export.to_c.library import c_library
+from export.to_c.linear_library import linear_c_library
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 MPC = MpcConfig(horizon=8)
 
 
 def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples.")]) -> None:
-    """Write a sample of the C library in both precisions."""
+    """Write a sample of the C library of each kind."""
     program = random_program(0, model=MODEL, mpc=MPC)
     windows = random_windows(program, 10)
+    linear = random_linear_program(0, window=program.window, mpc=MPC)
     series = np.concatenate(windows[:2]).astype(np.float32).astype(np.float64)
     sliding = [series[k : k + program.window] for k in range(len(series) - program.window + 1)]
     others = {
@@ -40,10 +43,12 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     folder.mkdir(parents=True, exist_ok=True)
     rounded = rounded_on(program, windows)
     int8 = c_library(rounded, activation_ranges(rounded.program, windows))
-    for precision, library in (("float32", c_library(program)), ("int8", int8)):
+    libraries = {"float32": c_library(program), "int8": int8, "linear": linear_c_library(linear)}
+    for kind, library in libraries.items():
+        # Window, sensors and horizon are the same for all.
         answers = replay(CController(library, program.sizes), sliding, program.mpc.horizon)
         contents = library | others | {EXPECTED: rows_text(answers).encode()} | documents(library)
-        write_folder(folder / precision, contents)
+        write_folder(folder / kind, contents)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from export.program.float32 import as_float32, float32_within
 from export.program.program_hash import program_sha256
 from export.program.weights import LAYER_NORM_EPSILON
 from export.reference.mpc import ADAM_BETAS, ADAM_EPSILON
+from export.reference.specification import AnyProgram
 from export.to_c.float32_arrays import LANES, float_arrays
 from export.to_c.int8_arrays import Values, int8_arrays
 from export.to_c.int8_format import c_constants
@@ -58,7 +59,12 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
     """The control step's sources that are the same for every program."""
-    return _sources_in("common", precision)
+    return _sources_in("common", "networks", precision)
+
+
+def linear_sources() -> dict[str, bytes]:
+    """The same of a linear controller."""
+    return _sources_in("common", "linear")
 
 
 def ecu_sources() -> dict[str, bytes]:
@@ -84,12 +90,7 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
     mpc = program.mpc
     beta1, beta2 = ADAM_BETAS
     return {
-        "SW_PROGRAM_SHA256": program_sha256(program),
-        "SW_DBC_SHA256": dbc_sha256(),
-        "SW_SENSOR_NAMES": " ".join(program.sensors),
-        "SW_PRECISION": precision,
-        "SW_WINDOW": program.window,
-        "SW_SENSORS": len(program.sensors),
+        **shared_settings(program, precision),
         "SW_LSTM": program.encoder.lstm.width,
         "SW_HEAD": len(program.encoder.hidden.bias),
         "SW_LATENT": program.latent,
@@ -97,18 +98,31 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_DYN2": len(program.dynamics.hidden.bias),
         "SW_DECODER": len(program.decoder.input.bias),
         "SW_BLOCKS": len(program.decoder.blocks),
-        "SW_HORIZON": mpc.horizon,
         "SW_ITERATIONS": mpc.iterations,
-        "SW_DRAG_REFERENCE": np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference")),
-        "SW_ACTION_LIMIT": np.float32(float32_within(program.action_limit)),
-        # In C, `SW_` and a term's name in capitals is its index.
-        **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
-        "SW_TERMS": len(TERMS),
         "SW_NORM_EPSILON": np.float32(LAYER_NORM_EPSILON),
         "SW_ADAM_BETA1": np.float32(beta1),
         "SW_ADAM_BETA2": np.float32(beta2),
         "SW_ADAM_EPSILON": np.float32(ADAM_EPSILON),
         **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
+    }
+
+
+def shared_settings(program: AnyProgram, precision: Precision) -> dict[str, int | str | np.float32]:
+    """What `sw_settings.h` has of either kind of program."""
+    mpc = program.mpc
+    return {
+        "SW_PROGRAM_SHA256": program_sha256(program),
+        "SW_DBC_SHA256": dbc_sha256(),
+        "SW_SENSOR_NAMES": " ".join(program.sensors),
+        "SW_PRECISION": precision,
+        "SW_WINDOW": program.window,
+        "SW_SENSORS": len(program.sensors),
+        "SW_HORIZON": mpc.horizon,
+        "SW_DRAG_REFERENCE": np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference")),
+        "SW_ACTION_LIMIT": np.float32(float32_within(program.action_limit)),
+        # In C, `SW_` and a term's name in capitals is its index.
+        **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
+        "SW_TERMS": len(TERMS),
     }
 
 

@@ -7,9 +7,8 @@ horizon, then one more roll-out for the forces and the cost of the result. Writt
 
 import onnx
 
-from contract.controller.interface import OUTPUTS
+from contract.controller.interface import OUTPUTS, Sizes
 from export.int8.rounded_program import Program, effective, precision_of
-from export.program.controller_program import ControllerProgram
 from export.to_onnx.adam import lower_adam
 from export.to_onnx.cost import Cost
 from export.to_onnx.decoder import Decoder
@@ -32,7 +31,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     weights = graph.default("weights", program.mpc.weights.as_tuple())
 
     dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
-    cost = Cost(graph, program, weights, _previous_action(graph, program, window))
+    cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window))
     z = lower_encoder(graph, program, window, store)
 
     def gradient(body: Graph, candidate: str) -> str:
@@ -42,7 +41,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
         through_forces = decoder.adjoint(body, tapes, local.signed_forces)
         return dynamics.adjoint(body, rollout, through_forces, local.plan)
 
-    optimised = lower_adam(graph, program, _shifted(graph, plan, program.mpc.horizon), free, gradient)
+    optimised = lower_adam(graph, program, shifted(graph, plan, program.mpc.horizon), free, gradient)
     forces = decoder.forces(graph, dynamics.rollout(graph, z, optimised).latents)
     new_plan = graph.op("Squeeze", optimised, graph.index([0]))
     terms = cost.terms(graph, forces, new_plan)
@@ -51,17 +50,17 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     return graph.model("stillwake_controller", f"LSTM-MPC control step, {precision_of(lowered)} weights")
 
 
-def _previous_action(graph: Graph, program: ControllerProgram, window: str) -> str:
+def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
     """a_{-1}, the last row's last column, as (1,)."""
-    last, column = program.window - 1, len(program.sensors)
+    last, column = sizes.window - 1, sizes.sensors
     corner = graph.op(
         "Slice", window, graph.index([last, column]), graph.index([last + 1, column + 1]), graph.index([0, 1])
     )
     return graph.op("Reshape", corner, graph.index([1]))
 
 
-def _shifted(graph: Graph, plan: str, horizon: int) -> str:
-    """As a row (1, H)."""
+def shifted(graph: Graph, plan: str, horizon: int) -> str:
+    """The previous plan one step later, its last action repeated, as a row (1, H)."""
     start, end = graph.index([horizon - 1]), graph.index([horizon])
     shifted = graph.op(
         "Concat",

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contract.config.controller import MpcConfig
 from contract.controller.interface import TERMS
-from export.program.controller_program import ControllerProgram
 from export.to_onnx.graph_builder import Graph
 
 
@@ -18,17 +18,24 @@ class CostGradientNames:
 
 
 class Cost:
-    """J for given weights (7,) and previous action (1,); both are values of the outermost graph."""
+    """J for given weights (7,) and previous action (1,); both are values of the outermost graph.
 
-    def __init__(self, graph: Graph, program: ControllerProgram, weights: str, previous_action: str) -> None:
-        self._horizon = program.mpc.horizon
+    Args:
+        with_gradient: whether `gradient` is to be called, which needs values of its own.
+    """
+
+    def __init__(
+        self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, *, with_gradient: bool = True
+    ) -> None:
+        self._horizon = mpc.horizon
         self._previous_action = previous_action
         self._weights = weights
         # One value of shape (1,) per term.
         pieces = graph.ops("Split", weights, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
-        self._drag_reference = graph.constant([program.mpc.drag_reference], "drag_reference")
-        self._prepare(graph)
+        self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
+        if with_gradient:
+            self._prepare(graph)
 
     def terms(self, graph: Graph, forces: str, plan: str) -> str:
         """The unweighted terms, (7,)."""

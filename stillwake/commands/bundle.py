@@ -18,6 +18,7 @@ from contract.release import key_list, signing
 from contract.release.bundle import Bundle
 from contract.release.difference import differences
 from contract.release.key_list import KeyList
+from contract.release.manifest import Manifest
 from contract.release.signing import PublicKey
 from stillwake.fitted_estimator import fitted_estimator
 from stillwake.outputs import Overwrite, check_output
@@ -228,6 +229,15 @@ def _show(listed: KeyList, root: PublicKey) -> None:
     console.print(table)
 
 
+def _controller(manifest: Manifest) -> list[tuple[str, str]]:
+    mpc = manifest.mpc
+    if manifest.is_linear:
+        kind = "linear controller: a linear model and a state feedback, no optimiser; predicts its mean Cd"
+        return [("kind", kind), ("forecast", f"horizon {mpc.horizon}, drag reference {mpc.drag_reference:g}")]
+    optimiser = f"{mpc.iterations} iterations, learning rate {mpc.learning_rate:g}"
+    return [("MPC", f"horizon {mpc.horizon}, {optimiser}, drag reference {mpc.drag_reference:g}")]
+
+
 def rows(release: Bundle) -> list[tuple[str, str]]:
     """Everything a manifest ties together, by name."""
     manifest = release.manifest
@@ -246,9 +256,8 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("sensors", ", ".join(manifest.sensors)),
         *((f"position {name}", f"x {x:+.4f} W, y {y:+.4f} W") for name, (x, y) in positions),
         ("window", f"{manifest.window} control steps"),
-        ("MPC", f"horizon {mpc.horizon}, {mpc.iterations} iterations, learning rate {mpc.learning_rate:g}, "
-         f"drag reference {mpc.drag_reference:g}"),
-        ("MPC weights", weights),
+        *_controller(manifest),
+        ("MPC weights", f"{weights}{'; of the reported cost, no action depends on them' * manifest.is_linear}"),
         ("limit", f"|a| <= {manifest.action_limit:g} U_inf W"),
         ("operating point", f"W {point.width:g} m, U_inf {point.speed:g} m/s, rho {point.density:g} kg/m3"),
         ("timing", f"control period {manifest.control_period:g} t_c, {manifest.budget_ms:g} ms; of it "

@@ -11,10 +11,11 @@ import typer
 from rich.table import Table
 
 from can_bridge.wire.messages import SENSORS
+from contract import linear_model_folder, model_folder
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
-from contract.model_folder import DESCRIPTION, read_description
+from contract.errors import ConfigError, ExportError, ModelError, OutputError, StillwakeError
+from contract.linear_model_folder import is_linear
 from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
@@ -33,13 +34,16 @@ USES_IN_C: Final = ("bus", "ecu")
 
 def export(
     model: Annotated[
-        Path | None, typer.Argument(help="Model directory written by `train`. Default: the shipped one.")
+        Path | None,
+        typer.Argument(help="Model directory written by `train` or `identify`. Default: the shipped one."),
     ] = None,
     output: Annotated[
         Path | None,
         typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is of the shipped bundle."),
     ] = None,
-    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
+    precision: Annotated[
+        str | None, typer.Option(help="int8 (weights) or float32. Default: int8; a linear model is float32 only.")
+    ] = None,
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
         Path | None,
@@ -81,17 +85,23 @@ def export(
     if c_folder is not None:
         check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
 
-    from export.release.pipeline import PHASES, export_all, gate_figures
+    from export.release import linear_pipeline, pipeline
+    from export.release.pipeline import gate_figures
     from stillwake.c_release import ecu_files
 
     say = partial(console.print, soft_wrap=True, markup=False)
     used = recording() if dataset is None else dataset
+    linear = is_linear(model)
+    phases = linear_pipeline.PHASES if linear else pipeline.PHASES
+    chosen = precision or ("float32" if linear else "int8")
+    if linear and chosen != "float32":
+        raise ExportError(f"--precision {chosen}: a linear controller is float32 only")
+    export_it = linear_pipeline.export_linear if linear else partial(pipeline.export_all, precision=chosen)
     with progress_bar("phases") as bar:
-        task = bar.add_task("export", total=len(PHASES), note="")
-        done = export_all(
+        task = bar.add_task("export", total=len(phases), note="")
+        done = export_it(
             model,
             output,
-            precision=precision,
             name=name,
             recording=used,
             config=config,
@@ -102,13 +112,13 @@ def export(
             estimator=partial(fitted_estimator, used, bar, threads=threads) if sensors else None,
             ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
-            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+            phase=lambda begun: bar.update(task, completed=phases.index(begun), note=begun),
         )
-        bar.update(task, completed=len(PHASES), note="")
+        bar.update(task, completed=len(phases), note="")
     _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {precision}, {size}, {signed}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}: {chosen}, {size}, {signed}", soft_wrap=True, markup=False)
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
@@ -118,7 +128,7 @@ def export(
         )
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
-        console.print(f"wrote {c_folder}: C99, {precision}, {workspace}", soft_wrap=True, markup=False)
+        console.print(f"wrote {c_folder}: C99, {chosen}, {workspace}", soft_wrap=True, markup=False)
 
 
 def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:
@@ -153,7 +163,7 @@ def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
 def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
     """The model's own, with what the user gives on top."""
     try:
-        own = read_description(model)["config"]
+        own = (linear_model_folder if is_linear(model) else model_folder).read_description(model)["config"]
     except ModelError:
         # As for every other command, a setting that does not exist comes first.
         load(file, overrides)
@@ -161,7 +171,8 @@ def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Seq
     try:
         base = from_tree(own)
     except ConfigError as error:
-        raise ModelError(f"model {model}: {DESCRIPTION}: {error}") from error
+        description = (linear_model_folder if is_linear(model) else model_folder).DESCRIPTION
+        raise ModelError(f"model {model}: {description}: {error}") from error
     return settings("export", file, overrides, uses=uses, base=base).config
 
 

@@ -39,12 +39,12 @@ def flags_of(folder: Path) -> list[str]:
     return (folder / COMPILE_FLAGS).read_text().split()
 
 
-@pytest.mark.parametrize("precision", ["float32", "int8"])
-def test_a_sample_is_parsed_by_its_flags(samples, precision):
-    parse(samples / precision, flags_of(samples / precision))
+@pytest.mark.parametrize("kind", ["float32", "int8", "linear"])
+def test_a_sample_is_parsed_by_its_flags(samples, kind):
+    parse(samples / kind, flags_of(samples / kind))
 
 
-@pytest.mark.parametrize("folder", ["common", "float32", "int8"])
+@pytest.mark.parametrize("folder", ["common", "networks", "float32", "int8", "linear"])
 def test_the_sources_are_parsed_in_place(samples, folder):
     flags = flags_of(SOURCES / folder)
     assert any(SAMPLES in flag for flag in flags)

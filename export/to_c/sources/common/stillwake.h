@@ -1,9 +1,9 @@
-/* One control step of the LSTM-MPC: sensor window in, jet plan out.
+/* One control step: sensor window in, jet plan out.
  *
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
  * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
  * the work of a step does not depend on the data. Compile the sources as C; C++ may include this header. sw_settings.h,
- * generated, has the sizes and the hash of the trained program.
+ * generated, has the sizes and the hash of the program.
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H

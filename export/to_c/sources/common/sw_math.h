@@ -1,4 +1,4 @@
-/* exp, tanh, the logistic function and the square root, without branches so that loops over them vectorise.
+/* Finite numbers; exp, tanh, the logistic function and the square root, without branches so that loops over them vectorise.
  * The error bounds are held by tests over all arguments that a controller meets.
  */
 #ifndef SW_MATH_H
@@ -34,6 +34,15 @@ static inline uint32_t sw_to_bits(float value)
 }
 
 static inline float sw_abs(float value) { return sw_from_bits(sw_to_bits(value) & 0x7fffffffu); }
+
+/* Whether all are finite numbers; comparisons with NaN are false. */
+static inline int sw_all_finite(const float *values, int count)
+{
+    const float largest = 3.40282347e38f;
+    int finite = 1;
+    for (int i = 0; i < count; i++) finite &= sw_abs(values[i]) <= largest;
+    return finite;
+}
 
 /* exp(x) within 1.5e-7 relative for -87 <= x <= 88; held at its value there beyond.
  * x = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), q fitted for the least largest error.

@@ -1,4 +1,6 @@
-/* The parts of a control step, in the order they run. Each file implements one. */
+/* The parts of a control step with networks, in the order they run; each file implements one. The terms of the cost are
+ * in sw_cost.h.
+ */
 #ifndef SW_PARTS_H
 #define SW_PARTS_H
 
@@ -16,9 +18,6 @@ void sw_roll_out(sw_workspace *work);
 
 /* work->forces from work->latents; leaves the tape. */
 void sw_decode(sw_workspace *work);
-
-/* Unweighted cost terms of work->forces and work->plan. */
-void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS]);
 
 /* dJ/dforces, work->d_forces, and dJ/da with the forces held fixed, work->gradient. */
 void sw_cost_gradient(sw_workspace *work, float previous_action, const float weights[SW_TERMS]);

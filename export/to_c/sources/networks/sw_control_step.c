@@ -1,40 +1,8 @@
 /* A control step: encode, shift the plan, optimise it, predict what it does. */
+#include "sw_cost.h"
 #include "sw_math.h"
 #include "sw_parts.h"
 #include "sw_weights.h"
-
-/* Largest finite float; comparisons with NaN are false. */
-#define LARGEST 3.40282347e38f
-
-static int all_finite(const float *values, int count)
-{
-    int finite = 1;
-    for (int i = 0; i < count; i++) finite &= sw_abs(values[i]) <= LARGEST;
-    return finite;
-}
-
-void sw_input_reset(sw_input *input)
-{
-    for (int row = 0; row < SW_WINDOW; row++) {
-        for (int c = 0; c < SW_COLUMNS; c++) input->window[row][c] = sw_window_mean[c];
-    }
-    for (int k = 0; k < SW_HORIZON; k++) {
-        input->plan[k] = 0.0f;
-        input->free[k] = 1.0f;
-    }
-    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = sw_default_weights[i];
-}
-
-void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float previous_action)
-{
-    for (int row = 0; row + 1 < SW_WINDOW; row++) {
-        for (int c = 0; c < SW_COLUMNS; c++) input->window[row][c] = input->window[row + 1][c];
-    }
-    for (int s = 0; s < SW_SENSORS; s++) input->window[SW_WINDOW - 1][s] = pressures[s];
-    input->window[SW_WINDOW - 1][SW_SENSORS] = previous_action;
-}
-
-size_t sw_workspace_bytes(void) { return sizeof(sw_workspace); }
 
 void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int iteration)
 {
@@ -78,8 +46,8 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
         output->forces[k][1] = work->forces[1][k];
     }
     /* The inputs as well: clipping makes a finite action of a NaN. */
-    const int finite = all_finite(&input->window[0][0], SW_WINDOW * SW_COLUMNS) & all_finite(input->plan, SW_HORIZON) &
-                       all_finite(input->weights, SW_TERMS) & all_finite(&output->forces[0][0], 2 * SW_HORIZON) &
-                       all_finite(output->plan, SW_HORIZON) & all_finite(&output->cost, 1);
+    const int finite = sw_all_finite(&input->window[0][0], SW_WINDOW * SW_COLUMNS) & sw_all_finite(input->plan, SW_HORIZON) &
+                       sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&output->forces[0][0], 2 * SW_HORIZON) &
+                       sw_all_finite(output->plan, SW_HORIZON) & sw_all_finite(&output->cost, 1);
     return finite ? SW_OK : SW_NOT_FINITE;
 }

@@ -1,0 +1,24 @@
+/* Scratch memory of a control step of a linear controller. Public only because the caller owns it. */
+#ifndef SW_WORKSPACE_H
+#define SW_WORKSPACE_H
+
+#include "sw_settings.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What a history has for each control step: the differences, then the action. */
+#define SW_ROW (SW_DIFFERENCES + 1)
+
+typedef struct {
+    float history[SW_WINDOW + SW_HORIZON][SW_ROW]; /* oldest first: what was, then what is predicted */
+    float forces[2][SW_HORIZON];                   /* Cd, then Cl */
+    float plan[SW_HORIZON];
+} sw_workspace;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

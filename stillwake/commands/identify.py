@@ -1,0 +1,129 @@
+"""The command that makes a linear controller of a recording."""
+
+from dataclasses import asdict
+from datetime import date
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+from rich.table import Table
+
+from contract.config.loading import to_tree
+from contract.linear_model_folder import check_free
+from contract.results import write_result
+from stillwake.outputs import Overwrite, check_json, check_output
+from stillwake.settings import settings
+from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from wake.shipped import recording as shipped_recording
+
+if TYPE_CHECKING:
+    # Loading scipy takes time, which the other commands need not wait for.
+    from train.linear.pipeline import Identified
+
+USES: Final = ("flow", "mpc", "operating_point", "ecu.compute_time_ms")
+"""Settings that the model keeps for its export."""
+
+
+def identify(
+    output: Annotated[Path, typer.Argument(help="Linear model directory to write.")],
+    dataset: Annotated[Path | None, typer.Option(help="HDF5 data set; default: the shipped recording.")] = None,
+    episodes: Annotated[
+        str, typer.Option(help="Comma-separated names of episodes to use; * stands for anything.")
+    ] = "controlled*",
+    leave_out: Annotated[int, typer.Option(help="Control steps at an episode's start that are not used.")] = 500,
+    window: Annotated[int, typer.Option(help="Memory of model and controller, in control steps.")] = 64,
+    ridge: Annotated[float, typer.Option(help="Of the regression, on regressors scaled to 1.")] = 1e-3,
+    held_out: Annotated[float, typer.Option(help="Last part of each episode, to judge on.")] = 0.25,
+    fastest: Annotated[
+        float, typer.Option(help="Refuse a model with a mode that grows by more e-foldings in t_c.")
+    ] = 1.0,
+    action_weight: Annotated[float, typer.Option(help="On the square of the action in U_inf W.")] = 100.0,
+    difference_weight: Annotated[float, typer.Option(help="On the square of each pressure difference in Cp.")] = 10.0,
+    lift_weight: Annotated[float, typer.Option(help="On the square of Cl.")] = 1.0,
+    probe_weight: Annotated[
+        float, typer.Option(help="On the square of the recorded transverse velocity behind the body; 0 needs none.")
+    ] = 1.0,
+    sensors: Annotated[
+        str, typer.Option(help="Comma-separated pairs: a sensor, its mirror image, and so on.")
+    ] = "upper_39,lower_39,base_0,base_9",
+    overwrite: Overwrite = False,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Make a linear controller of a recording: an autoregressive model by regression, and a regulator on it.
+
+    It takes seconds, needs no PyTorch, and is the cheapest controller for a
+    microcontroller. `export` turns the folder into a bundle and a C library,
+    as it does with a trained model.
+    docs/how-to/identify-a-linear-controller.md says what it is good for.
+    """
+    config = settings("identify", config_file, overrides, uses=USES).config
+    recording = shipped_recording() if dataset is None else dataset
+    check_free(output)
+    check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
+    check_json(json_file)
+
+    from train.linear.pipeline import PHASES, Design, Identification, identify_all
+
+    how = Identification(
+        episodes=_names(episodes),
+        leave_out=leave_out,
+        window=window,
+        ridge=ridge,
+        held_out=held_out,
+        fastest=fastest,
+        sensors=_names(sensors),
+    )
+    weights = Design(action=action_weight, differences=difference_weight, lift=lift_weight, probe=probe_weight)
+    with progress_bar("phases") as bar:
+        task = bar.add_task("identify", total=len(PHASES), note="")
+        done = identify_all(
+            recording,
+            output,
+            config,
+            how,
+            weights,
+            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+        )
+        bar.update(task, completed=len(PHASES), note="")
+    console.print(_accuracy(done))
+    console.print(_facts(done))
+    if json_file is not None:
+        write_result(
+            json_file,
+            figures=done.as_metrics(),
+            facts={
+                "dataset_sha256": sha256(recording.read_bytes()).hexdigest(),
+                "identification": asdict(how),
+                "design": asdict(weights),
+                "config": to_tree(config),
+                "versions": done.versions,
+            },
+            on=date.today(),
+        )
+    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _accuracy(done: "Identified") -> Table:
+    ahead = (f"R2 {steps} ahead" for steps in done.r2)
+    table = Table("", *ahead, title="last parts of the episodes, by a model that was fitted to the first parts")
+    for row, name in enumerate(done.rows):
+        table.add_row(name, *(f"{values[row]:.3f}" for values in done.r2.values()))
+    return table
+
+
+def _facts(done: "Identified") -> Table:
+    table = Table("linear controller", "")
+    table.add_row("fitted to", f"{done.steps} steps of {len(done.episodes)} episodes: {', '.join(done.episodes)}")
+    table.add_row("spectral radius, open loop", f"{done.open_loop:.4f}")
+    table.add_row("spectral radius, closed loop", f"{done.closed_loop:.4f}")
+    growing = "; ".join(f"{growth:.3f} at {frequency:.3f}/t_c" for growth, frequency in done.growing)
+    table.add_row("growing modes, e-foldings in t_c", growing or "none")
+    table.add_row("sum of gains", f"{done.gain_sum:.3g}")
+    return table

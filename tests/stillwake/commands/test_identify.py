@@ -1,0 +1,133 @@
+"""`identify`, `export` and `run` on a linear controller: from a data set to the loop over the bus."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract import linear_model_folder
+from contract.config.loading import load_config
+from contract.controller.compiler import host_compiler
+from contract.controller.onnx_session import OnnxController
+from contract.errors import LibraryError
+from contract.recording import dataset
+from contract.recording.dataset import Dataset, Episode
+from contract.recording.facts import PlantFacts
+from contract.release import bundle
+from contract.sensors import TRUCK
+from export.program.linear_program import LinearProgram
+from export.reference.linear import linear_control_step
+from firmware_sim.ecu.library_controller import open_library
+from tests.train.linear.systems import episode
+from train.linear.differences import SENSORS
+from train.linear.pipeline import Design, Identification, identify_all
+
+FACTS = PlantFacts(control_period=0.2, action_limit=0.075, reynolds=500.0)
+OPTIONS = ("--window", "6", "--leave-out", "10")
+SPANS = ("--lead-in", "2", "--controlled", "2", "--no-averages", "--set", "flow.refinement=0.5")
+
+
+def on_the_truck(name: str, seed: int) -> Episode:
+    """The same differences at the truck's places, all other sensors as in still air."""
+    known = episode(name, 400, seed, noise=0.005, probe=True)
+    Cp = np.zeros((len(known), len(TRUCK)))
+    Cp[:, TRUCK.indices(SENSORS)] = known.series["Cp"]
+    Cp += 1e-3 * np.random.default_rng(seed).normal(size=Cp.shape)
+    return replace(known, series={**known.series, "Cp": Cp})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Recordings of a linear system on the truck's sensors, and a model of it whose loop needs few periods."""
+    place = tmp_path_factory.mktemp("linear")
+    episodes = tuple(on_the_truck(f"controlled_{seed}", seed) for seed in range(2))
+    dataset.write(place / "short.h5", Dataset(episodes=episodes, facts=FACTS))
+    dataset.write(place / "one.h5", Dataset(episodes=episodes[:1], facts=FACTS))
+    how = Identification(window=6, leave_out=10)
+    identify_all(place / "short.h5", place / "model", load_config(), how, Design())
+    return place
+
+
+def test_a_model_is_identified_and_described(cli, folder, tmp_path):
+    done = cli("identify", tmp_path / "m", *OPTIONS, "--dataset", folder / "short.h5", "--json", tmp_path / "m.json")
+    assert done.code == 0, done.err
+    assert "spectral radius, closed loop" in done.out
+    figures = json.loads((tmp_path / "m.json").read_text())
+    assert figures["figures"]["closed_loop"] < 1.0
+    assert figures["facts"]["identification"]["window"] == 6
+    again = cli("identify", tmp_path / "m", *OPTIONS)
+    assert again.code == 1
+    assert "--overwrite" in again.err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--episodes", "nobody"), "no episode is called nobody"),
+        (("--sensors", "upper_39,base_0"), "upper_39 and base_0 are no pair"),
+        (("--ridge", "-1"), "ridge = -1"),
+        (("--fastest", "-1"), "fastest = -1"),
+        (("--dataset", "nowhere.h5"), "nowhere.h5"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(cli, folder, tmp_path, options, said):
+    done = cli("identify", tmp_path / "m", "--dataset", folder / "short.h5", *options)
+    assert done.code == 1
+    assert said in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "m").exists()
+
+
+def test_a_linear_model_is_never_int8(cli, folder, tmp_path):
+    done = cli("export", folder / "model", tmp_path / "b", "--precision", "int8")
+    assert (done.code, done.err) == (1, "error: --precision int8: a linear controller is float32 only\n")
+    assert not (tmp_path / "b").exists()
+
+
+def test_another_recording_must_be_named(cli, folder, tmp_path):
+    done = cli("export", folder / "model", tmp_path / "b")
+    assert done.code == 1
+    assert "identified from" in done.err
+    done = cli("export", folder / "model", tmp_path / "b", "--dataset", folder / "one.h5")
+    assert done.code == 0, done.err
+    assert "is not the recording that the model was identified from" in done.out
+
+
+@pytest.mark.compiler
+@pytest.mark.slow  # two runs of the loop, and builds
+def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path):
+    """The bundle round trip, graph and library beside the reference, and the ECU in Python and in C over the bus."""
+    try:
+        host_compiler()
+    except LibraryError as error:
+        pytest.skip(str(error))
+    used = ("--dataset", folder / "short.h5", "--set", "mpc.horizon=9")
+    done = cli("export", folder / "model", tmp_path / "b", "--c", tmp_path / "c", *used)
+    assert done.code == 0, done.err
+    release = bundle.load(tmp_path / "b")
+    manifest = release.manifest
+    assert manifest.is_linear
+    assert (manifest.precision, manifest.window, manifest.mpc.horizon, manifest.mpc.iterations) == ("float32", 6, 9, 1)
+    assert manifest.sensors == SENSORS
+    assert manifest.sensor_positions == tuple((x, y) for x, y in TRUCK.positions[TRUCK.indices(SENSORS)].tolist())
+    described = cli("bundle", "inspect", tmp_path / "b")
+    assert "linear controller" in described.out
+
+    program = LinearProgram.of(linear_model_folder.read(folder / "model"), manifest.mpc)
+    window = np.column_stack([0.1 * np.random.default_rng(0).normal(size=(6, 4)) - 0.4, np.full(6, 0.01)])
+    expected = linear_control_step(program, window, np.zeros(9), np.ones(9))
+    for controller in (OnnxController.of(release), open_library(tmp_path / "c", release)):
+        found = controller.control_step(window, np.zeros(9), np.ones(9))
+        np.testing.assert_allclose(found.plan, expected.plan, atol=1e-6)
+        np.testing.assert_allclose(found.forces, expected.forces, atol=1e-5)
+
+    summaries = []
+    for kind, options in (("python", ()), ("c", ("--ecu", "c", "--library", tmp_path / "c"))):
+        ran = cli("run", tmp_path / kind, "--bundle", tmp_path / "b", *options, *SPANS)
+        assert ran.code == 0, ran.err
+        summaries.append(json.loads((tmp_path / kind / "summary.json").read_text()))
+    for found in summaries:
+        assert found["modes"] == {"CONTROL": 10}
+        assert found["rms_action"] > 0.0
+    assert summaries[0]["rms_action"] == pytest.approx(summaries[1]["rms_action"], rel=1e-3)

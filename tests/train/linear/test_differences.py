@@ -1,0 +1,51 @@
+"""Pairs of mirror images, and which episodes are taken."""
+
+import numpy as np
+import pytest
+
+from contract.errors import ConfigError, DatasetError
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
+from tests.train.linear.systems import LAYOUT, NAMES, episode, simulated
+from train.linear.differences import SENSORS, check_pairs, chosen_episodes, series_of
+
+
+def test_the_trucks_default_sensors_are_pairs():
+    check_pairs(TRUCK, SENSORS)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "error", "said"),
+    [
+        (("up", "left"), DatasetError, "up and left are no pair: the mirror image of up is down"),
+        (("up", "down", "left"), DatasetError, "3 sensors: they must be pairs"),
+        (("up", "under"), ConfigError, "unknown sensor 'under'"),
+    ],
+)
+def test_sensors_that_are_no_pairs_are_refused(sensors, error, said):
+    with pytest.raises(error, match=said):
+        check_pairs(LAYOUT, sensors)
+
+
+def test_a_body_without_mirror_images_is_refused():
+    crooked = SensorLayout(names=NAMES, positions=LAYOUT.positions, base=LAYOUT.base, mirror=None)
+    with pytest.raises(DatasetError, match="no mirror images"):
+        check_pairs(crooked, NAMES)
+
+
+def test_rows_are_differences_and_actions_without_the_transient():
+    found = series_of(episode("one", 50, 0), LAYOUT, NAMES, ("Cl",), 10)
+    rows, lift = simulated(50, 0)
+    np.testing.assert_allclose(found.rows, rows[10:], atol=1e-12)
+    np.testing.assert_allclose(found.responses[:, 0], lift[10:])
+    with pytest.raises(DatasetError, match="50 steps, of which the first 50 are left out"):
+        series_of(episode("one", 50, 0), LAYOUT, NAMES, ("Cl",), 50)
+    with pytest.raises(DatasetError, match="'Uy_probe' is missing; give it no weight"):
+        series_of(episode("one", 50, 0), LAYOUT, NAMES, ("Cl", "Uy_probe"), 0)
+
+
+def test_episodes_are_chosen_by_patterns():
+    episodes = [episode(name, 5, 0) for name in ("controlled_1", "free", "controlled_2")]
+    assert [item.name for item in chosen_episodes(episodes, ["controlled*"])] == ["controlled_1", "controlled_2"]
+    with pytest.raises(DatasetError, match=r"no episode is called x\*: there are controlled_1, free, controlled_2"):
+        chosen_episodes(episodes, ["x*"])
