@@ -17,6 +17,7 @@ ROADS: Final = {
     "calm-tuned": "calm_tuned",
     "mpc-90": "mpc_90",
     "linear": "linear",
+    "linear-under-release": "linear",
     "release-coarse": "oracle_rows",
     "oracle-25": "oracle_rows",
     "oracle-50": "oracle_rows",
