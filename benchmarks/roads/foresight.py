@@ -33,7 +33,7 @@ from wake.truck.sample import Sample
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-SPANS: Final = Spans(lead_in=25.0, controlled=80.0, settle=40.0)
+SPANS: Final = Spans(lead_in=25.0, controlled=80.0, settle=55.0)
 OFFSETS: Final = (0.0, -0.03, -0.012, 0.012, 0.03)
 """Added to the release's commands, in U_inf W; the first one stands where none is better."""
 HORIZONS: Final = {"foresight-25": 25, "foresight-50": 50, "foresight-100": 100}
