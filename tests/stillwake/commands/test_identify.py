@@ -125,9 +125,9 @@ def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path):
 
     actions = []
     for kind, options in (("python", ()), ("c", ("--ecu", "c", "--library", tmp_path / "c"))):
-        ran = cli("run", tmp_path / kind, "--bundle", tmp_path / "b", *options, *SPANS)
+        ran = cli("run", tmp_path / f"run_{kind}", "--bundle", tmp_path / "b", *options, *SPANS)
         assert ran.code == 0, ran.err
-        assert json.loads((tmp_path / kind / "summary.json").read_text())["modes"] == {"CONTROL": 10}
-        actions.append(run_log.load(tmp_path / kind / "series.npz").series["action"])
+        assert json.loads((tmp_path / f"run_{kind}" / "summary.json").read_text())["modes"] == {"CONTROL": 10}
+        actions.append(run_log.load(tmp_path / f"run_{kind}" / "series.npz").series["action"])
     assert np.abs(actions[0]).max() > 0.0
     np.testing.assert_allclose(actions[0], actions[1], atol=1e-6)

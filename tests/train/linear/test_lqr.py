@@ -40,7 +40,7 @@ def test_cheap_action_stabilises_and_dear_action_reflects_the_pole():
 def test_no_other_gain_is_cheaper():
     """The cost from a state, summed over the closed loop's own steps, rises for every change of the gain."""
     model, weights, price = Arx(coefficients=KNOWN, differences=2), np.array([2.0, 3.0, 0.5]), 4.0
-    best = design(model, weights, price).gain.ravel()[:-1]
+    best = design(model, weights.tolist(), price).gain.ravel()[:-1]
     A, B = model.state_space()
     rng = np.random.default_rng(0)
     start = rng.normal(size=len(A))
@@ -62,7 +62,7 @@ def test_feedback_at_the_predicted_state_is_the_regulator_with_delay():
     """With one action committed, the state of the system with delay is (x_k, a_k), and a_{k+1} is decided: its own
     Riccati equation gives the gain on what x_{k+1} = A x_k + B a_k will be."""
     model, weights, price = Arx(coefficients=KNOWN, differences=2), np.array([2.0, 3.0, 0.5]), 4.0
-    gain = design(model, weights, price).gain.ravel()[:-1]
+    gain = design(model, weights.tolist(), price).gain.ravel()[:-1]
     A, B = model.state_space()
     n = len(A)
     delayed_A = np.block([[A, B], [np.zeros((1, n + 1))]])

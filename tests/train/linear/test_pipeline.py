@@ -25,7 +25,7 @@ def recording(tmp_path_factory):
 
 
 def test_the_folder_holds_the_system_that_was_recorded(recording, tmp_path):
-    phases = []
+    phases: list[str] = []
     done = identify_all(recording, tmp_path / "m", Config(), HOW, WEIGHTS, phase=phases.append)
     assert tuple(phases) == PHASES
     assert done.episodes == ("run_0", "run_1", "run_2")
