@@ -103,7 +103,9 @@ def test_a_written_release_loads_and_controls(tmp_path, program, name, precision
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(model, options)
     new_plan, *_ = session.run(None, {"window": window, "plan": plan, "free": free})
-    expected = control_step(lowerings.lowered.effective, window.astype(float), plan.astype(float), free.astype(float))
+    effective = lowerings.lowered.effective
+    assert isinstance(effective, ControllerProgram)
+    expected = control_step(effective, window.astype(float), plan.astype(float), free.astype(float))
     np.testing.assert_allclose(new_plan, expected.plan, atol=2.5e-5)
 
 
