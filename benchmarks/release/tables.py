@@ -100,6 +100,7 @@ def summary(results: Path) -> str:
             *_under(second, names),
             f"{second['reduction_percent']:.1f} %",
         ),
+        _linear(results),
     ]
     heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
     latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
@@ -122,6 +123,17 @@ def _from_phases(results: Path) -> tuple[object, ...]:
         f"the same from {len(figures['phases'])} starts, mean",
         *(Cd, None, *others),
         f"{drag['mean']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
+    )
+
+
+def _linear(results: Path) -> tuple[object, ...]:
+    """The linear controller identified under the release: the row of its means over phases."""
+    row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
+    return (
+        f"a linear controller instead, from {len(row['outcomes'])} starts, mean",
+        *(row["Cd"], None, *(row[name] for name in ("abs_Cl", "Cd_net", "rms_action", "jet_power"))),
+        f"{row['reduction_percent']:.1f} % ({row['least_reduction_percent']:.1f} .. "
+        f"{row['most_reduction_percent']:.1f})",
     )
 
 
