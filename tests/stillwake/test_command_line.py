@@ -221,7 +221,7 @@ def test_a_recording_under_a_controller_that_is_not_there_or_altered(refused, tm
     shutil.copytree(random_release, bundle)
     (bundle / "controller.onnx").write_bytes((bundle / "controller.onnx").read_bytes() + b" ")
     assert "controller.onnx was altered" in refused("record", tmp_path / "a.h5", "--under", bundle)
-    assert "give --under BUNDLE" in refused("record", tmp_path / "a.h5", "--episodes", 2)
+    assert "give --under or --from-steady" in refused("record", tmp_path / "a.h5", "--episodes", 2)
 
 
 @pytest.mark.parametrize(

@@ -52,15 +52,17 @@ def design(model: Arx, weights: Sequence[float], action_weight: float) -> Regula
     outputs = model.flat
     by_state, by_action = outputs[:, :-1], outputs[:, -1:]
     Q = np.diag(np.asarray(weights, dtype=np.float64))
-    state = by_state.T @ Q @ by_state + REGULARISATION * np.eye(len(A))
-    cross = by_state.T @ Q @ by_action
-    control = by_action.T @ Q @ by_action + action_weight
+    # A weight of 1e308 overflows here; the equation says so below.
+    with np.errstate(over="ignore", invalid="ignore"):
+        state = by_state.T @ Q @ by_state + REGULARISATION * np.eye(len(A))
+        cross = by_state.T @ Q @ by_action
+        control = by_action.T @ Q @ by_action + action_weight
     try:
         P = scipy.linalg.solve_discrete_are(A, B, state, control, s=cross)
         K = np.linalg.solve(control + B.T @ P @ B, B.T @ P @ A + cross.T)
+        closed = spectral_radius(A - B @ K)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise DesignError(f"no regulator for these weights: the Riccati equation has no solution ({error})") from error
-    closed = spectral_radius(A - B @ K)
     # Written so that a NaN fails.
     if not closed < 1.0:
         raise DesignError(f"the closed loop's spectral radius is {closed:.4f}: must be below 1; change the weights")
