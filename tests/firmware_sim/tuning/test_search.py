@@ -63,9 +63,11 @@ def test_the_search_finds_what_is_best(tmp_path) -> None:
 def test_importances_are_shares_of_the_variance():
     """Over a square of x and y evenly filled, 3x + y has nine tenths of its variance from x."""
     study = optuna.create_study(direction="maximize")
-    sides = dict.fromkeys("xy", optuna.distributions.FloatDistribution(0.0, 1.0))
+    side = optuna.distributions.FloatDistribution(0.0, 1.0)
     for x, y in product(np.linspace(0.0, 1.0, 9), repeat=2):
-        trial = optuna.trial.create_trial(params={"x": x, "y": y}, distributions=sides, value=3.0 * x + y)
+        trial = optuna.trial.create_trial(
+            params={"x": x, "y": y}, distributions={"x": side, "y": side}, value=3.0 * x + y
+        )
         study.add_trial(trial)
     shares = importances(study, 0)
     assert list(shares) == ["x", "y"]
