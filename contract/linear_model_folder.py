@@ -11,8 +11,6 @@
     identification, design, metrics, dataset_sha256, weights_sha256, versions
 """
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,22 +18,21 @@ from typing import Any, Final
 
 import dacite
 import numpy as np
-import numpy.typing as npt
 
 from contract.arrays import Array
-from contract.atomic import replacing
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.model_folder import Provenance
 from contract.release.manifest import LINEAR, Scaling
+from contract.tensor_folder import WEIGHTS as WEIGHTS
+from contract.tensor_folder import check_entries, read_body, read_tensors, write_folder
 
 SCHEMA: Final = "stillwake-linear-model/1"
 DESCRIPTION: Final = "linear_model.json"
-WEIGHTS: Final = "model.safetensors"
 _ENTRIES: Final = (
     *("schema", "config", "sensors", "positions", "scaling", "identification", "design", "metrics"),
-    *("dataset_sha256", "weights_sha256", "versions"),
+    *("dataset_sha256", "versions"),
 )
 
 
@@ -127,11 +124,7 @@ def write(path: Path, description: LinearDescription, model: Array, gain: Array)
     Raises:
         StillwakeError: the place cannot be written or holds something else.
     """
-    # Not at the top: a vehicle imports this package and has no safetensors.
-    import safetensors.numpy
-
     check_free(path)
-    weights = safetensors.numpy.save({"model": np.ascontiguousarray(model), "gain": np.ascontiguousarray(gain)})
     body = {
         "schema": SCHEMA,
         "config": to_tree(description.config),
@@ -142,13 +135,9 @@ def write(path: Path, description: LinearDescription, model: Array, gain: Array)
         "design": description.design,
         "metrics": description.metrics,
         "dataset_sha256": description.dataset_sha256,
-        "weights_sha256": hashlib.sha256(weights).hexdigest(),
         "versions": description.versions,
     }
-    with replacing(path) as temporary:
-        temporary.mkdir()
-        (temporary / WEIGHTS).write_bytes(weights)
-        (temporary / DESCRIPTION).write_text(json.dumps(body, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_folder(path, DESCRIPTION, body, {"model": model, "gain": gain})
 
 
 def read(path: Path) -> LinearModelFolder:
@@ -158,11 +147,10 @@ def read(path: Path) -> LinearModelFolder:
         ModelError: a file is missing, damaged, altered or of another schema, or the numbers do not fit each other.
     """
     body = read_description(path)
-    raw = _read_bytes(path, WEIGHTS)
-    if hashlib.sha256(raw).hexdigest() != body["weights_sha256"]:
-        raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
+    tensors = read_tensors(path, DESCRIPTION, body)
     description = _describe(path, body)
-    tensors = _unpack(path, raw)
+    if set(tensors) != {"model", "gain"}:
+        raise ModelError(f"model {path}: {WEIGHTS} holds {sorted(tensors)}: must be gain and model")
     columns = len(description.sensors) // 2 + 1
     model, gain = (np.asarray(tensors[name], dtype=np.float64) for name in ("model", "gain"))
     if gain.ndim != 2 or gain.shape[1] != columns or model.shape != (columns, *gain.shape):
@@ -183,24 +171,9 @@ def read(path: Path) -> LinearModelFolder:
 
 def read_description(path: Path) -> dict[str, Any]:
     """`linear_model.json`, complete and of this schema; raises ModelError if it is not."""
-    try:
-        body = json.loads(_read_bytes(path, DESCRIPTION))
-    except ValueError as error:
-        raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
-    schema = body.get("schema") if isinstance(body, dict) else None
-    if not isinstance(body, dict) or schema != SCHEMA:
-        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {SCHEMA!r}")
-    for name in _ENTRIES:
-        if name not in body:
-            raise ModelError(f"model {path}: {DESCRIPTION} lacks {name!r}")
+    body = read_body(path, DESCRIPTION, (SCHEMA,))
+    check_entries(path, DESCRIPTION, body, _ENTRIES)
     return body
-
-
-def _read_bytes(path: Path, name: str) -> bytes:
-    try:
-        return (path / name).read_bytes()
-    except OSError as error:
-        raise ModelError(f"model {path}: {name} cannot be read ({error.strerror or error})") from error
 
 
 def _describe(path: Path, body: Mapping[str, Any]) -> LinearDescription:
@@ -218,16 +191,3 @@ def _describe(path: Path, body: Mapping[str, Any]) -> LinearDescription:
         )
     except (dacite.DaciteError, ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
-
-
-def _unpack(path: Path, raw: bytes) -> dict[str, npt.NDArray[Any]]:
-    import safetensors
-    import safetensors.numpy
-
-    try:
-        tensors: dict[str, npt.NDArray[Any]] = safetensors.numpy.load(raw)
-    except (safetensors.SafetensorError, ValueError) as error:
-        raise ModelError(f"model {path}: {WEIGHTS}: not a safetensors file ({error})") from error
-    if set(tensors) != {"model", "gain"}:
-        raise ModelError(f"model {path}: {WEIGHTS} holds {sorted(tensors)}: must be gain and model")
-    return tensors

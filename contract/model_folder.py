@@ -13,8 +13,6 @@ A model of the first schema has no layout: it is the truck's. Tensors are arrays
 `export` a controller program.
 """
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,19 +22,19 @@ import dacite
 import numpy as np
 import numpy.typing as npt
 
-from contract.atomic import replacing
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from contract.tensor_folder import WEIGHTS as WEIGHTS
+from contract.tensor_folder import check_entries, read_body, read_tensors, write_folder
 
 SCHEMA: Final = "stillwake-model/2"
 SCHEMA_1: Final = "stillwake-model/1"
 """Still read: a model of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
-WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PREDICTOR: Final = ("dynamics", "decoder")
@@ -142,11 +140,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
     Raises:
         StillwakeError: if the place cannot be written or holds something that is not a model.
     """
-    # Not at the top: a vehicle imports this room and has no safetensors.
-    import safetensors.numpy
-
     check_free(path)
-    weights = safetensors.numpy.save({name: np.ascontiguousarray(value) for name, value in tensors.items()})
     body = {
         "schema": SCHEMA,
         "config": to_tree(description.config),
@@ -154,15 +148,11 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
         "layout": _layout_tree(description.layout),
         "sensors": description.sensors,
         "dataset_sha256": description.dataset_sha256,
-        "weights_sha256": hashlib.sha256(weights).hexdigest(),
         "metrics": description.metrics,
         "ranking": description.ranking,
         "versions": description.versions,
     }
-    with replacing(path) as temporary:
-        temporary.mkdir()
-        (temporary / WEIGHTS).write_bytes(weights)
-        (temporary / DESCRIPTION).write_text(json.dumps(body, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_folder(path, DESCRIPTION, body, tensors)
 
 
 def check_free(path: Path) -> None:
@@ -181,12 +171,14 @@ def read(path: Path) -> ModelFolder:
             itself; the message names the file and the entry.
     """
     body = read_description(path)
-    raw = _read_bytes(path, WEIGHTS)
-    if hashlib.sha256(raw).hexdigest() != body["weights_sha256"]:
-        raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
+    tensors = read_tensors(path, DESCRIPTION, body)
+    description = _describe(path, body)
+    for key in sorted(tensors):
+        if key.split(".")[0] not in _NETWORKS:
+            raise ModelError(f"model {path}: {WEIGHTS}: unknown tensor {key}")
     return ModelFolder(
-        description=_describe(path, body),
-        tensors=_unpack(path, raw),
+        description=description,
+        tensors=tensors,
         weights_sha256=body["weights_sha256"],
         config_tree=body["config"],
     )
@@ -194,16 +186,9 @@ def read(path: Path) -> ModelFolder:
 
 def read_description(path: Path) -> dict[str, Any]:
     """`model.json` of a model directory, complete and of this schema; raises ModelError if it is not."""
-    try:
-        body = json.loads(_read_bytes(path, DESCRIPTION))
-    except ValueError as error:
-        raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
-    schema = body.get("schema") if isinstance(body, dict) else None
-    if not isinstance(body, dict) or schema not in (SCHEMA, SCHEMA_1):
-        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {SCHEMA!r}")
-    for name in (*Description.__dataclass_fields__, "weights_sha256"):
-        if name not in body and not (name == "layout" and schema == SCHEMA_1):
-            raise ModelError(f"model {path}: {DESCRIPTION} lacks {name!r}")
+    body = read_body(path, DESCRIPTION, (SCHEMA, SCHEMA_1))
+    entries = set(Description.__dataclass_fields__) - ({"layout"} if body["schema"] == SCHEMA_1 else set())
+    check_entries(path, DESCRIPTION, body, sorted(entries))
     return body
 
 
@@ -225,13 +210,6 @@ def _layout_of(tree: Mapping[str, Any]) -> SensorLayout:
     )
 
 
-def _read_bytes(path: Path, name: str) -> bytes:
-    try:
-        return (path / name).read_bytes()
-    except OSError as error:
-        raise ModelError(f"model {path}: {name} cannot be read ({error.strerror or error})") from error
-
-
 def _describe(path: Path, body: Mapping[str, Any]) -> Description:
     try:
         return Description(
@@ -246,17 +224,3 @@ def _describe(path: Path, body: Mapping[str, Any]) -> Description:
         )
     except (dacite.DaciteError, ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
-
-
-def _unpack(path: Path, raw: bytes) -> Tensors:
-    import safetensors
-    import safetensors.numpy
-
-    try:
-        tensors: Tensors = safetensors.numpy.load(raw)
-    except (safetensors.SafetensorError, ValueError) as error:
-        raise ModelError(f"model {path}: {WEIGHTS}: not a safetensors file ({error})") from error
-    for key in sorted(tensors):
-        if key.split(".")[0] not in _NETWORKS:
-            raise ModelError(f"model {path}: {WEIGHTS}: unknown tensor {key}")
-    return tensors

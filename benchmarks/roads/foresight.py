@@ -10,7 +10,7 @@ vehicle can do this.
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from benchmarks.common.command_line import progress as console
 from benchmarks.common.parts import part
 from benchmarks.roads.coarse import coarse, coarse_start
 from benchmarks.roads.loop import Setting
-from benchmarks.roads.oracle_rows import named, series_row
+from benchmarks.roads.oracle import Model
+from benchmarks.roads.oracle_rows import named, series_row, without_control
 from benchmarks.roads.row import Outcome, Row, outcome_of_series
 from contract.arrays import Array
 from contract.atomic import replacing
@@ -38,17 +39,10 @@ OFFSETS: Final = (0.0, -0.03, -0.012, 0.012, 0.03)
 """Added to the release's commands, in U_inf W; the first one stands where none is better."""
 HORIZONS: Final = {"foresight-25": 25, "foresight-50": 50, "foresight-100": 100}
 """Periods; a shedding cycle has 25."""
+EVERY: Final = 5
+"""Periods from one choice to the next."""
 LIFT_PRICE: Final = 0.02
 """Of mean |Cl| beside mean Cd in a forecast, so that no drag is bought with a deflected wake."""
-
-
-class Model(Protocol):
-    """A plant that can be put back to where it was."""
-
-    def state(self) -> State: ...
-    def reset(self, state: State) -> Sample: ...
-    def advance(self, action: float) -> Sample:
-        """Ramp to the action over a control period; the sample at its end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +123,7 @@ def measure(road: str, setting: Setting) -> Row:
     config, horizon = coarse(setting.config), HORIZONS[road]
     outcome = Outcome(**part(setting.folder / "outcome.json", lambda: asdict(_run(setting, config, horizon))))
     lead_in, total = SPANS.periods(config.flow.control_period)
-    choices = -(-(total - lead_in) // 5)
+    choices = -(-(total - lead_in) // EVERY)
     return Row(
         road=road,
         title=f"oracle: release corrected by roll-outs of the flow, {horizon} periods",
@@ -140,7 +134,7 @@ def measure(road: str, setting: Setting) -> Row:
         mesh=replace(setting, config=config).mesh,
         interactions=choices * len(OFFSETS) * horizon,
         note=(
-            f"reads the whole flow; one of {len(OFFSETS)} offsets every 5 periods; no delay; the last "
+            f"reads the whole flow; one of {len(OFFSETS)} offsets every {EVERY} periods; no delay; the last "
             f"{SPANS.controlled - SPANS.settle:g} of {SPANS.controlled:g} t_c count"
         ),
     )
@@ -148,16 +142,12 @@ def measure(road: str, setting: Setting) -> Row:
 
 def _run(setting: Setting, config: Config, horizon: int) -> Outcome:
     wake = TruckWake(config.flow, body=config.body)
-    sample = wake.reset(coarse_start(setting.folder.parent, config))
     lead_in, total = SPANS.periods(config.flow.control_period)
-    free = []
-    for _ in range(lead_in):
-        free.append(series_row(sample))
-        sample = wake.advance(0.0)
+    free = without_control(wake, coarse_start(setting.folder.parent, config), lead_in)
     foresight = Foresight(
         policy=BundlePolicy(bundles.load(BUNDLE), layout=wake.layout),
         offsets=OFFSETS,
-        every=5,
+        every=EVERY,
         horizon=horizon,
         limit=config.flow.action_limit,
     )
@@ -171,7 +161,7 @@ def _run(setting: Setting, config: Config, horizon: int) -> Outcome:
             wake.state(),
             lambda done, of: bar.update(task, completed=done),
         )
-    return outcome_of_series(named(np.concatenate([np.array(free), controlled])), lead_in, SPANS.settle)
+    return outcome_of_series(named(np.concatenate([free, controlled])), lead_in, SPANS.settle)
 
 
 def _keep(path: Path, state: State, memory: Array, series: Array) -> None:

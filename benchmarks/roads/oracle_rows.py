@@ -22,6 +22,7 @@ from firmware_sim.bench.spans import Spans
 from stillwake.shipped import BUNDLE
 from stillwake.terminal import progress_bar
 from wake.truck.sample import Sample
+from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=25.0, controlled=50.0, settle=25.0)
@@ -74,12 +75,8 @@ def _oracle(road: str, config: Config) -> Oracle:
 
 def _run(road: str, oracle: Oracle, setting: Setting, config: Config) -> Outcome:
     wake = TruckWake(config.flow, body=config.body)
-    sample = wake.reset(coarse_start(setting.folder.parent, config))
     lead_in, total = SPANS.periods(config.flow.control_period)
-    free = []
-    for _ in range(lead_in):
-        free.append(series_row(sample))
-        sample = wake.advance(0.0)
+    free = without_control(wake, coarse_start(setting.folder.parent, config), lead_in)
     with progress_bar("periods", estimate_over=3600.0, console=console) as bar:
         task = bar.add_task(road, total=total - lead_in, note="")
         controlled = drive(
@@ -91,8 +88,17 @@ def _run(road: str, oracle: Oracle, setting: Setting, config: Config) -> Outcome
             wake.state(),
             lambda done, of: bar.update(task, completed=done),
         )
-    series = np.concatenate([np.array(free), controlled])
+    series = np.concatenate([free, controlled])
     return outcome_of_series(named(series), enabled_at=lead_in, settle=SPANS.settle)
+
+
+def without_control(wake: TruckWake, start: State, periods: int) -> Array:
+    """(periods, m), `series_row` of the sample at every period's start; the wake is left at the end."""
+    sample, rows = wake.reset(start), []
+    for _ in range(periods):
+        rows.append(series_row(sample))
+        sample = wake.advance(0.0)
+    return np.array(rows)
 
 
 def series_row(sample: Sample) -> list[float]:
