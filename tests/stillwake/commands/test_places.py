@@ -44,21 +44,6 @@ def no_work(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, name, None)
 
 
-@pytest.fixture
-def refused(cli: Callable[..., Any], tmp_path: Path) -> Callable[..., str]:
-    """Run it, see that it fails with one line and leaves `tmp_path` as it was; return the line."""
-
-    def run(*arguments: object) -> str:
-        before = sorted(tmp_path.rglob("*"))
-        outcome = cli(*arguments)
-        assert (outcome.code, outcome.err.count("\n")) == (1, 1)
-        assert outcome.err.startswith("error: ")
-        assert sorted(tmp_path.rglob("*")) == before
-        return str(outcome.err)
-
-    return run
-
-
 WRITERS = {
     ("develop",): ".npz",
     ("steady",): ".npz",
