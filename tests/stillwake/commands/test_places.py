@@ -4,7 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,13 @@ def model(tmp_path: Path) -> Path:
     return folder
 
 
+ROOMS = {"contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake"}
+
+
 @pytest.fixture(autouse=True)
-def no_work(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_work(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No plant is built and nothing is trained or exported."""
+    before = set(sys.modules)
 
     def begun(*_: object, **__: object) -> None:
         raise AssertionError("the work began")
@@ -42,6 +46,11 @@ def no_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(truck_wake, "TruckWake", begun)
     for name in ("train.pipeline", "export.release.pipeline", "wake.recording.recorder", "firmware_sim.mcu.measure"):
         monkeypatch.setitem(sys.modules, name, None)
+    yield
+    # What was imported meanwhile has `begun` for a plant; a later test in this process shall not meet it.
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] in ROOMS:
+            del sys.modules[name]
 
 
 WRITERS = {
