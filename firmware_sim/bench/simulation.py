@@ -8,8 +8,6 @@ from datetime import date
 from typing import Final
 
 from can_bridge.bus.backends.opening import SIMULATED
-from can_bridge.bus.simulated.background_node import BackgroundNode
-from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.traffic import background
 from can_bridge.wire.frame import Frame
@@ -21,15 +19,14 @@ from contract.controller.onnx_session import OnnxController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.disturbing import PORT_NAMES, Disturbing
-from firmware_sim.bench.observer import Observer, WatchedBus
+from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.observer import Observer
 from firmware_sim.bench.spans import Spans
-from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop, check_bit_rates
+from firmware_sim.bench.virtual_loop import check_bit_rates
+from firmware_sim.bench.wiring import wire
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.runs.bus_traffic import NodeErrors, WaitingTimes
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
 from wake.plant import LoopPlant
@@ -77,8 +74,8 @@ class Simulation:
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
-        self._messages = message_set(config.bus)
-        self._others = background(config.bus.background, config.bus, [spec.frame_id for spec in self._messages.specs])
+        # What the wire would refuse is refused before the ECU is made.
+        background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
         self._ecu = self._python_ecu(bundle, controller, config, weights) if ecu is None else ecu
         self._bundle, self._config, self._spans, self._weights, self._seed = bundle, config, spans, weights, seed
 
@@ -115,39 +112,21 @@ class Simulation:
         Raises:
             StillwakeError: if the bundle is of another body, or the wake's flow cannot be disturbed or diverges.
         """
-        config, bundle, messages = self._config, self._bundle, self._messages
+        config, bundle = self._config, self._bundle
         check_sensors(bundle, wake.layout)
         disturbing = Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed)
-        waits = WaitingTimes(messages=messages)
-
-        bus = SimulatedBus(
-            config.bus,
-            capture,
-            observe=waits,
-            corrupts=disturbing.corrupts,
-            mishears=disturbing.mishears,
-        )
-        ports = {name: bus.port(name) for name in (*PORT_NAMES.values(), "background")[: 3 if self._others else 2]}
-        if self._others:
-            BackgroundNode(bus, ports["background"], self._others, config.bus.background.seed)
-        node = VehicleNode(bundle.manifest.sensors, config, wake.layout, self._authentication, read=disturbing.readings)
-        around = disturbing.connect(bus)
-        vehicle, ecu = around("vehicle", ports["vehicle"]), around("ecu", ports["ECU"])
-        if observer is not None:
-            vehicle = WatchedBus(port=vehicle, node="vehicle", observer=observer, clock=lambda: bus.now_ns)
-            ecu = WatchedBus(port=ecu, node="ecu", observer=observer, clock=lambda: bus.now_ns)
-        connected = BusPorts(vehicle=vehicle, ecu=ecu, ecu_health=ports["ECU"].health)
-        loop = VirtualLoop(
+        wired = wire(
             wake,
-            node,
-            self._ecu.ecu,
-            bus,
-            connected,
+            bundle.manifest.sensors,
             config,
-            ecu_clock=disturbing.ecu_clock,
-            step_ns=self._ecu.step_ns,
+            self._ecu,
+            disturbing,
+            authentication=self._authentication,
+            capture=capture,
+            observer=observer,
         )
-        disturbing.plan_resets(bus, loop)
+        loop, node = wired.loop, wired.node
+        disturbing.plan_resets(wired.bus, loop)
         rows = list[Row]()
         lead_in, total = self.periods
         with disturbing.in_flow(wake):
@@ -180,9 +159,7 @@ class Simulation:
             faults=disturbing.injected(),
             fault_seed=self._seed,
         )
-        nodes = {name: NodeErrors.of(port.health(), port.refused) for name, port in ports.items()}
-        traffic = waits.traffic(bus.activity(), nodes)
-        return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=traffic)
+        return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic())
 
 
 def simulate(

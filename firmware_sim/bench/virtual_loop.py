@@ -118,7 +118,8 @@ class VirtualLoop:
         self._period_ns = config.period_ns
         self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
         compute_ns = round(config.ecu.compute_time_ms * 1e6)
-        self._step_ns: Callable[[], int] = (lambda: compute_ns) if step_ns is None else step_ns
+        self._charged: Callable[[], int] = lambda: compute_ns
+        self._step_ns = self._charged if step_ns is None else step_ns
         self.planned_ns: list[int] = []
         self._start_ns = 0
         self._busy_until_ns = 0
@@ -163,6 +164,22 @@ class VirtualLoop:
         self._inbox = []
         self._boots, self._busy_until_ns = self._boots + 1, 0
         self._booted_ns = self._bus.now_ns + boot_ns
+
+    @property
+    def ecu_is_up(self) -> bool:
+        """Whether the ECU has booted."""
+        return self._bus.now_ns >= self._booted_ns
+
+    def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
+        """Go on with another ECU of the same bundle and settings, from the state of the one so far.
+
+        Args:
+            ecu: that takes its place.
+            step_ns: as the loop was made with.
+        """
+        ecu.restore(self._ecu.state)
+        self._ecu = ecu
+        self._step_ns = self._charged if step_ns is None else step_ns
 
     def totals(self) -> BusTotals:
         """Frames so far; one that is under way is not lost."""

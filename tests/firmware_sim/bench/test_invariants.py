@@ -15,7 +15,7 @@ from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig, VehicleConfig
-from firmware_sim.bench import simulation
+from firmware_sim.bench import simulation, wiring
 from firmware_sim.bench.command_losses import CommandLosses
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.invariants import Invariants
@@ -211,7 +211,7 @@ def test_control_without_an_edge_is_caught(monkeypatch):
 
 
 def wrong_vehicle(monkeypatch, **methods: Callable[..., Any]) -> None:
-    monkeypatch.setattr(simulation, "VehicleNode", type("Wrong", (VehicleNode,), methods))
+    monkeypatch.setattr(wiring, "VehicleNode", type("Wrong", (VehicleNode,), methods))
 
 
 def as_commanded(self: VehicleNode, command: JetCommand) -> float:

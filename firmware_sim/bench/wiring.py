@@ -1,0 +1,119 @@
+"""The loop's parts put together: bus, vehicle, ECU and what disturbs them, on one wake, at time 0."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated.background_node import BackgroundNode
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.bus.simulated.port import SimulatedPort
+from can_bridge.secoc.node import Authentication
+from can_bridge.timing.traffic import background
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from contract.arrays import Array
+from contract.config.tree import Config
+from firmware_sim.bench.disturbing import PORT_NAMES
+from firmware_sim.bench.observer import Observer, WatchedBus
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
+from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors, WaitingTimes
+from wake.plant import LoopPlant
+
+
+class Disturbs(Protocol):
+    """What acts on the parts themselves; `firmware_sim.bench.disturbing.Disturbing` is one."""
+
+    @property
+    def corrupts(self) -> Corrupts | None:
+        """For the bus: what is wrong for all nodes."""
+
+    @property
+    def mishears(self) -> Corrupts | None:
+        """For the bus: what one receiver hears wrong."""
+
+    def readings(self, cp: Array, now_ns: int) -> Array:
+        """(S,) what the transducers read where the wall has Cp (S,)."""
+
+    def ecu_clock(self, now_ns: int) -> int:
+        """What the ECU's clock shows."""
+
+    def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
+        """Begin on this bus; returns what puts a node's faults around its port."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wired:
+    """A loop that is ready for its first period.
+
+    Attributes:
+        ports: of the simulated bus, by the names of their nodes, without what disturbs them.
+        waits: of the loop's own frames for the bus.
+    """
+
+    bus: SimulatedBus
+    ports: dict[str, SimulatedPort]
+    node: VehicleNode
+    loop: VirtualLoop
+    waits: WaitingTimes
+
+    def traffic(self) -> BusTraffic:
+        """What the bus carried so far."""
+        nodes = {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
+        return self.waits.traffic(self.bus.activity(), nodes)
+
+
+def wire(
+    wake: LoopPlant,
+    sensors: Sequence[str],
+    config: Config,
+    ecu: LoopEcu,
+    disturbs: Disturbs,
+    *,
+    authentication: Authentication | None = None,
+    capture: Callable[[Frame], None] = lambda frame: None,
+    observer: Observer | None = None,
+) -> Wired:
+    """Put a loop together.
+
+    Args:
+        wake: at the start of a control period.
+        sensors: of the bundle, in the order of the Pressure message.
+        config: the vehicle.
+        ecu: just powered on.
+        disturbs: what acts on the parts.
+        authentication: of the vehicle's node, with `bus.key`.
+        capture: called with every frame on the bus, stamped with its end.
+        observer: sees the nodes' frames from outside.
+
+    Raises:
+        BusError: if a pressure frame takes a whole control period or longer.
+        ConfigError: the wake has no sensor of a name; or settings of the bus contradict each other.
+    """
+    messages = message_set(config.bus)
+    others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs])
+    waits = WaitingTimes(messages=messages)
+    bus = SimulatedBus(config.bus, capture, observe=waits, corrupts=disturbs.corrupts, mishears=disturbs.mishears)
+    ports = {name: bus.port(name) for name in (*PORT_NAMES.values(), "background")[: 3 if others else 2]}
+    if others:
+        BackgroundNode(bus, ports["background"], others, config.bus.background.seed)
+    node = VehicleNode(sensors, config, wake.layout, authentication, read=disturbs.readings)
+    around = disturbs.connect(bus)
+    at_vehicle: Bus = around("vehicle", ports["vehicle"])
+    at_ecu: Bus = around("ecu", ports["ECU"])
+    if observer is not None:
+        at_vehicle = WatchedBus(port=at_vehicle, node="vehicle", observer=observer, clock=lambda: bus.now_ns)
+        at_ecu = WatchedBus(port=at_ecu, node="ecu", observer=observer, clock=lambda: bus.now_ns)
+    loop = VirtualLoop(
+        wake,
+        node,
+        ecu.ecu,
+        bus,
+        BusPorts(vehicle=at_vehicle, ecu=at_ecu, ecu_health=ports["ECU"].health),
+        config,
+        ecu_clock=disturbs.ecu_clock,
+        step_ns=ecu.step_ns,
+    )
+    return Wired(bus=bus, ports=ports, node=node, loop=loop, waits=waits)

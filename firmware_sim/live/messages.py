@@ -1,0 +1,261 @@
+"""What passes between the running loop and a viewer: the messages by their types, and the picture's bytes.
+
+The loop speaks on one channel: JSON messages, each with its `type`, and the flow's picture as bytes (`pack_field`). A
+viewer speaks on a channel of its own, one request a message, and gets one answer to each.
+
+Of `hello`, `now`, `bus`, `latency`, `settings` and the picture the latest one is all that a viewer needs; of `periods`
+and `events` it needs every one. A number that is none is null.
+"""
+
+import struct
+from typing import Any, Final, Literal, NamedTuple, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.arrays import Array
+
+SCHEMA: Final = "stillwake-live/1"
+FIELD_LEVEL: Final = 5.0
+"""|vorticity| at the ends of the colours, U_inf / W."""
+_FIELD: Final = struct.Struct("<IfHH")
+
+
+class SensorPlace(TypedDict):
+    """A wall sensor, in W: the nose at x = 0 as in the solver's coordinates."""
+
+    name: str
+    x: float
+    y: float
+
+
+class Choice(TypedDict):
+    """A controller or plant; `missing` says in one line why it cannot be chosen here, or is null."""
+
+    name: str
+    label: str
+    missing: str | None
+
+
+class SliderData(TypedDict):
+    """`firmware_sim.live.settings.Slider`."""
+
+    least: float
+    greatest: float
+    step: float
+    unit: str
+
+
+class Hello(TypedDict):
+    """First on the channel, and again after the plant was changed: everything that stays."""
+
+    type: Literal["hello"]
+    schema: str
+    version: str
+    bundle: dict[str, str]  # name, digest (12 digits), precision, signer or ""
+    run: int  # counts the plant's starts; k and t begin anew with each
+    period_ms: float
+    budget_ms: float
+    convective_time_s: float
+    control_period: float  # t_c
+    action_limit: float  # U_inf W
+    horizon: int
+    delay_steps: int
+    reynolds: float
+    plant: str  # description
+    answers_jets: bool
+    sensors: list[SensorPlace]  # all of the plant's
+    used: list[str]  # names, in the order of the Pressure message
+    body: list[list[float]]  # outline, x and y in W
+    jets: list[list[float]]  # [x, y] of the upper and the lower slot
+    view: list[float]  # x and y limits of the picture, W
+    raster: list[int]  # its width and height; empty where the plant has no field
+    states: list[str]  # of `OperatingMode`, in order
+    controllers: list[Choice]
+    plants: list[Choice]
+    sliders: dict[str, SliderData]
+    weights: dict[str, float]  # the release's
+    weight_slider: SliderData
+    settings: dict[str, Any]  # `LiveSettings.to_tree`
+    kept: int  # periods that the loop keeps, and a page should
+
+
+PERIOD_COLUMNS: Final = (
+    "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
+    "requested",
+)  # fmt: skip
+"""Of `Periods`: `firmware_sim.runs.run_log.Row`, with its number from 0 and whether control was requested."""
+
+
+class Periods(TypedDict):
+    """New control periods: a list of equal length for each of `PERIOD_COLUMNS`."""
+
+    type: Literal["periods"]
+    run: int
+    columns: dict[str, list[float | None]]
+
+
+class Now(TypedDict):
+    """As of the latest period."""
+
+    type: Literal["now"]
+    run: int
+    k: int
+    t: float
+    time_s: float
+    state: str  # of `OperatingMode`; "OFF" without supply, "BOOT" while it starts
+    reason: str  # of `Reason`
+    misses: int
+    lost: int  # of the latest loss_window periods
+    set_aside: list[str]  # sensors that the ECU does not believe
+    given_up: bool  # the vehicle has withdrawn its request by itself
+    plan: list[float]  # actions of the next periods, from plan_from on; empty without a plan
+    plan_from: int  # the period that the first one is for
+    forecast: list[list[float]]  # predicted Cd and Cl for the same periods
+    cp: list[float]  # at all sensors
+    read: list[float | None]  # Cp as the transducers read it, for `used`
+    uncontrolled_Cd: float | None  # mean over whole cycles before control was first requested
+    drag_Cd: float | None  # mean over the latest cycles
+    reduction_percent: float | None
+    fps: float  # control periods a second, by the wall clock
+    real_time: float  # virtual seconds a second
+    paused: bool
+    computed_by: str
+
+
+class BusRow(TypedDict):
+    """A CAN identifier."""
+
+    id: int
+    name: str
+    sender: str
+    count: int
+    rate_hz: float | None  # over the latest second of virtual time
+    age_ms: float | None
+    e2e: str  # last check of the receiver: OK, REPEATED, WRONG_SEQUENCE, ERROR, ... ; "" where there is none
+    e2e_state: str  # NODATA, INIT, VALID, INVALID; "" where there is none
+    errors: int  # checks that were not OK
+    limit_ms: float | None  # cycle time by the DBC
+
+
+class BusNow(TypedDict):
+    """The bus over the latest second of virtual time."""
+
+    type: Literal["bus"]
+    run: int
+    rows: list[BusRow]
+    load: float  # 0 to 1
+    error_frames: int
+    nodes: list[dict[str, Any]]  # name, state, tx_errors, rx_errors, bus_off, refused
+
+
+class LatencyNow(TypedDict):
+    """Of the control step, over the latest `kept` periods."""
+
+    type: Literal["latency"]
+    run: int
+    of: str  # "wall clock of the step on this machine" or "modelled cycles of the Cortex-M7"
+    edges: list[float]  # ms, one more than counts
+    counts: list[int]
+    budget_ms: float
+    p50: float | None
+    p99: float | None
+    max: float | None
+    over_budget: int
+    sample_to_jets_ms: float | None  # of the latest command, in virtual time
+
+
+class EventItem(TypedDict):
+    """Something that happened, for people."""
+
+    n: int  # counts up
+    time_s: float
+    t: float
+    kind: str  # "set" by a viewer, "state" of the ECU, "bus", "loop"
+    text: str
+
+
+class Events(TypedDict):
+    """New ones."""
+
+    type: Literal["events"]
+    run: int
+    items: list[EventItem]
+
+
+class SettingsNow(TypedDict):
+    """After every change; `query` makes a link that reproduces them."""
+
+    type: Literal["settings"]
+    settings: dict[str, Any]
+    query: str
+
+
+Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow
+LATEST_ONLY: Final = ("hello", "now", "bus", "latency", "settings")
+"""Types of which a viewer that is behind gets the latest one."""
+
+
+class Request(TypedDict, total=False):
+    """From a viewer: `id`, and one of the others.
+
+    Attributes:
+        id: that the answer has, too.
+        set: values for `LiveSettings.changed`.
+        query: of a link, the same in text.
+        clear: everything but request, controller and plant as at the start, and a latched fault re-armed.
+        power_cycle: of the ECU.
+        pause: or go on.
+        save: the run so far as a folder.
+        restart: the plant from its start.
+    """
+
+    id: int
+    set: dict[str, Any]
+    query: str
+    clear: bool
+    power_cycle: bool
+    pause: bool
+    save: bool
+    restart: bool
+
+
+class Answer(TypedDict, total=False):
+    """`error` is one line, and then nothing was changed; `note` says what was done; `saved` is a run's folder."""
+
+    id: int
+    error: str
+    note: str
+    saved: str
+
+
+class FieldPicture(NamedTuple):
+    """The flow at the start of period k, time t in t_c.
+
+    Attributes:
+        levels: (height, width) in -127..127, the first row at the top: sign(w) (|w| / FIELD_LEVEL)^(1/2) 127 of the
+            vorticity w, clipped; the root shows the far vortices.
+    """
+
+    k: int
+    t: float
+    levels: npt.NDArray[np.int8]
+
+
+def field_levels(vorticity: Array) -> npt.NDArray[np.int8]:
+    """(height, width), row 0 at the bottom, to the levels of a `FieldPicture`."""
+    share = np.clip(vorticity[::-1] / FIELD_LEVEL, -1.0, 1.0)
+    return np.rint(127.0 * np.sign(share) * np.sqrt(np.abs(share))).astype(np.int8)
+
+
+def pack_field(picture: FieldPicture) -> bytes:
+    """Little-endian: k (uint32), t (float32), width, height (uint16), then the levels row by row (int8)."""
+    height, width = picture.levels.shape
+    return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()
+
+
+def unpack_field(raw: bytes) -> FieldPicture:
+    """What `pack_field` made."""
+    k, t, width, height = _FIELD.unpack_from(raw)
+    levels = np.frombuffer(raw, dtype=np.int8, offset=_FIELD.size).reshape(height, width)
+    return FieldPicture(k=k, t=t, levels=levels)

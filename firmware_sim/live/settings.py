@@ -1,0 +1,197 @@
+"""What a viewer can set on the running loop, as one value: comparable, checked, and as the query of a link.
+
+Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a run has it on its command line.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from math import isfinite
+from typing import Any, Final, Self
+from urllib.parse import parse_qsl, urlencode
+
+from contract.calibration import LARGEST_WEIGHT, WEIGHTS
+from contract.config.controller import CostWeights
+from contract.errors import ConfigError
+
+CONTROLLERS: Final = ("int8", "c", "cortex-m7", "off")
+"""ECU in Python with the int8 graph; its twin in C on this machine; the same on an emulated core; no supply."""
+PLANTS: Final = ("wake", "recording")
+"""The flow solver, which answers the jets; recorded pressures, which do not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slider:
+    """Bounds of a number.
+
+    Attributes:
+        least, greatest: inclusive.
+        step: of the slider; any value within the bounds is taken.
+        unit: for people.
+    """
+
+    least: float
+    greatest: float
+    step: float
+    unit: str
+
+
+SLIDERS: Final = {
+    "noise": Slider(least=0.0, greatest=1.0, step=0.05, unit="deviations of all pressures"),
+    "bias": Slider(least=-3.0, greatest=3.0, step=0.1, unit="deviations of all pressures"),
+    "loss": Slider(least=0.0, greatest=1.0, step=0.05, unit="of the pressure frames"),
+    "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms more to the jets"),
+}
+WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
+"""Of every cost weight: the bounds of a calibration."""
+_SENSORS: Final = ("dead", "biased")
+_CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
+_SWITCHES: Final = ("enable", "babble")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveSettings:
+    """Of the running loop.
+
+    Attributes:
+        enable: the vehicle wants control.
+        controller: of `CONTROLLERS`.
+        plant: of `PLANTS`.
+        noise: standard deviation at every transducer, in global deviations.
+        dead: sensor that reads Cp 0; none if empty.
+        biased: sensor with the bias; none if empty.
+        bias: in global deviations.
+        loss: share of the Pressure frames that the ECU does not get.
+        delay_ms: by which jet commands reach the vehicle late.
+        babble: a node sends at the highest priority without end.
+        weights: of the cost, a calibration; the release's if None.
+    """
+
+    enable: bool = False
+    controller: str = CONTROLLERS[0]
+    plant: str = PLANTS[0]
+    noise: float = 0.0
+    dead: str = ""
+    biased: str = ""
+    bias: float = 1.0
+    loss: float = 0.0
+    delay_ms: float = 0.0
+    babble: bool = False
+    weights: CostWeights | None = field(default=None)
+
+    def changed(self, given: Mapping[str, Any], sensors: Sequence[str], own: CostWeights) -> Self:
+        """With other values in place of some.
+
+        Args:
+            given: by the names of the attributes; weights as a mapping by name, or None for the release's.
+            sensors: in use.
+            own: the release's weights, for those that are not named.
+
+        Raises:
+            ConfigError: naming what is not known, of another type or out of its bounds.
+        """
+        known = {item.name for item in fields(self)}
+        if unknown := sorted(set(given) - known):
+            raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
+        values = {name: _checked(name, value, sensors) for name, value in given.items() if name != "weights"}
+        if "weights" in given:
+            values["weights"] = _weights(given["weights"], self.weights or own)
+            if values["weights"] == own:
+                values["weights"] = None
+        return replace(self, **values)
+
+    @property
+    def without_faults(self) -> Self:
+        """Request, controller and plant as they are, everything else as at the start."""
+        return type(self)(enable=self.enable, controller=self.controller, plant=self.plant)
+
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Texts of what is set, without their time, in an order that depends on nothing else."""
+        texts = (
+            (self.noise, f"noise:level={self.noise:g}"),
+            (self.dead, f"dead:sensor={self.dead}"),
+            (self.biased and self.bias, f"bias:sensor={self.biased},level={self.bias:g}"),
+            (self.loss, f"ecu:drop:probability={self.loss:g},at=receive"),
+            (self.delay_ms, f"vehicle:delay:delay_s={self.delay_ms / 1e3:g}"),
+            (self.babble, "vehicle:babble:"),
+        )
+        return tuple(text.rstrip(":") for is_set, text in texts if is_set)
+
+    def to_tree(self) -> dict[str, Any]:
+        """Plain values, accepted back by `changed`."""
+        return asdict(self)
+
+    def to_query(self) -> str:
+        """What differs from the start, as the query of a link; `from_query` reads it."""
+        start, pairs = LiveSettings(), list[tuple[str, str]]()
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value == getattr(start, item.name):
+                continue
+            if item.name == "weights":
+                pairs += [(name, f"{getattr(value, name):g}") for name in WEIGHTS]
+            else:
+                pairs.append((item.name, _as_text(value)))
+        return urlencode(pairs)
+
+
+def from_query(query: str) -> dict[str, Any]:
+    """Values for `LiveSettings.changed` from what `to_query` wrote, in its types.
+
+    Raises:
+        ConfigError: a number or a switch is none.
+    """
+    values, weights = dict[str, Any](), dict[str, Any]()
+    for name, text in parse_qsl(query, keep_blank_values=True):
+        if name in WEIGHTS:
+            weights[name] = _number(name, text)
+        elif name in SLIDERS:
+            values[name] = _number(name, text)
+        elif name in _SWITCHES:
+            if text not in ("0", "1"):
+                raise ConfigError(f"live setting {name} = {text!r}: must be 0 or 1")
+            values[name] = text == "1"
+        else:
+            values[name] = text
+    return values | ({"weights": weights} if weights else {})
+
+
+def _as_text(value: Any) -> str:
+    return str(int(value)) if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ConfigError(f"live setting {name} = {text!r}: must be a number") from None
+
+
+def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
+    if name in _SWITCHES:
+        if not isinstance(value, bool):
+            raise ConfigError(f"live setting {name} = {value!r}: must be true or false")
+        return value
+    if name in SLIDERS:
+        return _within(name, value, SLIDERS[name])
+    choices = _CHOICES.get(name) or ("", *sensors)
+    if value not in choices:
+        raise ConfigError(
+            f"live setting {name} = {value!r}: must be one of {', '.join(item or 'none' for item in choices)}"
+        )
+    return value
+
+
+def _within(name: str, value: Any, slider: Slider) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    if not (is_number and slider.least <= value <= slider.greatest):
+        raise ConfigError(f"live setting {name} = {value!r}: must be in {slider.least:g}..{slider.greatest:g}")
+    return float(value)
+
+
+def _weights(given: Any, now: CostWeights) -> CostWeights | None:
+    if given is None:
+        return None
+    if not isinstance(given, Mapping) or (set(given) - set(WEIGHTS)):
+        raise ConfigError(f"live setting weights = {given!r}: must be numbers by the names {', '.join(WEIGHTS)}")
+    return replace(now, **{name: _within(name, value, WEIGHT) for name, value in given.items()})
