@@ -3,8 +3,9 @@
 The loop speaks on one channel: JSON messages, each with its `type`, and the flow's picture as bytes (`pack_field`). A
 viewer speaks on a channel of its own, one request a message, and gets one answer to each.
 
-Of `hello`, `now`, `bus`, `latency`, `settings` and the picture the latest one is all that a viewer needs; of `periods`
-and `events` it needs every one. A number that is none is null.
+Of `loop`, `hello`, `now`, `bus`, `latency`, `settings` and the picture the latest one is all that a viewer needs; of
+`periods` and `events` it needs every one. A `hello` begins anew: what came before it is of another run, or comes again.
+A number that is none is null.
 """
 
 import struct
@@ -191,8 +192,19 @@ class SettingsNow(TypedDict):
     query: str
 
 
-Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow
-LATEST_ONLY: Final = ("hello", "now", "bus", "latency", "settings")
+class LoopNow(TypedDict):
+    """What the loop's process does, from the server; first on the channel, also where there is no `hello` yet."""
+
+    type: Literal["loop"]
+    state: str  # of `LOOP_STATES`
+    text: str  # one line for people: what is waited for, or why it ended; empty while it runs
+
+
+LOOP_STATES: Final = ("starting", "running", "busy", "ended")
+"""busy: the loop waits for something that takes seconds. ended: it failed; "starting" follows where it is restarted."""
+
+Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
+LATEST_ONLY: Final = ("loop", "hello", "now", "bus", "latency", "settings")
 """Types of which a viewer that is behind gets the latest one."""
 
 
