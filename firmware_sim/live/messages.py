@@ -12,13 +12,10 @@ import struct
 from typing import Any, Final, Literal, NamedTuple, TypedDict
 
 import numpy as np
-import numpy.typing as npt
 
-from contract.arrays import Array
+from wake.pictures.levels import Levels
 
 SCHEMA: Final = "stillwake-live/1"
-FIELD_LEVEL: Final = 5.0
-"""|vorticity| at the ends of the colours, U_inf / W."""
 _FIELD: Final = struct.Struct("<IfHH")
 
 
@@ -245,19 +242,12 @@ class FieldPicture(NamedTuple):
     """The flow at the start of period k, time t in t_c.
 
     Attributes:
-        levels: (height, width) in -127..127, the first row at the top: sign(w) (|w| / FIELD_LEVEL)^(1/2) 127 of the
-            vorticity w, clipped; the root shows the far vortices.
+        levels: (height, width), `wake.pictures.levels.field_levels`.
     """
 
     k: int
     t: float
-    levels: npt.NDArray[np.int8]
-
-
-def field_levels(vorticity: Array) -> npt.NDArray[np.int8]:
-    """(height, width), row 0 at the bottom, to the levels of a `FieldPicture`."""
-    share = np.clip(vorticity[::-1] / FIELD_LEVEL, -1.0, 1.0)
-    return np.rint(127.0 * np.sign(share) * np.sqrt(np.abs(share))).astype(np.int8)
+    levels: Levels
 
 
 def pack_field(picture: FieldPicture) -> bytes:

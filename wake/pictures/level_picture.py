@@ -1,0 +1,53 @@
+"""The picture of a wake in levels: the same part of the flow on the live page, in a run folder and on its report."""
+
+from typing import Final
+
+import numpy as np
+
+from contract.config.body import BodyConfig
+from contract.geometry import HALF_WIDTH
+from wake.pictures.fields import Raster, View
+from wake.pictures.levels import Levels, field_levels
+from wake.plant import Drawable
+
+WIDTH: Final = 480
+"""Pixels."""
+_BEFORE_BASE: Final = 3.0
+_BEHIND_BASE: Final = 9.0
+_HALF_HEIGHT: Final = 2.25
+"""In W; the picture has 40 pixels a width and is 180 high."""
+
+
+def view_of(body: BodyConfig) -> View:
+    """The rear of the body and its wake: x and y limits in W."""
+    return (
+        round(body.length - _BEFORE_BASE, 9),
+        round(body.length + _BEHIND_BASE, 9),
+        -_HALF_HEIGHT,
+        _HALF_HEIGHT,
+    )
+
+
+class LevelPicture:
+    """Draws a plant's vorticity as it is now; 0 inside the body.
+
+    Args:
+        wake: the plant.
+        width: of the picture in pixels.
+
+    Attributes:
+        view: x and y limits in W.
+        size: (width, height) in pixels.
+    """
+
+    def __init__(self, wake: Drawable, width: int = WIDTH) -> None:
+        self._wake = wake
+        self.view = view_of(wake.body)
+        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, width)
+        x, y = self._raster.x, self._raster.y
+        self._flow = ((x[None, :] < 0.0) | (x[None, :] > wake.body.length)) | (np.abs(y[:, None]) > HALF_WIDTH)
+        self.size = (width, len(y))
+
+    def levels(self) -> Levels:
+        """Of the present state, (height, width)."""
+        return field_levels(self._raster(np.asarray(self._wake.vorticity())) * self._flow)
