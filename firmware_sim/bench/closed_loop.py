@@ -15,12 +15,14 @@ from firmware_sim.bench.disturbances import Disturbance, Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.runs import run_log
+from firmware_sim.runs import recorded_wake, run_log
 from firmware_sim.runs.metadata import RunOrigin
+from firmware_sim.runs.recorded_wake import Scene, WakeRecorder
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
 from firmware_sim.runs.summary import whole_summary
 from wake.pictures.drawing import vorticity_figure
+from wake.pictures.level_picture import LevelPicture
 from wake.plant import LivePlant
 from wake.plants import open_plant
 
@@ -79,21 +81,38 @@ def run_closed_loop(
     folder = RunFolder(output)
     with ExitStack() as stack:
         # Whole runs only: every file appears when the block has succeeded, and none before.
-        series, figures, uncontrolled_picture, controlled_picture = (
+        series, figures, stills, uncontrolled_picture, controlled_picture = (
             stack.enter_context(replacing(path))
-            for path in (folder.series, folder.summary, folder.uncontrolled_picture, folder.controlled_picture)
+            for path in (
+                *(folder.series, folder.summary, folder.wake),
+                *(folder.uncontrolled_picture, folder.controlled_picture),
+            )
         )
         capture = stack.enter_context(frame_log.recording(folder.frames))
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
+        picture = LevelPicture(wake)
+        recorder = WakeRecorder(Scene.of(picture, wake.layout), simulation.periods[1])
+
+        def begin(total: int) -> None:
+            ready(total)
+            recorder.record(0, wake.t, picture.levels)
+
+        def record(row: Row, done: int, total: int) -> None:
+            # The wake stands at the start of the next period, of which the run has none after its last.
+            if done < total:
+                recorder.record(done, wake.t, picture.levels)
+            progress(row, done, total)
+
         log = simulation.run(
             wake,
             capture=capture,
             origin=origin,
-            ready=ready,
+            ready=begin,
             requesting=lambda: _draw(wake, bundle, "without control", uncontrolled_picture),
-            progress=progress,
+            progress=record,
         )
         _draw(wake, bundle, "under control", controlled_picture)
+        recorded_wake.save(stills, recorder.recorded())
         run_log.save(series, log)
         figures.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
     return log

@@ -38,6 +38,11 @@ class RunFolder:
         return self.path / "vorticity_controlled.png"
 
     @property
+    def wake(self) -> Path:
+        """`firmware_sim.runs.recorded_wake.RecordedWake`; not in the folder of an earlier version."""
+        return self.path / "wake.npz"
+
+    @property
     def report(self) -> Path:
         """The run as one HTML page."""
         return self.path / "report.html"

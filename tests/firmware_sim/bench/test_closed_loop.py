@@ -18,11 +18,13 @@ from contract.release import bundle
 from export.program.random_program import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.bench.run_faults import parse_node_fault
-from firmware_sim.runs import run_log
+from firmware_sim.runs import recorded_wake, run_log
 from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.summary import summary
 from firmware_sim.runs.tables import service_rows
+from wake.pictures.level_picture import LevelPicture
+from wake.truck.state import developed_state
 
 pytestmark = pytest.mark.slow  # whole runs of the loop
 
@@ -66,7 +68,21 @@ def test_the_folder_holds_the_run_and_nothing_half_written(run):
         "summary.json",
         "vorticity_controlled.png",
         "vorticity_uncontrolled.png",
+        "wake.npz",
     ]
+
+
+def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, shared_wake):
+    folder, log, _ = run
+    found = recorded_wake.load(RunFolder(folder).wake, log)
+    assert found.k.tolist() == list(range(LEAD_IN + CONTROLLED))
+    # Without control the loop's wake is the solver's own, advanced by hand.
+    shared_wake.reset(developed_state())
+    for k in range(4):
+        error = found.levels(k).astype(int) - LevelPicture(shared_wake).levels()
+        # The codec's loss; a period off, the far vortices alone differ by five times as much.
+        assert np.sqrt(np.mean(error**2)) < 2.5, k
+        shared_wake.advance(0.0)
 
 
 def test_the_summary_has_every_figure(run):

@@ -1,0 +1,182 @@
+"""The wake of a run as it was: a still of its levels every few control periods, small enough to keep with every run.
+
+Stills are lossy WebP in grey, level + 128. A decoder that every browser has then shows them on the report's page.
+"""
+
+import io
+import json
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, UnidentifiedImageError
+
+from contract.errors import StillwakeError
+from contract.sensor_layout import SensorLayout
+from firmware_sim.runs.run_log import RunLog
+from wake.pictures.fields import View
+from wake.pictures.level_picture import LevelPicture
+from wake.pictures.levels import Levels
+
+SCHEMA: Final = "stillwake-wake/1"
+MOST_STILLS: Final = 640
+"""Of a recording; a longer run has them farther apart. 640 take about 2 MB."""
+MIDDLE: Final = 128
+"""Grey of level 0."""
+_WEBP: Final = {"quality": 85, "method": 2}
+_SAME_TIME: Final = 1e-6
+"""t_c."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What stays in all stills.
+
+    Attributes:
+        view: x and y limits in W.
+        size: width and height in pixels.
+        sensors: x and y in W of all wall sensors, by their names.
+    """
+
+    view: View
+    size: tuple[int, int]
+    sensors: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, picture: LevelPicture, layout: SensorLayout) -> "Scene":
+        """Of a plant with these sensors."""
+        places = {name: (float(x), float(y)) for name, (x, y) in zip(layout.names, layout.positions, strict=True)}
+        return cls(view=picture.view, size=picture.size, sensors=places)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedWake:
+    """Stills of a run.
+
+    Attributes:
+        scene: what they show.
+        k: period of the run at whose start each still was taken, (n,), rising.
+        t: the same in t_c, (n,).
+        stills: (n,) WebP files.
+    """
+
+    scene: Scene
+    k: npt.NDArray[np.int64]
+    t: npt.NDArray[np.float64]
+    stills: tuple[bytes, ...]
+
+    def levels(self, index: int) -> Levels:
+        """Of a still, (height, width), within the loss of the codec."""
+        with Image.open(io.BytesIO(self.stills[index])) as still:
+            grey = np.asarray(still.convert("L"), dtype=np.int16)
+        return np.asarray(np.clip(grey - MIDDLE, -127, 127), dtype=np.int8)
+
+
+class WakeRecorder:
+    """Keeps the latest stills of a run that goes on.
+
+    Args:
+        scene: what they show.
+        periods: of the run, or of its latest part that is kept.
+    """
+
+    def __init__(self, scene: Scene, periods: int) -> None:
+        self._scene = scene
+        self._every = max(1, -(-periods // MOST_STILLS))
+        self._kept: deque[tuple[int, float, bytes]] = deque(maxlen=max(1, -(-periods // self._every)))
+
+    def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
+        """At the start of period k, time t in t_c; the levels are asked for only where a still is due."""
+        if k % self._every == 0:
+            self._kept.append((k, t, encode(levels())))
+
+    def recorded(self, first: int = 0) -> RecordedWake:
+        """What is kept, with the periods counted from `first`, and none from before it."""
+        kept = [(k - first, t, still) for k, t, still in self._kept if k >= first]
+        return RecordedWake(
+            scene=self._scene,
+            k=np.array([k for k, _, _ in kept], dtype=np.int64),
+            t=np.array([t for _, t, _ in kept], dtype=np.float64),
+            stills=tuple(still for _, _, still in kept),
+        )
+
+
+def encode(levels: Levels) -> bytes:
+    """(height, width) as a still."""
+    buffer = io.BytesIO()
+    grey = np.asarray(levels.astype(np.int16) + MIDDLE, dtype=np.uint8)
+    Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
+    return buffer.getvalue()
+
+
+def save(path: Path, wake: RecordedWake) -> None:
+    """Write as .npz; `path` is a temporary file of `contract.atomic.replacing`."""
+    header = json.dumps({"schema": SCHEMA, **asdict(wake.scene)})
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            header=header,
+            k=wake.k,
+            t=wake.t,
+            ends=np.cumsum([len(still) for still in wake.stills], dtype=np.int64),
+            stills=np.frombuffer(b"".join(wake.stills), dtype=np.uint8),
+        )
+
+
+def load(path: Path, log: RunLog) -> RecordedWake:
+    """Read what `save` wrote, of this run.
+
+    Raises:
+        StillwakeError: if the file is damaged, of another schema or of another run.
+    """
+    try:
+        with np.load(path) as data:
+            header = json.loads(str(data["header"]))
+            if (schema := header.pop("schema", None)) != SCHEMA:
+                raise ValueError(f"schema {schema!r}, must be {SCHEMA!r}")
+            ends, packed = data["ends"], data["stills"].tobytes()
+            begins = [0, *ends[:-1].tolist()]
+            wake = RecordedWake(
+                scene=_scene(header),
+                k=np.asarray(data["k"], dtype=np.int64),
+                t=np.asarray(data["t"], dtype=np.float64),
+                stills=tuple(packed[begin:end] for begin, end in zip(begins, ends.tolist(), strict=True)),
+            )
+        _check(wake, len(packed), log)
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+        raise StillwakeError(f"{path}: not the recorded wake of this run ({error})") from error
+    return wake
+
+
+def _scene(header: Mapping[str, Any]) -> Scene:
+    left, right, low, high = map(float, header["view"])
+    width, height = map(int, header["size"])
+    sensors = {str(name): (float(x), float(y)) for name, (x, y) in header["sensors"].items()}
+    return Scene(view=(left, right, low, high), size=(width, height), sensors=sensors)
+
+
+def _check(wake: RecordedWake, total: int, log: RunLog) -> None:
+    """Raises ValueError for what contradicts itself or the run's series."""
+    count = len(wake.stills)
+    if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
+        raise ValueError(f"{count} stills at {len(wake.k)} periods")
+    if sum(map(len, wake.stills)) != total:
+        raise ValueError("the stills do not fill their part of the file")
+    times = log.series["t"]
+    if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
+        raise ValueError(f"stills must be of rising periods from 0 to {len(times) - 1}")
+    if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=_SAME_TIME):
+        raise ValueError("the stills' times are not the series'")
+    for still in wake.stills:
+        try:
+            with Image.open(io.BytesIO(still), formats=("WEBP",)) as image:
+                size = image.size
+        except UnidentifiedImageError:
+            raise ValueError("a still is no WebP picture") from None
+        if size != wake.scene.size:
+            raise ValueError(f"a still has {size} pixels, must have {wake.scene.size}")

@@ -1,0 +1,122 @@
+"""The recorded wake: what comes back, what is kept of a long run, and what is refused."""
+
+import io
+from functools import partial
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from contract.errors import StillwakeError
+from firmware_sim.runs import recorded_wake
+from firmware_sim.runs.recorded_wake import MOST_STILLS, RecordedWake, Scene, WakeRecorder, load, save
+
+SCENE = Scene(view=(4.5, 16.5, -2.25, 2.25), size=(96, 36), sensors={"base_0": (7.5, 0.1), "base_1": (7.5, -0.1)})
+
+
+def street(k: int) -> np.ndarray:
+    """Levels of a row of vortices that moves on, as int8."""
+    x, y = np.meshgrid(np.arange(96.0), np.arange(36.0))
+    total = np.zeros_like(x)
+    for i in range(6):
+        distance = (x - (12.0 + 16.0 * i + k) % 96.0) ** 2 + (y - (12.0 if i % 2 else 24.0)) ** 2
+        total += (-1) ** i * 110.0 * np.exp(-distance / 30.0)
+    return np.clip(np.rint(total), -127, 127).astype(np.int8)
+
+
+def recorded(times: np.ndarray, kept: int | None = None) -> RecordedWake:
+    recorder = WakeRecorder(SCENE, len(times) if kept is None else kept)
+    for k, t in enumerate(times):
+        recorder.record(k, float(t), partial(street, k))
+    return recorder.recorded()
+
+
+@pytest.fixture
+def log(log_of):
+    return log_of()
+
+
+def test_levels_come_back_within_the_loss_of_the_codec(log, tmp_path):
+    save(tmp_path / "wake.npz", recorded(log.series["t"]))
+    found = load(tmp_path / "wake.npz", log)
+    assert found.scene == SCENE
+    assert found.k.tolist() == list(range(6))
+    for k in range(6):
+        error = found.levels(k).astype(int) - street(k)
+        # A level is 1/127 of the scale: nobody sees 2 % of it, and it has no sign.
+        assert np.sqrt(np.mean(error**2)) < 3.0
+        assert abs(np.mean(error)) < 0.5
+        assert np.abs(error).max() < 25
+
+
+def test_a_long_run_keeps_as_many_stills_evenly_spaced():
+    recorder, asked = WakeRecorder(SCENE, 10 * MOST_STILLS + 1), list[int]()
+
+    def levels(k: int) -> np.ndarray:
+        asked.append(k)
+        return np.zeros((36, 96), dtype=np.int8)
+
+    for k in range(10 * MOST_STILLS + 1):
+        recorder.record(k, 0.2 * k, partial(levels, k))
+    found = recorder.recorded()
+    assert MOST_STILLS / 2 < len(found.stills) <= MOST_STILLS
+    assert set(np.diff(found.k)) == {11}
+    assert asked == found.k.tolist()
+
+
+def test_only_the_latest_part_is_kept_and_counted_from_its_begin():
+    recorder = WakeRecorder(SCENE, 4)
+    for k in range(10):
+        recorder.record(k, 0.2 * k, partial(street, k))
+    found = recorder.recorded(first=7)
+    assert found.k.tolist() == [0, 1, 2]
+    assert found.t == pytest.approx([1.4, 1.6, 1.8])
+    assert np.abs(found.levels(0).astype(int) - street(7)).mean() < 2.0
+    assert len(recorder.recorded().stills) == 4
+
+
+def of_another_size(wake: RecordedWake) -> RecordedWake:
+    return replace(wake, scene=replace(wake.scene, size=(95, 36)))
+
+
+def with_a_png(wake: RecordedWake) -> RecordedWake:
+    buffer = io.BytesIO()
+    Image.new("L", (96, 36)).save(buffer, format="PNG")
+    return replace(wake, stills=(buffer.getvalue(), *wake.stills[1:]))
+
+
+WRONG = {
+    "not the series'": lambda wake: replace(wake, t=wake.t + 0.2),
+    "of rising periods from 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
+    "rising periods": lambda wake: replace(wake, k=wake.k[::-1]),
+    r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
+    r"must have \(95, 36\)": of_another_size,
+    "no WebP": with_a_png,
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_a_file_that_contradicts_the_run_is_refused(log, tmp_path, message):
+    save(tmp_path / "wake.npz", WRONG[message](recorded(log.series["t"])))
+    with pytest.raises(StillwakeError, match=rf"wake\.npz: not the recorded wake of this run \(.*{message}"):
+        load(tmp_path / "wake.npz", log)
+
+
+def test_a_damaged_file_is_refused(log, tmp_path):
+    path = tmp_path / "wake.npz"
+    save(path, recorded(log.series["t"]))
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    for damaged in (whole[:-100], whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :], b""):
+        path.write_bytes(damaged)
+        with pytest.raises(StillwakeError, match="not the recorded wake of this run"):
+            load(path, log)
+
+
+def test_a_file_of_another_schema_is_refused(log, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorded_wake, "SCHEMA", "stillwake-wake/9")
+    save(tmp_path / "wake.npz", recorded(log.series["t"]))
+    monkeypatch.undo()
+    with pytest.raises(StillwakeError, match=r"schema 'stillwake-wake/9', must be 'stillwake-wake/1'"):
+        load(tmp_path / "wake.npz", log)
