@@ -1,8 +1,8 @@
 """The recorded wake: what comes back, what is kept of a long run, and what is refused."""
 
 import io
-from functools import partial
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
