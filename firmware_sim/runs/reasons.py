@@ -1,0 +1,24 @@
+"""Why the jets may not follow the controller, in words for somebody who has never seen an ECU."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from can_bridge.wire.messages import Reason
+
+BECAUSE: Final[Mapping[Reason, str]] = {
+    Reason.NONE: "",
+    Reason.STREAM_LOST: "no pressures came",
+    Reason.STREAM_INVALID: "the pressure frames failed their end-to-end checks",
+    Reason.DEADLINE: "its control steps came too late",
+    Reason.BUS_OFF: "its CAN controller was off the bus",
+    Reason.INTERNAL: "its controller gave no answer",
+    Reason.SENSOR_INVALID: "a pressure was marked invalid",
+    Reason.STALE: "the pressures were too old",
+    Reason.NOT_AUTHENTIC: "the frames were not authentic",
+    Reason.CLOCK: "its clock jumped",
+    Reason.IMPLAUSIBLE: "the pressures contradict each other",
+    Reason.NOT_ARMED: "the request stands from before, and must fall and rise anew",
+    Reason.OTHER_ECU: "another ECU is on the bus",
+    Reason.NO_RELEASE: "it has no release",
+    Reason.UPDATING: "a release is being written",
+}
