@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine c retrain release full openfoam tables docs pictures clean
+.PHONY: demo check test lint coverage pristine c retrain release full openfoam tables generated docs pictures clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
@@ -144,7 +144,7 @@ full: test
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
 	$(BIN)/python -m benchmarks steady-response --state runs/steady.npz --json results/steady_response.json
-	$(MAKE) docs
+	$(MAKE) generated
 
 # The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.
 openfoam: $(VENV)/dev.stamp
@@ -157,13 +157,19 @@ tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables
 	$(BIN)/python -m benchmarks pictures
 
-# All that the documents take from files: tables, pictures, rooms, settings, CAN messages.
-docs: tables
+# All that the documents take from files: tables, pictures, rooms, settings, commands, CAN messages.
+generated: tables
 	$(BIN)/python docs/rooms.py
 	$(BIN)/python docs/settings.py
+	$(BIN)/python docs/command_line.py
 	$(BIN)/python docs/can_messages.py
 	$(BIN)/python docs/states.py
 	$(BIN)/python docs/diagnosis.py
+
+# These pages as a site, with search and the API; warnings are errors.
+docs: $(VENV)/dev.stamp
+	$(BIN)/python -m sphinx --nitpicky --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs build/docs
+	@echo "the site: build/docs/index.html"
 
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.
 pictures: $(VENV)/dev.stamp

@@ -1,4 +1,4 @@
-"""Write `docs/reference/can-messages.md` from `contract/stillwake.dbc`: `make docs`."""
+"""Write `docs/reference/can-messages.md` from `contract/stillwake.dbc`: `make generated`."""
 
 import sys
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ PAGE: Final = ROOT / "docs" / "reference" / "can-messages.md"
 
 _HEAD: Final = """# CAN messages
 
-For ECU and validation engineers who read or write the bus. `make docs` writes this page from
+For ECU and validation engineers who read or write the bus. `make generated` writes this page from
 [stillwake.dbc](../../contract/stillwake.dbc), which defines everything on it; open that file in your own tool.
 A bus carries one of the three sets: `bus.frames` chooses CAN FD or classic CAN, `bus.key` the authenticated form of
 CAN FD. Identifiers differ between the sets, so a node of another set is seen and not misread.

@@ -1,4 +1,4 @@
-"""Write `docs/reference/diagnosis.md` from the numbers of UDS, their permissions and those of XCP: `make docs`.
+"""Write `docs/reference/diagnosis.md` from the numbers of UDS, their permissions and those of XCP: `make generated`.
 
 What a number means stands here once for each; one that has no text here is an error.
 """
@@ -182,8 +182,8 @@ def _head() -> str:
 
 For ECU engineers with a tester or a calibration tool of their own: what an ECU that runs with `--slots` understands.
 [Flash an ECU](../how-to/flash-an-ecu.md) and [calibrate](../how-to/calibrate.md) have the commands that use it, and
-[the threat model](../explanation/threat-model.md) says what the keys protect. `make docs` writes this page from
-`can_bridge/uds/` and `can_bridge/calibration/`.
+[the threat model](../explanation/threat-model.md) says what the keys protect. `make generated` writes this page
+from `can_bridge/uds/` and `can_bridge/calibration/`.
 
 | identifier on the bus | carries |
 |---|---|

@@ -1,4 +1,4 @@
-"""Draw `docs/rooms.svg` from the imports in the source: `make docs`.
+"""Draw `docs/rooms.svg` from the imports in the source: `make generated`.
 
 A room is a top-level package, a chip one of its folders. An arrow from one room to another is an import, and its number
 counts the modules of the lower room that the upper one uses. A room is on the lowest floor that leaves every import

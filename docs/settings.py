@@ -1,4 +1,4 @@
-"""Write `docs/reference/settings.md` from the tree of settings: `make docs`.
+"""Write `docs/reference/settings.md` from the tree of settings: `make generated`.
 
 What `stillwake config` prints comes from the same list (`contract.config.listing`).
 """
@@ -19,8 +19,8 @@ For everyone who sets something: every setting of the tree, by the name that `--
 (`--config FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
 `stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one; the
 release's is given where it differs. Lengths are in W, times in t_c, actions a = jet flow rate in U_inf W. A number
-without a unit is a ratio, or counts what its name says. A value outside its bounds is refused by name. `make docs`
-writes this page from `contract/config/`."""
+without a unit is a ratio, or counts what its name says. A value outside its bounds is refused by name.
+`make generated` writes this page from `contract/config/`."""
 
 
 def page() -> str:

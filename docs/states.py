@@ -1,4 +1,4 @@
-"""Write `docs/reference/states.md` and draw `docs/states.svg` from the ECU's table of transitions: `make docs`.
+"""Write `docs/reference/states.md` and draw `docs/states.svg` from the ECU's table of transitions: `make generated`.
 
 Boxes and lines have their places here; the numbers on the lines are those of the table's rows. A transition without a
 line, or a line without a transition, is an error.
@@ -77,7 +77,7 @@ LINES: Final = (
 _HEAD: Final = """# States of the ECU
 
 For ECU and validation engineers: what the ECU does in each control period, and what leads from one state to another.
-`make docs` writes this page and its picture from the table in
+`make generated` writes this page and its picture from the table in
 [state_machine.py](../../firmware_sim/ecu/state_machine.py), which is what runs.
 
 ![the states, and by which rows of the table they are left](../states.svg)

@@ -12,7 +12,7 @@ PAGE = can_messages.PAGE.read_text(encoding="utf-8")
 
 
 def test_the_page_is_up_to_date():
-    assert can_messages.page() == PAGE, "docs/reference/can-messages.md: run `make docs`"
+    assert can_messages.page() == PAGE, "docs/reference/can-messages.md: run `make generated`"
 
 
 def test_every_message_and_signal_has_a_line():

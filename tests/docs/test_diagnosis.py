@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_the_page_is_up_to_date():
     assert diagnosis.PAGE.read_text(encoding="utf-8") == diagnosis.page(), (
-        "docs/reference/diagnosis.md is stale: run `make docs`"
+        "docs/reference/diagnosis.md is stale: run `make generated`"
     )
 
 

@@ -9,7 +9,7 @@ from docs import rooms
 
 
 def test_the_picture_is_up_to_date():
-    assert rooms.PICTURE.read_text(encoding="utf-8") == rooms.draw(), "docs/rooms.svg is stale: run `make docs`"
+    assert rooms.PICTURE.read_text(encoding="utf-8") == rooms.draw(), "docs/rooms.svg is stale: run `make generated`"
 
 
 def test_the_picture_is_svg_and_names_every_room():

@@ -5,7 +5,9 @@ from docs import settings
 
 
 def test_the_page_is_up_to_date():
-    assert settings.PAGE.read_text(encoding="utf-8") == settings.page(), "docs/reference/settings.md: run `make docs`"
+    assert settings.PAGE.read_text(encoding="utf-8") == settings.page(), (
+        "docs/reference/settings.md: run `make generated`"
+    )
 
 
 def test_every_setting_has_a_line():

@@ -14,9 +14,9 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def test_page_and_picture_are_up_to_date():
     assert states.PAGE.read_text(encoding="utf-8") == states.page(), (
-        "docs/reference/states.md is stale: run `make docs`"
+        "docs/reference/states.md is stale: run `make generated`"
     )
-    assert states.PICTURE.read_text(encoding="utf-8") == states.draw(), "docs/states.svg is stale: run `make docs`"
+    assert states.PICTURE.read_text(encoding="utf-8") == states.draw(), "docs/states.svg is stale: run `make generated`"
 
 
 def test_every_state_has_a_meaning_and_every_row_a_line():
