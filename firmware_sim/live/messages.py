@@ -69,6 +69,7 @@ class Hello(TypedDict):
     view: list[float]  # x and y limits of the picture, W
     raster: list[int]  # its width and height; empty where the plant has no field
     states: list[str]  # of `OperatingMode`, in order
+    reasons: dict[str, str]  # in words, by the names of `Reason`: `firmware_sim.runs.reasons`
     controllers: list[Choice]
     plants: list[Choice]
     sliders: dict[str, SliderData]

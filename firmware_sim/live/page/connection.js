@@ -1,0 +1,89 @@
+'use strict';
+/** WebSockets that come back by themselves, each time after a longer wait. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const [SHORTEST_MS, LONGEST_MS, ANSWER_MS] = [500, 8000, 15000];
+
+  /** The address of a channel beside this page, with the page's token. */
+  stillwake.channelUrl = (name) => {
+    const url = new URL(name, location.href);
+    url.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
+    url.search = stillwake.tokenQuery();
+    url.hash = '';
+    return url.href;
+  };
+
+  /** '?token=...' of this page, or ''. */
+  stillwake.tokenQuery = () => {
+    const token = new URLSearchParams(location.search).get('token');
+    return token ? `?${new URLSearchParams({token})}` : '';
+  };
+
+  stillwake.Channel = class {
+    /**
+     * @param {Function} on called with ('open'), ('message', data), ('closed', {wait_ms, reason}).
+     */
+    constructor(url, on) {
+      this.url = url;
+      this.on = on;
+      this.wait = SHORTEST_MS;
+      this.open();
+    }
+
+    open() {
+      this.socket = new WebSocket(this.url);
+      this.socket.binaryType = 'arraybuffer';
+      this.socket.addEventListener('open', () => this.on('open'));
+      this.socket.addEventListener('message', (event) => {
+        this.wait = SHORTEST_MS;
+        this.on('message', event.data);
+      });
+      this.socket.addEventListener('close', (event) => {
+        this.on('closed', {wait_ms: this.wait, reason: event.reason});
+        setTimeout(() => this.open(), this.wait);
+        this.wait = Math.min(LONGEST_MS, 2 * this.wait);
+      });
+    }
+
+    get ready() {
+      return this.socket.readyState === WebSocket.OPEN;
+    }
+  };
+
+  /** Requests on a channel of their own, each with its answer. */
+  stillwake.Requests = class {
+    constructor(url) {
+      this.next = 1;
+      this.waiting = new Map();
+      this.channel = new stillwake.Channel(url, (what, data) => {
+        if (what === 'message') this.answered(JSON.parse(data));
+        if (what === 'closed') this.failAll('the server has closed the connection');
+      });
+    }
+
+    /** Resolves to the answer; an answer with `error` where there is none. */
+    ask(request) {
+      if (!this.channel.ready) return Promise.resolve({error: 'not connected to the loop'});
+      const id = this.next;
+      this.next += 1;
+      return new Promise((resolve) => {
+        const late = setTimeout(() => this.answered({id, error: 'no answer from the loop'}), ANSWER_MS);
+        this.waiting.set(id, {resolve, late});
+        this.channel.socket.send(JSON.stringify({id, ...request}));
+      });
+    }
+
+    answered(answer) {
+      const waiting = this.waiting.get(answer.id);
+      if (!waiting) return;
+      this.waiting.delete(answer.id);
+      clearTimeout(waiting.late);
+      waiting.resolve(answer);
+    }
+
+    failAll(error) {
+      for (const id of [...this.waiting.keys()]) this.answered({id, error});
+    }
+  };
+})();

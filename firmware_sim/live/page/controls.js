@@ -1,0 +1,127 @@
+'use strict';
+/** What a viewer can set on the running loop. Every control shows the loop's value, so that all viewers agree. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {make, Switch, Choice, Slider} = stillwake;
+
+  const WORDS = {
+    enable: {label: 'The vehicle requests control', help: 'Off: the ECU shuts the jets and the vortices come back.'},
+    plant: {label: 'Plant', help: 'A change starts the plant anew.'},
+    noise: {label: 'Noise on all sensors', help: 'Watch the action get rougher, and the drag rise.'},
+    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and go on with the others.'},
+    biased: {label: 'Biased sensor', help: 'Watch the ECU set it aside if it contradicts the others.'},
+    bias: {label: 'Bias', help: 'Of the biased sensor.'},
+    loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY flash up; FAULT when too many are lost.'},
+    delay_ms: {label: 'Late jet commands', help: 'Watch the drag rise; what comes too late shuts the jets.'},
+    babble: {label: 'Babbling node', help: 'It fills the bus at the highest priority. Watch the load, and the ECU’s FAULT.'},
+    controller: {label: 'Controller', help: 'The same release, computed by another machine; “off” cuts the ECU’s supply.'},
+  };
+  const WEIGHTS = {
+    drag_mean: 'Mean drag',
+    drag_fluctuation: 'Drag swings',
+    lift: 'Side force',
+    lift_mean: 'Mean side force',
+    smoothness: 'Smooth plan',
+    effort: 'Jet effort',
+    rate: 'First step of the jets',
+  };
+
+  stillwake.Controls = class {
+    /**
+     * @param {object} hello choices, bounds and settings.
+     * @param {Function} ask sends a request: {set: {...}}, {clear: true}, ...
+     */
+    constructor(element, hello, ask) {
+      this.hello = hello;
+      this.ask = ask;
+      this.fields = new Map();
+      this.weights = new Map();
+      const sensors = [{name: '', label: 'none'}, ...hello.used.map((name) => ({name, label: name}))];
+      element.replaceChildren(
+        this.group('Vehicle', this.switch('enable'), this.choice('plant', hello.plants), this.buttons(['restart', 'Restart the plant'])),
+        this.group('ECU', this.choice('controller', hello.controllers), this.buttons(['power_cycle', 'Power cycle the ECU'])),
+        this.group('Sensors', this.slider('noise'), this.choice('dead', sensors), this.choice('biased', sensors), this.slider('bias')),
+        this.group('Bus', this.slider('loss'), this.slider('delay_ms'), this.switch('babble')),
+        this.goal(),
+      );
+      this.show(hello.settings);
+    }
+
+    /** The loop's settings, which are the truth. */
+    show(settings) {
+      for (const [name, field] of this.fields) field.show(settings[name]);
+      const weights = settings.weights || this.hello.weights;
+      for (const [name, field] of this.weights) field.show(weights[name]);
+      this.own.disabled = !settings.weights;
+    }
+
+    group(name, ...items) {
+      return make('fieldset', {}, make('legend', {}, name), ...items);
+    }
+
+    words(name) {
+      return {name, ...WORDS[name]};
+    }
+
+    set(name) {
+      return (value) => this.ask({set: {[name]: value}});
+    }
+
+    switch(name) {
+      return this.keep(name, new Switch(this.words(name), this.set(name)));
+    }
+
+    choice(name, choices) {
+      return this.keep(name, new Choice(this.words(name), choices, this.set(name)));
+    }
+
+    slider(name) {
+      return this.keep(name, new Slider(this.words(name), this.bounds(this.hello.sliders[name]), this.set(name)));
+    }
+
+    /** Shares are shown as they are set; long units go into the help's line. */
+    bounds(slider) {
+      const unit = slider.unit.split(' ')[0];
+      return {...slider, unit: unit === 'ms' ? 'ms' : unit === 'deviations' ? 'σ' : ''};
+    }
+
+    keep(name, field) {
+      this.fields.set(name, field);
+      field.input.dataset.setting = name;
+      return field.element;
+    }
+
+    buttons(...list) {
+      return make('p', {class: 'buttons'}, ...list.map(([request, label]) => {
+        const button = make('button', {type: 'button', 'data-request': request}, label);
+        button.addEventListener('click', () => this.ask({[request]: true}));
+        return button;
+      }));
+    }
+
+    /** Weights of the cost, a calibration of the release. */
+    goal() {
+      const {least, greatest, step} = this.hello.weight_slider;
+      const fields = Object.keys(this.hello.weights).map((name) => {
+        const field = new Slider(
+          {name, label: WEIGHTS[name] || name},
+          {least, greatest, step, unit: ''},
+          (value) => this.ask({set: {weights: {[name]: value}}}),
+          stillwake.byRatio(greatest),
+        );
+        field.input.dataset.weight = name;
+        this.weights.set(name, field);
+        return field.element;
+      });
+      this.own = make('button', {type: 'button', 'data-request': 'weights'}, 'The release’s goal');
+      this.own.addEventListener('click', () => this.ask({set: {weights: null}}));
+      return this.group(
+        'Goal',
+        make('p', {class: 'note'}, 'What the controller minimises. More weight on side force costs drag; more on jet effort spares the jets.'),
+        make('div', {class: 'weights'}, ...fields),
+        make('p', {class: 'buttons'}, this.own),
+      );
+    }
+  };
+})();

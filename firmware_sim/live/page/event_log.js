@@ -1,0 +1,44 @@
+'use strict';
+/** What happened, the latest first, in so many lines and no more. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {make, format} = stillwake;
+  const KINDS = {set: 'set', state: 'ECU', bus: 'bus', loop: 'loop'};
+
+  stillwake.EventLog = class {
+    /** @param {object} how kept lines; live where a screen reader is to read new ones; onPick, called with t. */
+    constructor(element, {kept = 200, live = false, onPick = null} = {}) {
+      this.kept = kept;
+      this.onPick = onPick;
+      this.latest = -1;
+      const speech = live ? {role: 'log', 'aria-live': 'polite'} : {};
+      this.list = make('ol', {class: 'event-list', tabindex: '0', 'aria-label': 'Events, the latest first', ...speech});
+      this.none = make('p', {class: 'note'}, 'Nothing yet.');
+      element.replaceChildren(this.none, this.list);
+    }
+
+    clear() {
+      this.latest = -1;
+      this.list.replaceChildren();
+      this.none.hidden = false;
+    }
+
+    /** [{n, time_s, t, kind, text}], in order; those that are there already are left out. */
+    add(items) {
+      const later = items.filter((item) => item.n > this.latest).slice(-this.kept);
+      if (!later.length) return;
+      this.latest = later.at(-1).n;
+      this.none.hidden = true;
+      this.list.prepend(...later.map((item) => this.line(item)).reverse());
+      while (this.list.childElementCount > this.kept) this.list.lastElementChild.remove();
+    }
+
+    line({t, kind, text}) {
+      const time = `${format.number(t, 1)}`;
+      const stamp = this.onPick ? make('button', {type: 'button', class: 'plain'}, time) : make('span', {class: 'time'}, time);
+      if (this.onPick) stamp.addEventListener('click', () => this.onPick(t));
+      return make('li', {'data-kind': kind}, stamp, make('span', {class: 'kind'}, KINDS[kind] || kind), make('span', {}, text));
+    }
+  };
+})();

@@ -1,0 +1,98 @@
+'use strict';
+/** Native controls with a label and a line of help, which show the loop's value and tell what a viewer wants. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {make, say, format} = stillwake;
+  let count = 0;
+
+  /** Label, control, value and help in one block. */
+  const block = (kind, {label, help}, control, ...more) => {
+    control.id = `field-${(count += 1)}`;
+    const lines = [make('label', {for: control.id}, label)];
+    const element = make('div', {class: `field ${kind}`}, ...(kind === 'switch' ? [control, ...lines] : [...lines, ...more, control]));
+    if (help) {
+      const note = make('p', {class: 'note', id: `${control.id}-help`}, help);
+      control.setAttribute('aria-describedby', note.id);
+      element.append(note);
+    }
+    return element;
+  };
+
+  /** On or off. `set(true)` tells a wish; `show` follows the loop. */
+  stillwake.Switch = class {
+    constructor(words, set) {
+      this.input = make('input', {type: 'checkbox', role: 'switch'});
+      this.element = block('switch', words, this.input);
+      this.input.addEventListener('change', () => set(this.input.checked));
+    }
+
+    show(value) {
+      this.input.checked = Boolean(value);
+    }
+  };
+
+  /** One of [{name, label, missing}]; what is missing cannot be chosen, and says why. */
+  stillwake.Choice = class {
+    constructor(words, choices, set) {
+      this.input = make('select', {name: words.name});
+      for (const {name, label, missing} of choices) {
+        this.input.append(make('option', {value: name, disabled: Boolean(missing)}, missing ? `${label} (not here)` : label));
+      }
+      this.element = block('choice', words, this.input);
+      const missing = choices.filter((choice) => choice.missing).map((choice) => `${choice.label}: ${choice.missing}`);
+      if (missing.length) this.element.append(make('p', {class: 'note'}, missing.join(' · ')));
+      this.input.addEventListener('change', () => set(this.input.value));
+    }
+
+    show(value) {
+      this.input.value = value;
+    }
+  };
+
+  /**
+   * A number. It is told when the slider is let go; until then the loop's value does not pull it back.
+   * `scale` maps the loop's value to the slider and back.
+   */
+  stillwake.Slider = class {
+    constructor(words, {least, greatest, step, unit}, set, scale = null) {
+      this.unit = unit;
+      this.scale = scale || {to: (value) => value, from: (value) => value};
+      const ends = scale ? {min: 0, max: 100, step: 1} : {min: least, max: greatest, step};
+      this.input = make('input', {type: 'range', name: words.name, ...ends});
+      this.output = make('output');
+      this.element = block('slider', words, this.input, this.output);
+      this.held = false;
+      this.input.addEventListener('input', () => {
+        this.held = true;
+        this.tell(this.value);
+      });
+      this.input.addEventListener('change', () => {
+        this.held = false;
+        set(this.value);
+      });
+    }
+
+    get value() {
+      return this.scale.from(Number(this.input.value));
+    }
+
+    show(value) {
+      if (this.held) return;
+      this.input.value = String(this.scale.to(value));
+      this.tell(value);
+    }
+
+    tell(value) {
+      const text = `${format.short(value)} ${this.unit}`.trim();
+      say(this.output, text);
+      this.input.setAttribute('aria-valuetext', text);
+    }
+  };
+
+  /** From 0, and then from 0.01 to the greatest by equal ratios, on a slider of 0 to 100. */
+  stillwake.byRatio = (greatest) => ({
+    to: (value) => (value < 0.01 ? 0 : Math.round(1 + (99 * Math.log(value / 0.01)) / Math.log(greatest / 0.01))),
+    from: (place) => (place < 1 ? 0 : Number((0.01 * (greatest / 0.01) ** ((place - 1) / 99)).toPrecision(2))),
+  });
+})();

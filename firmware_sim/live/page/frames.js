@@ -1,0 +1,59 @@
+'use strict';
+/** Drawing when the browser draws, once a frame at most, and only what can be seen. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const waiting = new Set();
+  const items = new WeakMap();
+  let asked = false;
+
+  const run = () => {
+    asked = false;
+    for (const item of [...waiting]) {
+      if (!item.visible) continue; // drawn when it comes into sight
+      waiting.delete(item);
+      item.draw();
+    }
+  };
+  const ask = () => {
+    if (asked) return;
+    asked = true;
+    requestAnimationFrame(run);
+  };
+  const sight = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) {
+        const item = items.get(entry.target);
+        item.visible = entry.isIntersecting;
+        if (item.visible && waiting.has(item)) ask();
+      }
+    },
+    {rootMargin: '100px'},
+  );
+
+  /** A function that asks for `draw` in the next frame in which the element is in sight. */
+  stillwake.painter = (element, draw) => {
+    const item = {draw, visible: true};
+    items.set(element, item);
+    sight.observe(element);
+    return () => {
+      waiting.add(item);
+      if (item.visible) ask();
+    };
+  };
+
+  /** Calls `fit(width, height)` in CSS pixels whenever the element's size has changed. */
+  stillwake.onSize = (element, fit) => {
+    new ResizeObserver(([entry]) => fit(entry.contentRect.width, entry.contentRect.height)).observe(element);
+  };
+
+  /** A canvas's context, scaled to CSS pixels, its bitmap as fine as the screen. */
+  stillwake.context = (canvas, width, height) => {
+    const fine = Math.min(3, globalThis.devicePixelRatio || 1);
+    const [wide, high] = [Math.max(1, Math.round(width * fine)), Math.max(1, Math.round(height * fine))];
+    if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
+    const context = canvas.getContext('2d');
+    context.setTransform(wide / width, 0, 0, high / height, 0, 0);
+    return context;
+  };
+})();

@@ -1,0 +1,80 @@
+'use strict';
+/** One sentence that says what is seen, for someone who has just come. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {make, say, format} = stillwake;
+
+  /** {kind, text}: the kind stays while only numbers change. */
+  const sentence = (hello, now) => {
+    const count = hello.used.length;
+    const reason = stillwake.reasonOf(hello, now);
+    const because = reason ? `: ${reason}` : '';
+    const percent = now.reduction_percent;
+    const less = format.is(percent)
+      ? `Drag is ${format.number(Math.abs(percent), 0)} % ${percent >= 0 ? 'below' : 'above'} the uncontrolled wake`
+      : null;
+    if (now.paused) return {kind: 'paused', text: 'The loop is paused.'};
+    if (!hello.answers_jets && now.state === 'ACTIVE') {
+      return {kind: 'recording', text: `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`};
+    }
+    const withheld = now.given_up ? ' The vehicle has withdrawn its request: “Clear all” renews it.' : '';
+    switch (now.state) {
+      case 'ACTIVE':
+        if (now.set_aside.length) {
+          const left = count - now.set_aside.length;
+          return {kind: `aside ${now.set_aside}`, text: `The ECU has set ${now.set_aside.join(' and ')} aside and controls with ${left} sensors${less ? `. ${less}` : ''}.`};
+        }
+        return less
+          ? {kind: 'control', text: `${less}; the ECU controls with ${count} sensors.`}
+          : {kind: 'begun', text: `The ECU controls with ${count} wall-pressure sensors; the wake begins to calm down.`};
+      case 'HOLD':
+      case 'DECAY':
+        return {kind: 'missing', text: `Pressures are missing${because}. The ECU bridges a few periods.`};
+      case 'FAULT':
+        return {kind: `fault ${now.reason}`, text: `The ECU has shut the jets${because}.${withheld}`};
+      case 'WARMUP':
+        return {kind: 'warmup', text: 'Control is requested; the ECU fills its window of past pressures.'};
+      case 'OFF':
+        return {kind: 'off', text: `The ECU has no supply: the jets are shut.${withheld}`};
+      case 'BOOT':
+        return {kind: 'boot', text: 'The ECU starts; the jets are shut.'};
+      default:
+        if (withheld) return {kind: 'given up', text: `The jets are shut.${withheld}`};
+        return {kind: 'free', text: 'No control yet: vortices leave the two edges of the base in turn, and cost drag.'};
+    }
+  };
+
+  /** Why the jets may not follow the controller, in words. */
+  stillwake.reasonOf = (hello, now) => (hello.reasons && hello.reasons[now.reason]) ?? now.reason;
+
+  stillwake.Headline = class {
+    /** The text is for the eye at once; a screen reader hears it when what happens has changed. */
+    constructor(element) {
+      this.kind = null;
+      this.state = make('span', {class: 'pill'});
+      this.text = make('span');
+      this.event = make('p', {class: 'note latest', 'aria-hidden': 'true'});
+      this.heard = make('p', {class: 'heard', role: 'status'});
+      element.replaceChildren(make('p', {class: 'sentence'}, this.state, this.text), this.event, this.heard);
+    }
+
+    show(hello, now) {
+      say(this.state, now.state);
+      this.state.dataset.kind = stillwake.StateMachine.KIND[now.state] || 'plain';
+      this.tell(sentence(hello, now));
+    }
+
+    /** The latest event, small below the sentence. */
+    happened({t, text}) {
+      say(this.event, `t = ${format.number(t, 1)}: ${text}`);
+    }
+
+    tell({kind, text}) {
+      say(this.text, text);
+      if (kind === this.kind) return;
+      this.kind = kind;
+      say(this.heard, text);
+    }
+  };
+})();

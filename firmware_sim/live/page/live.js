@@ -1,0 +1,161 @@
+'use strict';
+/** The live page: joins the channels to the widgets. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {say, format} = stillwake;
+  const at = (id) => document.getElementById(id);
+  const SPEAK_MS = 5000; // between changes of a picture's text alternative
+
+  stillwake.LivePage = class {
+    constructor() {
+      this.stream = new stillwake.Stream((type, message) => this.came(type, message));
+      this.requests = new stillwake.Requests(stillwake.channelUrl('control'));
+      this.channel = new stillwake.Channel(stillwake.channelUrl('stream'), (what, data) => this.heard(what, data));
+      this.headline = new stillwake.Headline(at('headline'));
+      this.states = new stillwake.StateMachine(at('states'));
+      this.latency = new stillwake.LatencyHistogram(at('latency'));
+      this.bus = new stillwake.BusTable(at('bus'));
+      this.events = new stillwake.EventLog(at('events'), {live: true});
+      this.toolbar = new stillwake.Toolbar(this);
+      this.request = stillwake.painter(document.body, () => this.draw());
+      this.drawn = new stillwake.Rate();
+      this.spoken = -Infinity;
+      this.span = Number(at('span').value);
+      at('span').addEventListener('change', () => {
+        this.span = Number(at('span').value);
+        this.request();
+      });
+    }
+
+    /** Tell the loop something, and the viewer what came of it. */
+    async ask(request) {
+      const answer = await this.requests.ask(request);
+      this.toolbar.answer(answer);
+      if (answer.error && this.settings) this.controls?.show(this.settings);
+      return answer;
+    }
+
+    heard(what, data) {
+      if (what === 'message') {
+        document.body.dataset.connection = 'live';
+        this.stream.take(data);
+      } else if (what === 'closed') {
+        document.body.dataset.connection = 'lost';
+        const again = `trying again in ${format.number(data.wait_ms / 1000, 1)} s`;
+        say(at('connection'), `${data.reason || 'no connection'}; ${again}`);
+        this.headline.tell({kind: 'lost', text: 'The loop cannot be reached. This page tries again by itself.'});
+      } else {
+        say(at('connection'), 'connected');
+      }
+    }
+
+    came(type, message) {
+      if (type === 'loop') this.toolbar.loop(message);
+      else if (type === 'hello') this.begin(message);
+      else if (!this.stream.hello) return;
+      else if (type === 'picture') this.wake.picture(message.levels, message.width, message.height);
+      else if (type === 'bus') this.bus.show(message);
+      else if (type === 'latency') this.latency.show(message);
+      else if (type === 'events') this.happened(message.items);
+      else if (type === 'settings') this.follow(message);
+      else if (type === 'periods') this.passed(message.columns.mode);
+      this.request();
+    }
+
+    begin(hello) {
+      this.events.clear();
+      const scene = {...hello, empty: hello.raster.length ? 'waiting for the flow' : 'this plant has no picture of the flow'};
+      if (this.wake) this.wake.show(scene);
+      else this.wake = new stillwake.WakeView(at('wake'), scene);
+      if (!this.curves || this.shaped !== `${hello.control_period} ${hello.action_limit}`) {
+        this.shaped = `${hello.control_period} ${hello.action_limit}`;
+        this.curves = new stillwake.Curves(at('curves'), {action_limit: hello.action_limit, period: hello.control_period, height: innerWidth < 1700 ? 116 : 150});
+      }
+      this.controls = new stillwake.Controls(at('controls'), hello, (request) => this.ask(request));
+      const {name, digest, precision, signer} = hello.bundle;
+      say(at('about'), `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'}) on ${hello.plant}, Re = ${format.count(hello.reynolds)}. stillwake ${hello.version}.`);
+      this.follow({settings: hello.settings, query: this.query || ''});
+      this.toolbar.openLink();
+    }
+
+    follow({settings, query}) {
+      this.settings = settings;
+      this.query = query;
+      this.controls.show(settings);
+      document.body.dataset.settings = query;
+    }
+
+    happened(items) {
+      this.events.add(items);
+      if (items.length) this.headline.happened(items.at(-1));
+    }
+
+    /** HOLD and DECAY may last a period each: they light up for long enough to be seen. */
+    passed(modes) {
+      for (const [mode, state] of [[3, 'HOLD'], [4, 'DECAY']]) if (modes.includes(mode)) this.states.glow(state);
+    }
+
+    draw() {
+      const {hello, now, periods} = this.stream;
+      if (!hello || !now) return;
+      this.headline.show(hello, now);
+      this.states.show(now.state, stillwake.reasonOf(hello, now));
+      this.wake.state({action: this.last('action'), cp: now.cp, marks: this.marks(now), t: now.t});
+      const ahead = (hello.horizon + hello.delay_steps + 1) * hello.control_period;
+      this.curves.data(periods.columns.t ? periods.columns : {t: []});
+      this.curves.ahead({plan: now.plan, forecast: now.forecast, from_t: now.t + (now.plan_from - now.k) * hello.control_period});
+      const from = Math.max(0, now.t - this.span);
+      this.curves.window(from, Math.max(now.t, from + this.span) + ahead);
+      this.curves.truth(now);
+      this.tell(now);
+    }
+
+    last(name) {
+      const column = this.stream.periods.columns[name];
+      return column ? column.at(-1) : null;
+    }
+
+    marks(now) {
+      const marks = {};
+      if (this.settings.dead) marks[this.settings.dead] = 'dead';
+      if (this.settings.biased) marks[this.settings.biased] = marks[this.settings.biased] ? 'dead, biased' : 'biased';
+      for (const name of now.set_aside) marks[name] = marks[name] ? `${marks[name]}, set aside` : 'set aside';
+      return marks;
+    }
+
+    tell(now) {
+      const speed = now.paused ? 'paused' : `${format.number(now.fps, 0)} periods/s, ${format.number(now.real_time, 2)} × real time`;
+      say(at('connection'), 'connected');
+      say(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(), 0)}/s`);
+      say(at('clock'), `t = ${format.number(now.t, 1)}`);
+      say(at('computed'), now.computed_by || '');
+      this.toolbar.follow(now);
+      const {drag, pressure, action} = this.curves;
+      drag.tell(`${format.number(this.last('Cd'), 3)}, over the last cycle ${format.number(now.drag_Cd, 3)}`);
+      pressure.tell(format.number(this.last('base_Cp'), 3));
+      action.tell(format.signed(this.last('action'), 3));
+      if (performance.now() - this.spoken < SPEAK_MS) return;
+      this.spoken = performance.now();
+      this.wake.describe(`Vorticity behind the truck at time ${format.number(now.t, 0)}. ${this.headline.text.textContent}`);
+      drag.describe(`Drag over time: now ${format.number(this.last('Cd'), 2)}, without control ${format.number(now.uncontrolled_Cd, 2)}`);
+      pressure.describe(`Base pressure over time: now ${format.number(this.last('base_Cp'), 2)}`);
+      action.describe(`Action of the jets over time: now ${format.signed(this.last('action'), 3)}`);
+    }
+  };
+
+  /** Calls a second, over the last seconds. */
+  stillwake.Rate = class {
+    constructor() {
+      this.times = [];
+    }
+
+    tick() {
+      const now = performance.now();
+      this.times.push(now);
+      if (this.times.length > 60) this.times.shift();
+      const span = now - this.times[0];
+      return span > 0 ? (1000 * (this.times.length - 1)) / span : 0;
+    }
+  };
+})();

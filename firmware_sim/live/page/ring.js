@@ -1,0 +1,31 @@
+'use strict';
+/** Series of control periods of which the latest are kept: memory stays as it is, however long the page is open. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+stillwake.Ring = class {
+  /** @param {number} kept rows; a quarter more may lie in memory before the oldest are let go. */
+  constructor(kept) {
+    this.kept = Math.max(1, kept);
+    this.clear();
+  }
+
+  clear() {
+    this.columns = {};
+    this.length = 0;
+  }
+
+  /** Rows as lists of equal length by column; rows whose `k` is not later than the last one are left out. */
+  push(columns) {
+    const last = this.length ? this.columns.k[this.length - 1] : -1;
+    const first = columns.k.findIndex((k) => k > last);
+    if (first < 0) return;
+    for (const [name, values] of Object.entries(columns)) {
+      const kept = (this.columns[name] ??= new Array(this.length).fill(null));
+      for (let i = first; i < columns.k.length; i += 1) kept.push(values[i] ?? null);
+    }
+    this.length = this.columns.k.length;
+    if (this.length <= 1.25 * this.kept) return;
+    for (const name of Object.keys(this.columns)) this.columns[name] = this.columns[name].slice(-this.kept);
+    this.length = this.kept;
+  }
+};

@@ -1,0 +1,2 @@
+'use strict';
+stillwake.page = new stillwake.LivePage();

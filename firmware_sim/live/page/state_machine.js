@@ -1,0 +1,105 @@
+'use strict';
+/** The ECU's states with the present one lit: a drawing where there is room, a list where there is none. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {make, say} = stillwake;
+  const SVG = 'http://www.w3.org/2000/svg';
+  const BOX = [112, 34];
+  const AFTERGLOW_MS = 1500;
+
+  /** `firmware_sim.ecu.state_machine.OperatingMode`, and without supply: upper left corner, and what it is. */
+  const STATES = {
+    OFF: [8, 20, 'The ECU has no supply. The jets are shut.'],
+    BOOT: [8, 82, 'The ECU starts. The jets are shut.'],
+    INIT: [8, 144, 'Since power-on no usable pressures have come.'],
+    STANDBY: [8, 206, 'Pressures come. The vehicle’s request stands from before: it must fall before it counts.'],
+    ARMED: [8, 268, 'Ready. Control starts when the vehicle requests it.'],
+    WARMUP: [238, 20, 'Control is requested; the controller fills its window of past pressures.'],
+    ACTIVE: [444, 20, 'The jets follow the controller.'],
+    HOLD: [444, 98, 'Pressures are missing: the last command stays.'],
+    DECAY: [444, 176, 'Pressures are missing for longer: the command is halved each period.'],
+    FAULT: [238, 268, 'The jets are shut, and stay so until good frames have come and the request rises anew.'],
+    UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
+  };
+  /** The main ways between them; docs/reference/states.md has all. */
+  const WAYS = [
+    ['M64 54 V82'], ['M64 116 V144'], ['M64 178 V206'], ['M64 240 V268'],
+    ['M120 280 H170 V37 H238', 'request rises', 164, 258, 'end'], ['M350 37 H444', 'window full', 396, 31, 'middle'],
+    ['M464 54 V98', 'pressures missing', 470, 80], ['M464 132 V176', 'for longer', 470, 158],
+    ['M556 193 H590 V37 H556', 'pressures', 597, 112], ['M556 115 H590', 'come again', 597, 128, 'start', 'joins'],
+    ['M444 200 H320 V268', 'too many missing', 326, 194], ['M268 268 V54', 'request rises anew', 274, 130],
+    ['M238 292 H120', 'request ends', 179, 307, 'middle'],
+  ];
+  const KIND = {ACTIVE: 'good', HOLD: 'warn', DECAY: 'warn', FAULT: 'bad', OFF: 'bad', BOOT: 'warn'};
+
+  const svg = (name, attributes, text) => {
+    const element = document.createElementNS(SVG, name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    if (text) element.textContent = text;
+    return element;
+  };
+
+  stillwake.StateMachine = class {
+    constructor(element) {
+      this.boxes = new Map();
+      this.items = new Map();
+      this.present = null;
+      const drawing = svg('svg', {viewBox: '0 0 680 314', class: 'states-drawing', 'aria-hidden': 'true', focusable: 'false'});
+      const tip = svg('marker', {id: 'states-tip', viewBox: '0 0 8 8', refX: 7, refY: 4, markerWidth: 7, markerHeight: 7, orient: 'auto'});
+      tip.append(svg('path', {d: 'M0 0 L8 4 L0 8 z', class: 'tip'}));
+      drawing.append(tip, svg('rect', {x: 432, y: 8, width: 242, height: 212, rx: 8, class: 'jets-may-run'}));
+      drawing.append(svg('text', {x: 666, y: 211, class: 'way-label', 'text-anchor': 'end'}, 'the jets may run'));
+      for (const [path, label, x, y, anchor, joins] of WAYS) {
+        const end = joins ? {} : {'marker-end': 'url(#states-tip)'};
+        drawing.append(svg('path', {d: path, class: 'way', ...end}));
+        if (label) drawing.append(svg('text', {x, y, class: 'way-label', 'text-anchor': anchor || 'start'}, label));
+      }
+      const list = make('ol', {class: 'states-list', 'aria-label': 'States of the ECU'});
+      for (const [name, [x, y]] of Object.entries(STATES)) {
+        const box = svg('g', {class: 'state', 'data-state': name, 'data-kind': KIND[name] || 'plain'});
+        box.append(
+          svg('rect', {x, y, width: BOX[0], height: BOX[1], rx: 6}),
+          svg('text', {x: x + BOX[0] / 2, y: y + BOX[1] / 2 + 5, 'text-anchor': 'middle'}, name),
+        );
+        const item = make('li', {class: 'state', 'data-state': name, 'data-kind': KIND[name] || 'plain'}, name);
+        drawing.append(box);
+        list.append(item);
+        this.boxes.set(name, [box, item]);
+      }
+      this.words = make('p', {class: 'states-words'});
+      element.replaceChildren(drawing, list, this.words);
+    }
+
+    /** @param {string} state by its name. @param {string} because the reason in words, or empty. */
+    show(state, because = '') {
+      const words = STATES[state] ? STATES[state][2] : '';
+      say(this.words, `${state || '–'}. ${words}${because ? ` Reason: ${because}.` : ''}`);
+      if (state === this.present) return;
+      this.light(this.present, false);
+      this.light(state, true);
+      if (this.present) this.glow(this.present);
+      this.present = state;
+    }
+
+    /** Mark a state that was passed through, for a moment. */
+    glow(state) {
+      for (const element of this.boxes.get(state) || []) {
+        element.classList.remove('passed');
+        requestAnimationFrame(() => element.classList.add('passed'));
+        clearTimeout(element.passing);
+        element.passing = setTimeout(() => element.classList.remove('passed'), AFTERGLOW_MS);
+      }
+    }
+
+    light(state, present) {
+      for (const element of this.boxes.get(state) || []) {
+        element.classList.toggle('present', present);
+        if (element.tagName !== 'LI') continue;
+        if (present) element.setAttribute('aria-current', 'true');
+        else element.removeAttribute('aria-current');
+      }
+    }
+  };
+  Object.assign(stillwake.StateMachine, {STATES: Object.keys(STATES), KIND});
+})();

@@ -1,0 +1,46 @@
+'use strict';
+/** What comes from the loop, kept for the widgets: the latest of each message, and a ring of periods. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const HEAD = 12; // k, t, width, height: `firmware_sim.live.messages.pack_field`
+
+  stillwake.Stream = class {
+    /** @param {Function} on called with (type) after each message has been kept. */
+    constructor(on) {
+      this.on = on;
+      this.hello = null;
+      this.now = null;
+      this.periods = new stillwake.Ring(1);
+    }
+
+    /** A message as it came: JSON text, or the bytes of a picture. */
+    take(data) {
+      if (typeof data !== 'string') {
+        this.picture = stillwake.unpackField(data);
+        this.on('picture', this.picture);
+        return;
+      }
+      const message = JSON.parse(data);
+      if (message.type !== 'hello' && message.run !== undefined && message.run !== this.hello?.run) return;
+      if (message.type === 'hello') {
+        this.hello = message;
+        this.now = null;
+        this.picture = null;
+        this.periods = new stillwake.Ring(message.kept);
+      } else if (message.type === 'now') {
+        this.now = message;
+      } else if (message.type === 'periods') {
+        this.periods.push(message.columns);
+      }
+      this.on(message.type, message);
+    }
+  };
+
+  /** {k, t, width, height, levels} of a picture's bytes. */
+  stillwake.unpackField = (buffer) => {
+    const head = new DataView(buffer);
+    const [width, height] = [head.getUint16(8, true), head.getUint16(10, true)];
+    return {k: head.getUint32(0, true), t: head.getFloat32(4, true), width, height, levels: new Int8Array(buffer, HEAD, width * height)};
+  };
+})();
