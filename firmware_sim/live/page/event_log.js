@@ -4,6 +4,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, format} = stillwake;
+  const AT_ONCE = 5;
   const KINDS = {set: 'set', state: 'ECU', bus: 'bus', loop: 'loop'};
 
   stillwake.EventLog = class {
@@ -12,10 +13,11 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.kept = kept;
       this.onPick = onPick;
       this.latest = -1;
-      const speech = live ? {role: 'log', 'aria-live': 'polite'} : {};
-      this.list = make('ol', {class: 'event-list', tabindex: '0', 'aria-label': 'Events, the latest first', ...speech});
+      this.live = live;
+      this.list = make('ol', {class: 'event-list'});
       this.none = make('p', {class: 'note'}, 'Nothing yet.');
-      element.replaceChildren(this.none, this.list);
+      this.frame = make('div', {class: 'event-frame', tabindex: '0', role: live ? 'log' : 'region', 'aria-label': 'Events, the latest first'}, this.list);
+      element.replaceChildren(this.none, this.frame);
     }
 
     clear() {
@@ -29,6 +31,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const later = items.filter((item) => item.n > this.latest).slice(-this.kept);
       if (!later.length) return;
       this.latest = later.at(-1).n;
+      // Read aloud what comes, not what was there before.
+      if (this.live) this.frame.setAttribute('aria-live', later.length > AT_ONCE ? 'off' : 'polite');
       this.none.hidden = true;
       this.list.prepend(...later.map((item) => this.line(item)).reverse());
       while (this.list.childElementCount > this.kept) this.list.lastElementChild.remove();
