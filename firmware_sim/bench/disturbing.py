@@ -1,7 +1,7 @@
 """The disturbances of a run at work: on the wire, in the ports, at the transducers, in flow, vehicle and ECU."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -21,7 +21,7 @@ from contract.errors import ConfigError
 from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Swapped, Zero
 from firmware_sim.bench import disturbances as kinds
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances, SensorDisturbance
-from firmware_sim.bench.run_faults import NodeFault, NodeFaults
+from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
@@ -42,13 +42,22 @@ class Disturbing:
         config: the run's.
         sensors: that the transducers read, in their order.
         seed: of everything that they draw; each draws from a sequence of its own.
+        before: how many there were before these, "all" and of each node's port: they draw as if they stood behind.
     """
 
-    def __init__(self, disturbances: Disturbances, config: Config, sensors: Sequence[str], seed: int) -> None:
+    def __init__(
+        self,
+        disturbances: Disturbances,
+        config: Config,
+        sensors: Sequence[str],
+        seed: int,
+        before: Mapping[str, int] = NONE_BEFORE,
+    ) -> None:
         self._items = disturbances.items
         self._texts = disturbances.texts
         self._config = config
         self._seed = seed
+        self._before = before
         self._acted: Counter[int] = Counter()
         self._transducers = [
             (place, one, self._sensor_fault(place, one, sensors))
@@ -78,8 +87,13 @@ class Disturbing:
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
         """Begin on this bus; returns what puts a node's faults around its port."""
         faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
-        self._ports = NodeFaults(faults, bus, self._seed)
+        self._ports = NodeFaults(faults, bus, self._seed, self._before)
         return self._ports.around
+
+    def end(self) -> None:
+        """Let them be: what acts by itself on the bus stops."""
+        if self._ports is not None:
+            self._ports.end()
 
     def _in_port(self, place: int) -> NodeFault | None:
         one = self._items[place]
@@ -119,9 +133,8 @@ class Disturbing:
         at = [list(sensors).index(name) for name in one.named]
         match one:
             case kinds.Noise():
-                return Noise(
-                    one.level, unit, seed=int(np.random.SeedSequence([self._seed, place]).generate_state(1)[0])
-                )
+                drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
+                return Noise(one.level, unit, seed=int(drawn.generate_state(1)[0]))
             case kinds.Bias():
                 return Bias(one.level, unit, at[0])
             case kinds.Drift():

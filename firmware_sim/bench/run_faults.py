@@ -6,8 +6,9 @@
 NODE is the node whose port the fault is in, FAULT as `can_bridge.bus.faults.text` has it. Times are in s of the run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
 from can_bridge.bus.faults.babble import Babble
@@ -24,6 +25,8 @@ from contract.errors import ConfigError
 from firmware_sim.runs.metadata import InjectedFault
 
 NODES: Final = ("vehicle", "ecu")
+
+NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
 """Between two looks at the bus while there are faults: what a fault keeps becomes due without a frame on the bus."""
@@ -77,12 +80,17 @@ class NodeFaults:
         faults: of all nodes; those of one node from the wire to the node.
         bus: the run's, at time 0.
         seed: of everything that they draw.
+        before: how many faults of each node came before these.
     """
 
-    def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int) -> None:
+    def __init__(
+        self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int] = NONE_BEFORE
+    ) -> None:
         self._faults = faults
         self._bus = bus
         self._seed = seed
+        self._before = before
+        self._ended = False
         self._ports: dict[str, FaultyBus] = {}
         self._babbling: list[_Babbling] = []
         if faults:
@@ -95,7 +103,8 @@ class NodeFaults:
             return port
         # The same fault in both nodes must not strike at the same frames.
         seed = len(NODES) * self._seed + NODES.index(node)
-        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed)
+        first = self._before.get(node, 0)
+        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
         if not any(isinstance(one, Babble) for one in mine):
             return faulty
         self._babbling.append(_Babbling(faulty))
@@ -106,7 +115,13 @@ class NodeFaults:
         injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
         return tuple(InjectedFault(text=one.text, acted=next(injectors[one.node]).acted) for one in self._faults)
 
+    def end(self) -> None:
+        """Look at the bus no more: the ports pass on what they are asked to, and nothing else."""
+        self._ended = True
+
     def _look(self) -> None:
+        if self._ended:
+            return
         # Each look is also an event of the bus, after which the loop asks whether the ECU has its pressures.
         for port in self._babbling:
             port.look()

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import E2eReceiver
+from can_bridge.e2e.receiver import E2eReceiver, ReceiverState
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.node import Authentication, key_of, secured
@@ -202,6 +202,11 @@ class VehicleNode:
     def accepted_freshness(self) -> tuple[int, int]:
         """Identifier of the jet commands, and the newest freshness accepted with one; 0 without authentication."""
         return self._receiver.spec.frame_id, self._verifier.freshness
+
+    @property
+    def command_stream(self) -> ReceiverState:
+        """What the receiving end of the jet commands found so far."""
+        return self._receiver.state
 
     def counter_of(self, frame: Frame) -> int:
         """The E2E counter of a Pressure frame."""

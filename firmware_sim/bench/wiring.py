@@ -6,7 +6,7 @@ from typing import Protocol
 
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.background_node import BackgroundNode
-from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus, Transmission
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.secoc.node import Authentication
 from can_bridge.timing.traffic import background
@@ -74,6 +74,7 @@ def wire(
     *,
     authentication: Authentication | None = None,
     capture: Callable[[Frame], None] = lambda frame: None,
+    observe: Callable[[Transmission], None] = lambda transmission: None,
     observer: Observer | None = None,
 ) -> Wired:
     """Put a loop together.
@@ -86,6 +87,7 @@ def wire(
         disturbs: what acts on the parts.
         authentication: of the vehicle's node, with `bus.key`.
         capture: called with every frame on the bus, stamped with its end.
+        observe: called with more about the same frames.
         observer: sees the nodes' frames from outside.
 
     Raises:
@@ -95,7 +97,12 @@ def wire(
     messages = message_set(config.bus)
     others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs])
     waits = WaitingTimes(messages=messages)
-    bus = SimulatedBus(config.bus, capture, observe=waits, corrupts=disturbs.corrupts, mishears=disturbs.mishears)
+
+    def seen(transmission: Transmission) -> None:
+        waits(transmission)
+        observe(transmission)
+
+    bus = SimulatedBus(config.bus, capture, observe=seen, corrupts=disturbs.corrupts, mishears=disturbs.mishears)
     ports = {name: bus.port(name) for name in (*PORT_NAMES.values(), "background")[: 3 if others else 2]}
     if others:
         BackgroundNode(bus, ports["background"], others, config.bus.background.seed)

@@ -33,7 +33,7 @@ class FaultyBus:
         return health_of(self._outermost)
 
 
-def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0) -> FaultyBus:
+def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, first: int = 0) -> FaultyBus:
     """The port with these faults around it.
 
     Args:
@@ -42,9 +42,10 @@ def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0) -> F
         clock: the time in ns that the faults' spans refer to.
         seed: same faults, frames, times and seed: same outcome. Each fault draws from a generator of its own, so that
             the draws of one do not depend on what another does.
+        first: place of the first fault, where others stand before it that were wrapped before.
     """
     injectors: list[Injector] = []
-    for place, fault in enumerate(faults):
+    for place, fault in enumerate(faults, first):
         random = Random(f"{seed} {place} {fault.section}")
         injectors.append(fault.around(injectors[-1] if injectors else bus, clock, random))
     return FaultyBus(bus, injectors)
