@@ -1,0 +1,87 @@
+"""A recorded episode as a plant: its pressures and forces again, whatever the jets do, for as long as one likes."""
+
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.config.plant import FlowConfig
+from contract.errors import PlantError
+from contract.ledger import LEDGER_FIELDS
+from contract.recording.episode import Episode
+from contract.sensor_layout import SensorLayout
+from wake.truck.sample import Sample
+
+_SAME_PERIOD: Final = 1e-6
+"""t_c: rounding of the times in a recording."""
+
+
+class RecordedWake:
+    """A `wake.plant.LoopPlant` that does not answer.
+
+    After the last row comes the first one; all series jump then, and the time goes on. A force that was not recorded is
+    NaN. The action is the jets' own, not the recorded one.
+
+    Args:
+        episode: what is played.
+        layout: of its sensors.
+        flow: the clock; its control period must be the recording's.
+
+    Attributes:
+        answers_jets: False.
+        layout: as given.
+        description: the episode, and what it is not.
+        rounds: how often it began again.
+
+    Raises:
+        PlantError: for another control period.
+    """
+
+    answers_jets: Final = False
+
+    def __init__(self, episode: Episode, layout: SensorLayout, flow: FlowConfig) -> None:
+        t = episode.series["t"]
+        if len(t) > 1 and abs(float(t[1] - t[0]) - flow.control_period) > _SAME_PERIOD:
+            raise PlantError(
+                f"episode {episode.name} has a row every {float(t[1] - t[0]):g} t_c: flow.control_period is "
+                f"{flow.control_period:g}"
+            )
+        self.layout = layout
+        self.description = f"recorded episode {episode.name}, {len(episode)} periods: it does not answer the jets"
+        self._series, self._length, self._flow = episode.series, len(episode), flow
+        self._period = self._substep = 0
+        self._action = 0.0
+
+    @property
+    def rounds(self) -> int:
+        return self._period // self._length
+
+    def sample(self) -> Sample:
+        """The row of this period."""
+        row = self._period % self._length
+        return Sample(
+            t=(self._period + self._substep / self._flow.substeps) * self._flow.control_period,
+            Cp=np.asarray(self._series["Cp"][row], dtype=np.float64),
+            Uy_probe=self._value("Uy_probe", row),
+            action=self._action,
+            **{name: self._value(name, row) for name in LEDGER_FIELDS},
+        )
+
+    def advance_to(self, substep: int, action: float | None = None) -> None:
+        """See `wake.plant.Plant.advance_to`; the jets reach the action, and nothing comes of it.
+
+        Raises:
+            PlantError: for a substep that is over, or of another period.
+        """
+        last = self._flow.substeps
+        if not self._substep < substep <= last:
+            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {self._substep}")
+        target = self._action if action is None else action
+        self._action += (target - self._action) * (substep - self._substep) / (last - self._substep)
+        self._substep = substep
+        if substep == last:
+            self._period, self._substep, self._action = self._period + 1, 0, target
+
+    def _value(self, name: str, row: int) -> float:
+        series: Array | None = self._series.get(name)
+        return float("nan") if series is None else float(series[row])
