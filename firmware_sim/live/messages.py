@@ -109,7 +109,7 @@ class Now(TypedDict):
     set_aside: list[str]  # sensors that the ECU does not believe
     given_up: bool  # the vehicle has withdrawn its request by itself
     plan: list[float]  # actions of the next periods, from plan_from on; empty without a plan
-    plan_from: int  # the period that the first one is for
+    plan_from: int  # row of `Periods` in whose action and forces the first one would be seen
     forecast: list[list[float]]  # predicted Cd and Cl for the same periods
     cp: list[float]  # at all sensors
     read: list[float | None]  # Cp as the transducers read it, for `used`
@@ -144,7 +144,7 @@ class BusNow(TypedDict):
     run: int
     rows: list[BusRow]
     load: float  # 0 to 1
-    error_frames: int
+    error_frames: int  # of that second
     nodes: list[dict[str, Any]]  # name, state, tx_errors, rx_errors, bus_off, refused
 
 

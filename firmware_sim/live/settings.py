@@ -5,7 +5,6 @@ Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from math import isfinite
 from typing import Any, Final, Self
 from urllib.parse import parse_qsl, urlencode
 
@@ -183,7 +182,8 @@ def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
 
 
 def _within(name: str, value: Any, slider: Slider) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    # No number, infinity and integers beyond any float are out of the bounds as well.
     if not (is_number and slider.least <= value <= slider.greatest):
         raise ConfigError(f"live setting {name} = {value!r}: must be in {slider.least:g}..{slider.greatest:g}")
     return float(value)

@@ -1,0 +1,121 @@
+"""The bus as a table: who sends what how often, what its receiver thinks of it, and how the nodes are."""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Final
+
+from can_bridge.bus.simulated.medium import BusActivity, Transmission
+from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, ReceiverState
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import MessageSet
+from contract.config.tree import Config
+from firmware_sim.live.messages import BusNow, BusRow
+from firmware_sim.runs.bus_traffic import NodeErrors
+
+ROWS: Final = 64
+"""Most rows; of the identifiers beyond, those of the lowest priority are left out."""
+_UNKNOWN: Final = "unknown"
+"""A message that is of no set of ours."""
+_NS: Final = 10**9
+
+
+@dataclass(kw_only=True, eq=False)
+class _Row:
+    sender: str
+    count: int = 0
+    last_ns: int = 0
+    seen: int = 0  # in this period
+    lately: deque[int] = field(default_factory=deque)  # of the latest periods
+    in_second: int = 0
+
+
+class BusTable:
+    """Of one run of the loop. Give it every `Transmission`, and say when a period is over.
+
+    Args:
+        config: the bus, and the clock.
+        messages: of the two nodes.
+    """
+
+    def __init__(self, config: Config, messages: MessageSet) -> None:
+        self._messages, self._period_ns = messages, config.period_ns
+        self._periods = max(1, round(_NS / config.period_ns))
+        self._rows: dict[tuple[int, bool], _Row] = {}
+        self._activity: deque[BusActivity] = deque(maxlen=self._periods + 1)
+        self._statuses: list[Frame] = []
+        # No node of the loop receives the status: it is for whoever listens.
+        self._listener = E2eReceiver(messages.status.spec, config.bus.e2e)
+        self._names = {spec.frame_id: spec.name for spec in messages.specs}
+
+    def __call__(self, seen: Transmission) -> None:
+        frame = seen.frame
+        key = frame.frame_id, frame.is_extended
+        row = self._rows.get(key)
+        if row is None:
+            row = self._rows[key] = _Row(sender=seen.sender)
+        row.sender, row.last_ns = seen.sender, seen.end_ns
+        row.count += 1
+        row.seen += 1
+        if self._messages.status.spec.names(frame):
+            self._statuses.append(frame)
+
+    def period_over(self, activity: BusActivity) -> None:
+        """Count what was seen in it."""
+        for row in self._rows.values():
+            row.lately.append(row.seen)
+            row.in_second += row.seen - (row.lately.popleft() if len(row.lately) > self._periods else 0)
+            row.seen = 0
+        self._activity.append(activity)
+        self._listener.tick(self._statuses)
+        self._statuses = []
+
+    def message(
+        self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
+    ) -> BusNow:
+        """As of the end of the latest period.
+
+        Args:
+            pressures, commands: of the receivers in ECU and vehicle.
+            nodes: by their names.
+        """
+        first, last = self._activity[0], self._activity[-1]
+        receivers = {
+            self._messages.pressure.spec.frame_id: pressures,
+            self._messages.command.spec.frame_id: commands,
+            self._messages.status.spec.frame_id: self._listener.state,
+        }
+        passed_ns = last.now_ns - first.now_ns
+        # The very first period has none before it to be compared with.
+        load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
+        chosen = sorted(self._rows)[:ROWS]
+        return {
+            "type": "bus",
+            "run": run,
+            "rows": [self._row(key, self._rows[key], receivers, last.now_ns) for key in chosen],
+            "load": min(load, 1.0),
+            "error_frames": last.error_frames - first.error_frames if passed_ns else last.error_frames,
+            "nodes": [{"name": name, **asdict(errors)} for name, errors in nodes.items()],
+        }
+
+    def _row(self, key: tuple[int, bool], row: _Row, receivers: Mapping[int, ReceiverState], now_ns: int) -> BusRow:
+        frame_id, is_extended = key
+        ours = not is_extended and frame_id in self._names
+        state = receivers[frame_id] if ours else None
+        seconds = len(row.lately) * self._period_ns / _NS
+        return {
+            "id": frame_id,
+            "name": self._names[frame_id] if ours else _UNKNOWN,
+            "sender": row.sender,
+            "count": row.count,
+            "rate_hz": row.in_second / seconds if seconds else None,
+            "age_ms": (now_ns - row.last_ns) / 1e6,
+            "e2e": "" if state is None else _last_check(state.window),
+            "e2e_state": "" if state is None else state.stream.name,
+            "errors": 0 if state is None else sum(state.counts) - sum(map(state.count, GOOD)),
+            "limit_ms": self._period_ns / 1e6 if ours else None,
+        }
+
+
+def _last_check(window: Sequence[Check]) -> str:
+    return window[-1].name if window else Check.NO_NEW_DATA.name

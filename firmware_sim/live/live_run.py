@@ -1,0 +1,262 @@
+"""One run of the live loop, from a start of its plant: stepped period by period, disturbed and observed meanwhile."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+from can_bridge.bus.simulated.medium import Transmission
+from can_bridge.command_gate import Intervention
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Reason
+from contract.config.tree import Config
+from contract.release.bundle import Bundle
+from firmware_sim.bench.wiring import wire
+from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.fit import check_sensors
+from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.live.bus_table import BusTable
+from firmware_sim.live.drag import DragMeans
+from firmware_sim.live.kept import Counted, KeptPeriod, packed
+from firmware_sim.live.latency_histogram import LatencyHistogram
+from firmware_sim.live.messages import FieldPicture
+from firmware_sim.live.noticing import BOOT, OFF, Seen
+from firmware_sim.live.scene import Still, scene_of
+from firmware_sim.live.switching import Happening, SwitchedDisturbances
+from firmware_sim.live.wish import Wish
+from firmware_sim.runs.bus_traffic import NodeErrors
+from wake.plant import LoopPlant
+
+BOOT_S: Final = 0.2
+"""Virtual time from power-on to the ECU's first step: what `reset` takes as its default."""
+_FOR_GOOD_NS: Final = 10**18
+_AVERAGES_EVERY: Final = 5
+"""Periods."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuChange:
+    """From a period on another ECU, or another goal.
+
+    Attributes:
+        k: the period.
+        text: what computes, or what was changed.
+    """
+
+    k: int
+    text: str
+
+
+class LiveRun:
+    """From the plant's start on.
+
+    Args:
+        number: counts the starts.
+        bundle: verified release.
+        config: the vehicle.
+        wake: at the start of a control period.
+        ecu: just powered on.
+        seed: of what is drawn.
+        lead_in: periods after which control is requested by itself.
+        kept: latest periods to be kept.
+
+    Attributes:
+        number, wake, ecu: as given; the ECU may be exchanged.
+        wish: when control is requested.
+        disturbances: at work.
+        scene: the flow as it is shown.
+        before_control: the flow when control was first requested; None before, and without a flow to be shown.
+        drag, latency, bus_table: what a viewer sees of them.
+        picture: the flow at the start of the latest period; None without one.
+        periods: the latest, oldest first.
+        state: of the ECU after the latest period.
+        changes: of the ECU.
+
+    Raises:
+        StillwakeError: if the bundle is of another body than the plant's, or the bus cannot carry virtual time.
+    """
+
+    def __init__(
+        self,
+        *,
+        number: int,
+        bundle: Bundle,
+        config: Config,
+        wake: LoopPlant,
+        ecu: LoopEcu,
+        seed: int,
+        lead_in: int,
+        kept: int,
+    ) -> None:
+        check_sensors(bundle, wake.layout)
+        sensors = bundle.manifest.sensors
+        self.number, self.wake, self.ecu = number, wake, ecu
+        self._config, self._sensors = config, sensors
+        self.wish = Wish(lead_in=lead_in, rearm_frames=config.ecu.rearm_frames)
+        self.disturbances = SwitchedDisturbances(config, sensors, seed)
+        self.drag = DragMeans(config.flow.control_period, kept)
+        self.latency = LatencyHistogram(bundle.manifest.budget_ms, kept)
+        self.latency.start(modelled=ecu.clock_mhz is not None)
+        self.bus_table = BusTable(config, message_set(config.bus))
+        self.scene = scene_of(wake, kept)
+        self.before_control: Still | None = None
+        self.picture: FieldPicture | None = None
+        self.periods: deque[KeptPeriod] = deque(maxlen=kept)
+        self.changes = [EcuChange(k=0, text=ecu.computed_by)]
+        self._frames: list[Frame] = []
+        self._waits: dict[int, int] = {}
+        self._withheld: Happening | None = None
+        self._cut: Happening | None = None
+        wired = wire(
+            wake,
+            sensors,
+            config,
+            ecu,
+            self.disturbances,
+            capture=self._frames.append,
+            observe=self._observe,
+        )
+        self._loop, self._bus, self._ports, self.node = wired.loop, wired.bus, wired.ports, wired.node
+        self._k = 0
+        self.state: EcuState = ecu.ecu.state
+
+    @property
+    def k(self) -> int:
+        """Of the next period."""
+        return self._k
+
+    @property
+    def period_ns(self) -> int:
+        """Of control, in virtual time."""
+        return self._config.period_ns
+
+    def time_s(self, k: int) -> float:
+        """When period k begins, in s of the run."""
+        return k * self._config.period_ns / 1e9
+
+    @property
+    def is_off(self) -> bool:
+        """The ECU has no supply."""
+        return self._cut is not None
+
+    def step(self) -> KeptPeriod:
+        """One control period.
+
+        Raises:
+            StillwakeError: if the flow diverges.
+        """
+        k, loop = self._k, self._loop
+        before = Counted(activity=self._bus.activity(), bus=loop.totals(), acted=self.disturbances.acted())
+        requested = self.wish.requests(k, self.state.fail_safe, is_up=loop.ecu_is_up)
+        self._tell_withheld(k, requested)
+        self.picture = self.scene.look(k)
+        if self.wish.first == k:
+            self.before_control = self.scene.still()
+        row = loop.period(enable_request=requested)
+        self.state = self.ecu.ecu.state
+        planned = loop.planned_ns[-1] if loop.planned_ns else None
+        loop.planned_ns.clear()
+        kept = KeptPeriod(
+            k=k,
+            row=row,
+            requested=requested,
+            before=before,
+            planned_ns=planned,
+            waits_ns=self._waits,
+            frames=packed(self._frames),
+        )
+        self._waits = {}
+        self._frames.clear()
+        self._k = k + 1
+        self.periods.append(kept)
+        self.disturbances.period_over(k)
+        self.disturbances.forget(self.periods[0].k)
+        self.bus_table.period_over(self._bus.activity())
+        self.latency.add(row, planned, self._config.vehicle.actuator_delay * self._config.period_ns / 1e6)
+        without = self.wish.first is None or self.wish.first == k
+        self.drag.add(row.sample)
+        if k % _AVERAGES_EVERY == 0 or self.wish.first == k:
+            self.drag.update(anew=without)
+        return kept
+
+    def exchange(self, ecu: LoopEcu, text: str) -> None:
+        """Go on with another ECU from the state of the one so far."""
+        self._loop.exchange_ecu(ecu.ecu, ecu.step_ns)
+        if ecu.kind != self.ecu.kind or ecu.computed_by != self.ecu.computed_by:
+            self.latency.start(modelled=ecu.clock_mhz is not None)
+        self.ecu = ecu
+        first = self.periods[0].k if self.periods else 0
+        # Of what was before the periods that are kept the last one alone is of use.
+        begun = [item for item in self.changes if item.k <= first]
+        self.changes = [*begun[-1:], *self.changes[len(begun) :], EcuChange(k=self._k, text=text)]
+
+    def power_cycle(self) -> None:
+        """Cut the ECU's supply for a moment: it starts anew."""
+        self._reset(round(BOOT_S * 1e9))
+        self.disturbances.note("reset", self._k, is_instant=True).acted = 1
+
+    def cut_supply(self) -> None:
+        """The ECU is silent until `power_on`. Its CAN transceiver still acknowledges frames."""
+        self._reset(_FOR_GOOD_NS)
+        self._cut = self.disturbances.note(f"reset:boot_s={_FOR_GOOD_NS / 1e9:g}", self._k, is_instant=True)
+        self._cut.acted = 1
+
+    def power_on(self) -> None:
+        """The ECU starts."""
+        assert self._cut is not None
+        self._reset(round(BOOT_S * 1e9))
+        off_s = (self._k - self._cut.start) * self._config.period_ns / 1e9
+        self._cut.text = f"reset:boot_s={off_s + BOOT_S!r}"
+        self._cut = None
+
+    def seen(self) -> Seen:
+        """As of the latest period."""
+        state, mode = self.state, self.state.fail_safe.mode.name
+        aside = state.sensors.set_aside
+        # An ECU that did not step has a trace of the step before.
+        gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
+        return Seen(
+            state=OFF if self.is_off else mode if self._loop.ecu_is_up else BOOT,
+            reason=Reason(state.fail_safe.reason),
+            set_aside=() if aside is None else (self._sensors[aside],),
+            given_up=self.node.has_given_up,
+            gate=gate,
+            nodes={name: port.health().state for name, port in self._ports.items()},
+        )
+
+    def set_disturbances(self, texts: tuple[str, ...]) -> None:
+        """Have these at work from the next period on."""
+        self._to_start()
+        self.disturbances.set(texts, self._k)
+
+    def errors(self) -> dict[str, NodeErrors]:
+        """Of the nodes, by their names."""
+        return {name: NodeErrors.of(port.health(), port.refused) for name, port in self._ports.items()}
+
+    def counted(self) -> Counted:
+        """Up to now."""
+        return Counted(activity=self._bus.activity(), bus=self._loop.totals(), acted=self.disturbances.acted())
+
+    def _reset(self, boot_ns: int) -> None:
+        self._to_start()
+        self._loop.reset_ecu(boot_ns)
+        self.state = self.ecu.ecu.state
+
+    def _to_start(self) -> None:
+        """What is due at the start of the next period happens before what is set now."""
+        self._bus.advance_to(self._loop.now_ns)
+
+    def _tell_withheld(self, k: int, requested: bool) -> None:
+        """A request that is taken back after the first is a disturbance of the run."""
+        if requested and self._withheld is not None:
+            self._withheld.end, self._withheld = k, None
+        elif not requested and self.wish.first is not None:
+            if self._withheld is None:
+                self._withheld = self.disturbances.note("no_request", k)
+            self._withheld.acted += 1
+
+    def _observe(self, seen: Transmission) -> None:
+        self.bus_table(seen)
+        if not seen.frame.is_extended:
+            waited = seen.begin_ns - seen.queued_ns
+            self._waits[seen.frame.frame_id] = max(waited, self._waits.get(seen.frame.frame_id, 0))

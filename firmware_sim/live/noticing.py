@@ -1,0 +1,97 @@
+"""What changed in ECU, vehicle and bus from one period to the next, in words for somebody who has never seen one."""
+
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
+
+from can_bridge.bus.interface import BusState
+from can_bridge.command_gate import Intervention
+from can_bridge.wire.messages import Reason
+from firmware_sim.ecu.state_machine import OperatingMode
+from firmware_sim.runs.reasons import BECAUSE
+
+OFF: Final = "OFF"
+BOOT: Final = "BOOT"
+"""In place of an `OperatingMode`: the ECU has no supply; it starts."""
+
+_DOES: Final[Mapping[str, str]] = {
+    OFF: "no supply: the ECU is silent",
+    BOOT: "the ECU starts, and hears nothing meanwhile",
+    "INIT": "on, waiting for pressures",
+    "STANDBY": "pressures come, the jets stay shut",
+    "ARMED": "ready, control is not requested",
+    "WARMUP": "the controller's window fills",
+    "ACTIVE": "the jets follow the controller",
+    "HOLD": "the last command stays",
+    "DECAY": "the command is halved each period",
+    "FAULT": "the jets are shut until the request falls and rises anew",
+    "UPDATE": "the jets are shut",
+}
+_GATE: Final[Mapping[Intervention, str]] = {
+    Intervention.NOT_FINITE: "a command that was no number: the jets are shut",
+    Intervention.CLOCK: "a clock that stood still: the jets are shut",
+    Intervention.STALE: "a command from old pressures: the jets are shut",
+    Intervention.RANGE: "a command beyond the jets' range: brought back to it",
+    Intervention.RATE: "a command too far from the one before: the step was shortened",
+}
+
+
+class Seen(NamedTuple):
+    """After a period.
+
+    Attributes:
+        state: name of an `OperatingMode`, or `OFF` or `BOOT`.
+        reason: for it.
+        set_aside: sensors that the ECU does not believe.
+        given_up: the vehicle has withdrawn its request by itself.
+        gate: what the ECU's command gate did.
+        nodes: state of each node's CAN controller.
+    """
+
+    state: str
+    reason: Reason
+    set_aside: tuple[str, ...]
+    given_up: bool
+    gate: Intervention
+    nodes: Mapping[str, BusState]
+
+
+START: Final = Seen(OperatingMode.INIT.name, Reason.NONE, (), False, Intervention(0), {})
+
+
+def noticed(before: Seen, now: Seen) -> Iterator[tuple[str, str]]:
+    """(kind, text) of each change."""
+    if now.state != before.state:
+        yield "state", _transition(before, now)
+    elif now.reason not in (before.reason, Reason.NONE):
+        yield "state", f"{now.state}: {BECAUSE[now.reason]}"
+    for name in now.set_aside:
+        if name not in before.set_aside:
+            yield "state", f"{name} is set aside: it contradicts the other sensors, whose estimate stands in for it"
+    for name in before.set_aside:
+        if name not in now.set_aside:
+            yield "state", f"{name} is used again: the ECU has started anew"
+    if now.given_up != before.given_up:
+        yield (
+            "state",
+            "the vehicle gives up control and shuts its jets: too many commands were missing"
+            if now.given_up
+            else "the vehicle may request control again",
+        )
+    for bit, text in _GATE.items():
+        if bit in now.gate and bit not in before.gate:
+            yield "state", f"command gate: {text}"
+    for node, state in now.nodes.items():
+        if state is not before.nodes.get(node, BusState.ERROR_ACTIVE):
+            yield "bus", f"{node}: CAN controller {_NODE[state]}"
+
+
+_NODE: Final[Mapping[BusState, str]] = {
+    BusState.ERROR_ACTIVE: "without trouble again (error-active)",
+    BusState.ERROR_PASSIVE: "error-passive: it counts many errors, and may no longer stop others' frames",
+    BusState.BUS_OFF: "bus-off: it takes no part until it has recovered",
+}
+
+
+def _transition(before: Seen, now: Seen) -> str:
+    because = BECAUSE[now.reason]
+    return f"{before.state} to {now.state}: {because + '; ' if because else ''}{_DOES[now.state]}"

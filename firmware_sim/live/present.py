@@ -1,0 +1,150 @@
+"""The messages that describe a run of the loop as it is: what stays, and what is new each period."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from math import isfinite
+from typing import Any, Final
+
+import numpy as np
+
+from can_bridge.wire.messages import Reason
+from contract.arrays import Array, Index
+from contract.config.tree import Config
+from contract.geometry import HALF_WIDTH, JET_WIDTH
+from contract.release.bundle import Bundle
+from firmware_sim.ecu.state_machine import OperatingMode
+from firmware_sim.live.kept import KeptPeriod
+from firmware_sim.live.live_run import LiveRun
+from firmware_sim.live.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods, SliderData
+from firmware_sim.live.noticing import OFF, Seen
+from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings, Slider
+from firmware_sim.runs.reasons import BECAUSE
+from wake.pictures.drawing import outline
+
+_DIGITS: Final = 5
+"""Decimals of what is drawn: finer than a pixel of any curve."""
+
+
+def hello(
+    run: LiveRun,
+    bundle: Bundle,
+    config: Config,
+    settings: LiveSettings,
+    *,
+    controllers: Sequence[Choice],
+    plants: Sequence[Choice],
+    kept: int,
+) -> Hello:
+    """Everything that stays from this start of the plant on, and the settings."""
+    manifest, layout, base = bundle.manifest, run.wake.layout, config.body.length
+    slot = HALF_WIDTH - 0.5 * JET_WIDTH
+    return {
+        "type": "hello",
+        "schema": SCHEMA,
+        "version": version("stillwake"),
+        "bundle": {
+            "name": manifest.name,
+            "digest": bundle.digest[:12],
+            "precision": manifest.precision,
+            "signer": "" if bundle.signer is None else bundle.signer.fingerprint,
+        },
+        "run": run.number,
+        "period_ms": config.period_ns / 1e6,
+        "budget_ms": manifest.budget_ms,
+        "convective_time_s": config.operating_point.convective_time,
+        "control_period": config.flow.control_period,
+        "action_limit": config.flow.action_limit,
+        "horizon": manifest.mpc.horizon,
+        "delay_steps": config.ecu.delay_steps,
+        "reynolds": config.flow.reynolds,
+        "plant": run.wake.description,
+        "answers_jets": bool(getattr(run.wake, "answers_jets", True)),
+        "sensors": [
+            {"name": name, "x": float(x), "y": float(y)}
+            for name, (x, y) in zip(layout.names, layout.positions, strict=True)
+        ],
+        "used": list(manifest.sensors),
+        "body": outline(config.body).tolist(),
+        "jets": [[base, slot], [base, -slot]],
+        "view": list(run.scene.view),
+        "raster": list(run.scene.size),
+        "states": [mode.name for mode in OperatingMode],
+        "reasons": {reason.name: text for reason, text in BECAUSE.items()},
+        "controllers": list(controllers),
+        "plants": list(plants),
+        "sliders": {name: _slider(slider) for name, slider in SLIDERS.items()},
+        "weights": asdict(manifest.mpc.weights),
+        "weight_slider": _slider(WEIGHT),
+        "settings": settings.to_tree(),
+        "kept": kept,
+    }
+
+
+def periods(run: int, kept: Iterable[KeptPeriod], base: Index) -> Periods:
+    """New rows; `base` are the columns of the sensors on the base."""
+    rows = [[_number(value) for value in _values(period, base)] for period in kept]
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
+
+
+def now(run: LiveRun, seen: Seen, *, fps: float, paused: bool, computed_by: str, losses: int) -> Now:
+    """As of the latest period, of which there must be one; `losses` are the latest periods judged together."""
+    latest, period_s = run.periods[-1], run.period_ns / 1e9
+    fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
+    planned = forces is not None and latest.planned_ns is not None
+    # The first entry acts in the latest period: it is seen in the sample at its end.
+    return {
+        "type": "now",
+        "run": run.number,
+        "k": latest.k,
+        "t": latest.row.sample.t,
+        "time_s": run.time_s(latest.k),
+        "state": seen.state,
+        "reason": Reason(seen.reason).name,
+        "misses": fail_safe.misses,
+        "lost": min(fail_safe.lost.bit_count(), losses),
+        "set_aside": list(seen.set_aside),
+        "given_up": seen.given_up,
+        "plan": _rounded(run.state.memory.plan) if planned else [],
+        "plan_from": latest.k + 1,
+        "forecast": _rounded(forces) if planned else [],
+        "cp": _rounded(latest.row.sample.Cp),
+        "read": [_number(value) for value in _rounded(run.disturbances.read)],
+        "uncontrolled_Cd": run.drag.uncontrolled,
+        "drag_Cd": run.drag.now,
+        "reduction_percent": run.drag.reduction_percent,
+        "fps": fps,
+        "real_time": fps * period_s,
+        "paused": paused,
+        "computed_by": "" if seen.state == OFF else computed_by,
+    }
+
+
+def _values(period: KeptPeriod, base: Index) -> list[float]:
+    row, sample = period.row, period.row.sample
+    own = {
+        "k": period.k,
+        "t": sample.t,
+        "Cd": sample.Cd,
+        "Cl": sample.Cl,
+        "base_Cp": float(np.mean(sample.Cp[base])) if len(base) else float("nan"),
+        "action": sample.action,
+        "requested": int(period.requested),
+    }
+    return [own[name] if name in own else getattr(row, name) for name in PERIOD_COLUMNS]
+
+
+def _number(value: float) -> float | None:
+    """JSON has no number that is none."""
+    if isinstance(value, int):
+        return value
+    return round(value, 9) if isfinite(value) else None
+
+
+def _rounded(values: Array | None) -> Any:
+    return np.round(np.asarray(values, dtype=np.float64), _DIGITS).tolist()
+
+
+def _slider(slider: Slider) -> SliderData:
+    return {"least": slider.least, "greatest": slider.greatest, "step": slider.step, "unit": slider.unit}

@@ -1,0 +1,48 @@
+"""What a viewer asks for, out of whatever came: an action and its value, or an error."""
+
+from typing import Any, Final, NamedTuple
+
+from contract.errors import ConfigError
+
+_TRUE: Final = ("clear", "power_cycle", "save", "restart")
+ACTIONS: Final = ("set", "query", "pause", *_TRUE)
+_LARGEST_ID: Final = 2**53
+"""Greatest whole number that every reader of JSON keeps."""
+_LONGEST: Final = 2000
+"""Characters of a link's query."""
+
+
+class Asked(NamedTuple):
+    """One of `ACTIONS`; the value is a dict for set, a str for query, a bool else."""
+
+    action: str
+    value: Any
+
+
+def id_of(request: object) -> int | None:
+    """The request's number; None if it has none that is one."""
+    number = request.get("id") if isinstance(request, dict) else None
+    return number if type(number) is int and abs(number) <= _LARGEST_ID else None
+
+
+def asked(request: object) -> Asked:
+    """What is to be done.
+
+    Raises:
+        ConfigError: if it is not exactly one action with a value of its kind.
+    """
+    if not isinstance(request, dict):
+        raise ConfigError("request: must be a JSON object")
+    actions = [name for name in request if name != "id"]
+    if len(actions) != 1 or actions[0] not in ACTIONS:
+        raise ConfigError(f"request: must have one of {', '.join(ACTIONS)}, and an id")
+    action, value = actions[0], request[actions[0]]
+    if action == "set" and not isinstance(value, dict):
+        raise ConfigError("request: set must be an object of settings")
+    if action == "query" and not (isinstance(value, str) and len(value) <= _LONGEST):
+        raise ConfigError(f"request: query must be a text of at most {_LONGEST} characters")
+    if action == "pause" and not isinstance(value, bool):
+        raise ConfigError("request: pause must be true or false")
+    if action in _TRUE and value is not True:
+        raise ConfigError(f"request: {action} must be true")
+    return Asked(action, value)

@@ -1,0 +1,137 @@
+"""The flow as the live page shows it and a saved run keeps it; nothing of a plant that has none to be shown."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from matplotlib.figure import Figure
+
+from contract.arrays import Array
+from contract.config.body import BodyConfig
+from contract.config.plant import FlowConfig
+from contract.sensor_layout import SensorLayout
+from firmware_sim.live.messages import FieldPicture
+from firmware_sim.runs.recorded_wake import RecordedWake, Scene, WakeRecorder
+from wake.pictures.drawing import vorticity_figure
+from wake.pictures.level_picture import LevelPicture
+from wake.plant import LivePlant, LoopPlant
+from wake.solver.grid import Grid
+from wake.truck.sample import Sample
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Still:
+    """A flow as it was at an instant; a `wake.plant.Drawable`."""
+
+    grid: Grid
+    config: FlowConfig
+    body: BodyConfig
+    layout: SensorLayout
+    t: float
+    sampled: Sample
+    w: Array
+
+    def sample(self) -> Sample:
+        """As measured then."""
+        return self.sampled
+
+    def vorticity(self) -> Array:
+        """As it was."""
+        return self.w
+
+    def pressure(self) -> None:
+        """Not kept."""
+
+
+class FlowScene(Protocol):
+    """What a run of the loop asks for."""
+
+    @property
+    def view(self) -> tuple[float, ...]:
+        """x and y limits in W; empty without a picture."""
+
+    @property
+    def size(self) -> tuple[int, ...]:
+        """Width and height in pixels; likewise."""
+
+    def look(self, k: int) -> FieldPicture | None:
+        """The flow at the start of period k."""
+
+    def still(self) -> Still | None:
+        """The flow now, to be drawn later."""
+
+    def recorded(self, first: int) -> RecordedWake | None:
+        """What was kept from period `first` on."""
+
+
+class ShownFlow:
+    """Of a plant whose flow can be drawn.
+
+    Args:
+        wake: the plant.
+        kept: periods.
+    """
+
+    def __init__(self, wake: LivePlant, kept: int) -> None:
+        self._wake = wake
+        self._picture = LevelPicture(wake)
+        self._recorder = WakeRecorder(Scene.of(self._picture, wake.layout), kept)
+        self.view, self.size = self._picture.view, self._picture.size
+
+    def look(self, k: int) -> FieldPicture:
+        """See `FlowScene.look`; to be asked once a period."""
+        levels = self._picture.levels()
+        self._recorder.record(k, self._wake.t, lambda: levels)
+        return FieldPicture(k=k, t=self._wake.t, levels=levels)
+
+    def still(self) -> Still:
+        """See `FlowScene.still`."""
+        wake = self._wake
+        return Still(
+            grid=wake.grid,
+            config=wake.config,
+            body=wake.body,
+            layout=wake.layout,
+            t=wake.t,
+            sampled=wake.sample(),
+            w=wake.vorticity().copy(),
+        )
+
+    def recorded(self, first: int) -> RecordedWake | None:
+        """See `FlowScene.recorded`; None of fewer periods than two stills are apart."""
+        found = self._recorder.recorded(first)
+        return found if found.stills else None
+
+
+class NoFlow:
+    """Of a plant that has pressures and forces alone."""
+
+    view: tuple[float, ...] = ()
+    size: tuple[int, ...] = ()
+
+    def look(self, k: int) -> None:
+        """Nothing."""
+
+    def still(self) -> None:
+        """Nothing."""
+
+    def recorded(self, first: int) -> None:
+        """Nothing."""
+
+
+def scene_of(wake: LoopPlant, kept: int) -> FlowScene:
+    """What can be shown of a plant; `kept` periods are remembered."""
+    if not hasattr(wake, "vorticity"):
+        return NoFlow()
+    return ShownFlow(cast(LivePlant, wake), kept)
+
+
+def draw(still: Still | None, sensors: tuple[str, ...], state: str, target: Path) -> None:
+    """The vorticity as PNG, or a picture that says that there is none."""
+    if still is not None:
+        figure = vorticity_figure(still, sensors, title=f"{state}, t = {still.t:.1f} $t_c$")
+    else:
+        figure = Figure(figsize=(10.0, 3.1))
+        centred: Any = {"ha": "center", "va": "center", "fontsize": 14}
+        figure.text(0.5, 0.5, f"{state}: this plant has no flow to be shown", **centred)
+    figure.savefig(target, format="png")

@@ -1,0 +1,354 @@
+"""The live loop as an object: stepped period by period, told by viewers, asked for what is new.
+
+No socket, process or thread, and no clock but those it is given: whoever drives it decides when a period passes. The
+loop is the one of a run (`firmware_sim.bench.simulation`): with the settings left alone, row by row the same.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from contract.config.controller import CostWeights
+from contract.config.tree import Config
+from contract.errors import ConfigError, StillwakeError
+from contract.release.bundle import Bundle
+from firmware_sim.bench.virtual_loop import check_bit_rates
+from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.live import present
+from firmware_sim.live.event_log import EventLog
+from firmware_sim.live.kept import KeptPeriod
+from firmware_sim.live.live_run import LiveRun
+from firmware_sim.live.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
+from firmware_sim.live.noticing import START, noticed
+from firmware_sim.live.requests import Asked, asked, id_of
+from firmware_sim.live.saving import SavedAs, origin_of, save
+from firmware_sim.live.setting_words import changes, weights_text
+from firmware_sim.live.settings import CONTROLLERS, LiveSettings, from_query
+from wake.plant import LoopPlant
+
+OFF: Final = "off"
+"""The controller that is none."""
+_PACE: Final = 50
+"""Latest periods whose wall-clock times give the frames a second."""
+_AT_ONCE: Final = 1000
+"""Runs that can be saved in one second."""
+_SELDOM: Final = 5
+"""Periods from one table of the bus, and one histogram, to the next."""
+
+
+class LiveSession:
+    """One loop and what its viewers have set.
+
+    Args:
+        bundle: verified release.
+        config: the vehicle; its operating point and control period must be the bundle's.
+        wake: a plant at its start, by its name.
+        ecu: an ECU just powered on, by the controller's name and the cost's weights, the release's if None. Raises
+            StillwakeError where it cannot be had.
+        controllers, plants: what there is to choose, and what is missing.
+        saves: folder in which runs are saved.
+        settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
+        enable_after: t_c from a start until control is requested by itself.
+        kept: latest periods that are kept.
+        seed: of what disturbances draw.
+        command: words of the command line that started it, for saved runs.
+        clock: wall clock in s.
+        today: date and time of day, for the names of saved runs.
+
+    Raises:
+        StillwakeError: if plant or ECU cannot be had, or do not fit each other, the bundle and the vehicle.
+    """
+
+    def __init__(
+        self,
+        *,
+        bundle: Bundle,
+        config: Config,
+        wake: Callable[[str], LoopPlant],
+        ecu: Callable[[str, CostWeights | None], LoopEcu],
+        controllers: Sequence[Choice],
+        plants: Sequence[Choice],
+        saves: Path,
+        settings: LiveSettings | None = None,
+        enable_after: float = 10.0,
+        kept: int = 3000,
+        seed: int = 0,
+        command: tuple[str, ...] = (),
+        clock: Callable[[], float] = time.monotonic,
+        today: Callable[[], datetime] = datetime.now,
+    ) -> None:
+        check_bit_rates(config)
+        if config.bus.key:
+            raise ConfigError("bus.key: the live loop has no authentication; leave it empty")
+        self._bundle, self._config, self._wake, self._ecu = bundle, config, wake, ecu
+        self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
+        self._saves, self._command, self._clock, self._today = saves, command, clock, today
+        self._lead_in = round(enable_after / config.flow.control_period)
+        self._kept, self._seed = kept, seed
+        self._automatic = True
+        self._paused = False
+        self._hello_due = self._settings_due = self._now_due = False
+        self._seen = START
+        self._runs = 0
+        self._events = EventLog()
+        self._rows: list[KeptPeriod] = []
+        self._ticks: deque[float] = deque(maxlen=_PACE)
+        self._settings = LiveSettings() if settings is None else settings
+        self._check_choices(self._settings)
+        self._start(self._settings)
+
+    def hello(self) -> Hello:
+        """Everything that stays until the plant starts anew."""
+        return present.hello(
+            self._run,
+            self._bundle,
+            self._config,
+            self._settings,
+            controllers=self._choices["controller"],
+            plants=self._choices["plant"],
+            kept=self._kept,
+        )
+
+    def step(self) -> None:
+        """One control period; none while the loop is paused.
+
+        Raises:
+            StillwakeError: if the flow diverges.
+        """
+        if self._paused:
+            return
+        run = self._run
+        if run.wish.begins(run.k):
+            self._settings = replace(self._settings, enable=True)
+            self._settings_due = True
+            self._say("loop", "the lead-in is over: the vehicle requests control")
+        self._rows.append(run.step())
+        del self._rows[: -self._kept]
+        self._ticks.append(self._clock())
+        seen = run.seen()
+        for kind, text in noticed(self._seen, seen):
+            self._say(kind, text)
+        self._seen = seen
+        self._events.pass_to(run.time_s(run.k), run.periods[-1].row.sample.t)
+        self._now_due = True
+
+    def handle(self, request: object) -> Answer:
+        """Do what a viewer asks for, between two periods; any value of JSON may come."""
+        answer: Answer = {}
+        if (number := id_of(request)) is not None:
+            answer["id"] = number
+        try:
+            self._do(asked(request), answer)
+        except StillwakeError as error:
+            answer["error"] = " ".join(str(error).split())
+        return answer
+
+    def messages(self) -> list[Message | bytes]:
+        """What is new since this was asked last."""
+        run, out = self._run, list[Message | bytes]()
+        if self._hello_due:
+            out.append(self.hello())
+        if self._rows:
+            out.append(present.periods(run.number, self._rows, run.wake.layout.base))
+        if items := self._events.new():
+            out.append({"type": "events", "run": run.number, "items": items})
+        if self._settings_due:
+            out.append(self._settings_now())
+        if self._now_due and run.periods:
+            out += self._present()
+        self._rows = []
+        self._hello_due = self._settings_due = self._now_due = False
+        return out
+
+    # What viewers ask for.
+
+    def _do(self, request: Asked, answer: Answer) -> None:
+        match request.action:
+            case "set":
+                self._change(request.value)
+            case "query":
+                self._follow(request.value)
+            case "clear":
+                answer["note"] = self._clear()
+            case "power_cycle":
+                self._power_cycle()
+            case "pause":
+                self._pause(request.value)
+            case "save":
+                answer["saved"] = self._save()
+            case "restart":
+                self._start(self._settings)
+                self._say("set", "the plant starts anew")
+
+    def _change(self, given: dict[str, Any]) -> None:
+        own, sensors = self._bundle.manifest.mpc.weights, self._bundle.manifest.sensors
+        self._apply(self._settings.changed(given, sensors, own), enable=given.get("enable"))
+
+    def _follow(self, query: str) -> None:
+        """Have the settings of a link; those that it does not name are as at the start."""
+        values = from_query(query)
+        # A link made under control is no reason to cut short the time that the mean without control needs.
+        enable = values.pop("enable", None)
+        own, sensors = self._bundle.manifest.mpc.weights, self._bundle.manifest.sensors
+        after = LiveSettings(enable=self._settings.enable).changed(values, sensors, own)
+        if enable is None or self._run.wish.waits:
+            self._apply(after, enable=None)
+        else:
+            self._apply(replace(after, enable=enable), enable=enable)
+
+    def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
+        """Have other settings from the next period on; if that cannot be, an error, and all is as it was."""
+        before, run = self._settings, self._run
+        self._check_choices(after)
+        if after.plant != before.plant:
+            self._start(after)
+            run = self._run
+        elif (after.controller, after.weights) != (before.controller, before.weights):
+            self._exchange(before, after)
+        if enable is not None:
+            self._automatic = enable
+            run.wish.set(enable)
+        run.set_disturbances(after.disturbances)
+        self._settings = replace(after, enable=run.wish.wanted)
+        self._settings_due = True
+        for text in changes(before, self._settings, self._bundle.manifest.mpc.weights):
+            self._say("set", text)
+
+    def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
+        """Another ECU, another goal, or none."""
+        run = self._run
+        if after.controller == OFF:
+            if before.controller != OFF:
+                run.cut_supply()
+            return
+        ecu = self._ecu(after.controller, after.weights)
+        own = self._bundle.manifest.mpc.weights
+        same = after.controller == before.controller
+        run.exchange(ecu, weights_text(before, after, own) if same else ecu.computed_by)
+        if before.controller == OFF:
+            run.power_on()
+
+    def _clear(self) -> str:
+        """Everything but request, controller and plant as at the start; what has latched is ended by a new request."""
+        self._apply(self._settings.without_faults, enable=None)
+        run = self._run
+        if run.wish.rearm(run.state.fail_safe, given_up=run.node.has_given_up):
+            text = "cleared; the request is taken back for a moment, since only a new one leads on"
+        else:
+            text = "cleared"
+        self._say("set", text)
+        return text
+
+    def _power_cycle(self) -> None:
+        if self._settings.controller == OFF:
+            raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
+        self._run.power_cycle()
+        self._say("set", "the ECU's supply is cut for a moment")
+
+    def _pause(self, value: bool) -> None:
+        self._paused, self._now_due = value, True
+        self._ticks.clear()
+
+    def _save(self) -> str:
+        """The name of the folder of the periods that are kept."""
+        run = self._run
+        if not run.periods:
+            raise ConfigError("save: no period has passed yet")
+        now = self._today()
+        name = f"live-{now:%Y%m%d-%H%M%S}"
+        names = (name, *(f"{name}-{n}" for n in range(2, _AT_ONCE)))
+        name = next(item for item in names if not (self._saves / item).exists())
+        origin = origin_of(now.date(), self._command, run.periods[0].k)
+        facts = SavedAs(
+            bundle=self._bundle,
+            config=self._config,
+            weights=self._settings.weights,
+            seed=self._seed,
+            origin=origin,
+        )
+        save(self._saves / name, run, facts)
+        self._say("set", f"the run is saved as {name}")
+        return name
+
+    # Beginning.
+
+    def _start(self, settings: LiveSettings) -> None:
+        """From the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
+        is_off = settings.controller == OFF
+        run = LiveRun(
+            number=self._runs + 1,
+            bundle=self._bundle,
+            config=self._config,
+            wake=self._wake(settings.plant),
+            ecu=self._ecu(CONTROLLERS[0] if is_off else settings.controller, settings.weights),
+            seed=self._seed,
+            lead_in=self._lead_in,
+            kept=self._kept,
+        )
+        run.set_disturbances(settings.disturbances)
+        if is_off:
+            run.cut_supply()
+        run.wish.waits = self._automatic
+        self._run, self._runs = run, run.number
+        self._settings = replace(settings, enable=False)
+        self._seen = START
+        self._rows = []
+        self._ticks.clear()
+        self._events.new_run()
+        self._hello_due = self._settings_due = True
+        self._now_due = False
+
+    def _check_choices(self, settings: LiveSettings) -> None:
+        """Raises ConfigError for one that is not to be had here."""
+        for name, choices in self._choices.items():
+            wanted = getattr(settings, name)
+            found = next((choice for choice in choices if choice["name"] == wanted), None)
+            if found is None:
+                raise ConfigError(f"{name} {wanted!r} cannot be chosen here")
+            if found["missing"]:
+                raise ConfigError(f"{name} {wanted!r}: {found['missing']}")
+
+    # What is new.
+
+    def _present(self) -> list[Message | bytes]:
+        run = self._run
+        out: list[Message | bytes] = [
+            present.now(
+                run,
+                self._seen,
+                fps=self._fps(),
+                paused=self._paused,
+                computed_by=run.ecu.computed_by,
+                losses=self._config.ecu.loss_window,
+            )
+        ]
+        if run.periods[-1].k % _SELDOM == 0 or self._paused:
+            out.append(
+                run.bus_table.message(
+                    run.number,
+                    pressures=run.state.pressures,
+                    commands=run.node.command_stream,
+                    nodes=run.errors(),
+                )
+            )
+            out.append(run.latency.message(run.number))
+        if run.picture is not None:
+            out.append(pack_field(run.picture))
+        return out
+
+    def _settings_now(self) -> SettingsNow:
+        return {"type": "settings", "settings": self._settings.to_tree(), "query": self._settings.to_query()}
+
+    def _fps(self) -> float:
+        ticks = self._ticks
+        passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
+        return (len(ticks) - 1) / passed if passed > 0.0 else 0.0
+
+    def _say(self, kind: str, text: str) -> None:
+        run = self._run
+        t = run.k * self._config.flow.control_period
+        self._events.add(kind, text, time_s=run.time_s(run.k), t=t)

@@ -1,0 +1,199 @@
+"""Disturbances that come and go while the loop runs, each at work from one control period to another.
+
+What is set at a time of the run disturbs it as a run that was given the same text with that time: each item is a
+`firmware_sim.bench.disturbing.Disturbing` of its own, which draws as it would among all those before it. The items of
+the transducers, and those of each node's port, keep the order in which the settings name them: what stands behind one
+that changes ends with it, and begins anew.
+
+A port's item that has ended passes frames on and stays in its place for `LINGER_S` more, so that what it still holds
+reaches the node, late and in order, before it is taken out.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import takewhile
+from typing import Final
+
+import numpy as np
+
+from can_bridge.bus.faults.fault import NS, Span
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated.medium import SimulatedBus
+from contract.arrays import Array
+from contract.config.tree import Config
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.run_faults import NODES, NodeFault
+from firmware_sim.live.switched_port import Plug, SwitchedPort
+from firmware_sim.runs.metadata import InjectedFault
+
+LINGER_S: Final = 1.0
+"""Virtual time: five times the longest delay that can be set."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Happening:
+    """What disturbed the loop for a while.
+
+    Attributes:
+        serial: counts from 0 in a run.
+        text: without its time.
+        start: first period.
+        end: the period in which it no longer acted; None while it does.
+        acted: how often so far, as `InjectedFault` counts it.
+        is_instant: it happened at the start of `start`.
+    """
+
+    serial: int
+    text: str
+    start: int
+    end: int | None = None
+    acted: int = 0
+    is_instant: bool = False
+
+    def injected(self, period_ns: int, acted_before: int) -> InjectedFault:
+        """With its time in s of the run, and how often it acted since it had acted so often."""
+        start = repr(self.start * period_ns / NS)
+        end = "" if self.end is None else repr(self.end * period_ns / NS)
+        return InjectedFault(
+            text=f"{self.text}@{start}" if self.is_instant else f"{self.text}@{start}..{end}",
+            acted=self.acted - acted_before,
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class _Item:
+    """A happening at work."""
+
+    told: Happening
+    group: str
+    span: Span
+    work: Disturbing
+    plugs: list[tuple[SwitchedPort, Plug]] = field(default_factory=list)
+
+
+class SwitchedDisturbances:
+    """Of one run of the loop; a `firmware_sim.bench.wiring.Disturbs`.
+
+    Args:
+        config: the vehicle.
+        sensors: that the transducers read, in their order.
+        seed: of everything that is drawn.
+
+    Attributes:
+        happened: what disturbed the run, in order; what is over can be `forgotten`.
+        read: (S,) what the transducers read last; NaN before.
+    """
+
+    corrupts = None
+    """No setting is of the wire itself."""
+    mishears = None
+
+    def __init__(self, config: Config, sensors: Sequence[str], seed: int) -> None:
+        self._config, self._sensors, self._seed = config, tuple(sensors), seed
+        self._before: Counter[str] = Counter()
+        self._items: list[_Item] = []
+        self._lingering: list[_Item] = []
+        self._ports: dict[str, SwitchedPort] = {}
+        self._bus: SimulatedBus | None = None
+        self.happened: list[Happening] = []
+        self.read = np.full(len(self._sensors), np.nan)
+
+    def readings(self, cp: Array, now_ns: int) -> Array:
+        """See `Disturbs.readings`."""
+        for item in self._items:
+            cp = item.work.readings(cp, now_ns)
+        self.read = cp
+        return cp
+
+    def ecu_clock(self, now_ns: int) -> int:
+        """See `Disturbs.ecu_clock`."""
+        return now_ns
+
+    def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
+        """See `Disturbs.connect`."""
+        self._bus = bus
+
+        def around(node: str, port: Bus) -> Bus:
+            self._ports[node] = SwitchedPort(port)
+            return self._ports[node]
+
+        return around
+
+    def set(self, texts: Sequence[str], k: int) -> None:
+        """Have these at work from control period k on, at whose start the bus stands, and nothing else.
+
+        Args:
+            texts: disturbances without their times.
+
+        Raises:
+            ConfigError: for a text that describes none.
+        """
+        wanted = [(_group(text), text) for text in texts]
+        for group in ("sensors", *NODES):
+            acting = [item for item in self._items if item.group == group]
+            here = [text for its, text in wanted if its == group]
+            pairs = zip(acting, here, strict=False)
+            same = len(list(takewhile(lambda pair: pair[0].told.text == pair[1], pairs)))
+            for item in acting[same:]:
+                self._end(item, k)
+            for text in here[same:]:
+                self._begin(text, group, k)
+
+    def note(self, text: str, k: int, *, is_instant: bool = False) -> Happening:
+        """Keep what disturbs the loop from period k on, and is done elsewhere."""
+        told = Happening(serial=self._before["all"], text=text, start=k, is_instant=is_instant)
+        self._before["all"] += 1
+        self.happened.append(told)
+        return told
+
+    def period_over(self, k: int) -> None:
+        """Count what was done up to the end of period k, and take out what has nothing left to do."""
+        for item in (*self._items, *self._lingering):
+            item.told.acted = item.work.injected()[0].acted
+        linger = round(LINGER_S * NS / self._config.period_ns)
+        for item in [one for one in self._lingering if (one.told.end or 0) + linger <= k + 1]:
+            self._lingering.remove(item)
+            item.work.end()
+            for port, plug in item.plugs:
+                port.take_out(plug)
+
+    def acted(self) -> dict[int, int]:
+        """How often each of those at work has acted, by its serial number."""
+        return {told.serial: told.acted for told in self.happened if told.end is None}
+
+    def forget(self, before: int) -> None:
+        """What was over before this period."""
+        self.happened = [told for told in self.happened if not _is_over(told, before)]
+
+    def _begin(self, text: str, group: str, k: int) -> None:
+        assert self._bus is not None
+        start_s = k * self._config.period_ns / NS
+        disturbances = Disturbances.parse([f"{text}@{start_s!r}.."])
+        (one,) = disturbances.items
+        work = Disturbing(disturbances, self._config, self._sensors, self._seed, dict(self._before))
+        span = one.fault if isinstance(one, NodeFault) else one
+        item = _Item(told=self.note(text, k), group=group, span=span, work=work)
+        if group in NODES:
+            self._before[group] += 1
+            around, port = work.connect(self._bus), self._ports[group]
+            item.plugs = [(port, port.put(lambda plug: around(group, plug)))]
+        self._items.append(item)
+
+    def _end(self, item: _Item, k: int) -> None:
+        item.told.end = k
+        # What acts asks this very value whether it does, and the end of an open span is not known before.
+        object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
+        self._items.remove(item)
+        if item.plugs:
+            self._lingering.append(item)
+
+
+def _group(text: str) -> str:
+    node = text.partition(":")[0]
+    return node if node in NODES else "sensors"
+
+
+def _is_over(told: Happening, before: int) -> bool:
+    return told.start < before if told.is_instant else told.end is not None and told.end <= before

@@ -1,0 +1,112 @@
+"""A live session on a plant of two numbers with a controller that plans waves: everything else is the real thing."""
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contract.config.controller import CostWeights
+from contract.config.tree import Config
+from contract.errors import LibraryError
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.live.messages import PERIOD_COLUMNS, Answer, Choice
+from firmware_sim.live.session import LiveSession
+from tests.firmware_sim.bench.harness import LiveOscillator
+from tests.firmware_sim.bench.test_invariants import Waves
+from tests.firmware_sim.conftest import make_bundle
+from wake.plant import LoopPlant
+
+CONFIG = Config()
+CONTROLLERS: tuple[Choice, ...] = (
+    {"name": "int8", "label": "int8", "missing": None},
+    {"name": "c", "label": "C", "missing": None},
+    {"name": "cortex-m7", "label": "Cortex-M7", "missing": "needs the extra mcu"},
+    {"name": "off", "label": "off", "missing": None},
+)
+PLANTS: tuple[Choice, ...] = (
+    {"name": "wake", "label": "wake", "missing": None},
+    {"name": "recording", "label": "recording", "missing": None},
+)
+ENABLE_AFTER = 2.0
+"""t_c: ten periods."""
+NOON = datetime(2026, 1, 2, 12, 0, 0)
+
+
+def oscillator(name: str) -> LoopPlant:
+    return LiveOscillator(CONFIG)
+
+
+class Live:
+    """A session, and all that it has said so far."""
+
+    def __init__(
+        self,
+        saves: Path,
+        *,
+        wake: Callable[[str], LoopPlant] = oscillator,
+        kept: int = 400,
+        enable_after: float = ENABLE_AFTER,
+        **more: Any,
+    ) -> None:
+        self.bundle = make_bundle()
+        self.made: list[tuple[str, CostWeights | None]] = []
+        self.refused: set[str] = set()
+        self.controller = Waves()
+        self.session = LiveSession(
+            bundle=self.bundle,
+            config=CONFIG,
+            wake=wake,
+            ecu=self._ecu,
+            controllers=CONTROLLERS,
+            plants=PLANTS,
+            saves=saves,
+            enable_after=enable_after,
+            kept=kept,
+            clock=iter(np.arange(10**6) / 40.0).__next__,
+            today=lambda: NOON,
+            **more,
+        )
+        self.rows: dict[str, list[Any]] = {name: [] for name in PERIOD_COLUMNS}
+        self.said: dict[str, Any] = {}
+        self.events: list[str] = []
+        self.pictures: list[bytes] = []
+
+    def _ecu(self, name: str, weights: CostWeights | None) -> LoopEcu:
+        if name in self.refused:
+            raise LibraryError(f"no compiler\nfor {name}")
+        self.made.append((name, weights))
+        ecu = Ecu(self.bundle, self.controller, CONFIG, weights=weights)
+        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}")
+
+    def run(self, periods: int) -> "Live":
+        for _ in range(periods):
+            self.session.step()
+            self.hear()
+        return self
+
+    def hear(self) -> None:
+        for message in self.session.messages():
+            if isinstance(message, bytes):
+                self.pictures.append(message)
+                continue
+            if message["type"] == "periods":
+                for name, values in message["columns"].items():
+                    self.rows[name] += values
+            elif message["type"] == "events":
+                self.events += [item["text"] for item in message["items"]]
+            self.said[message["type"]] = message
+
+    def ask(self, **request: Any) -> Answer:
+        return self.session.handle(request)
+
+    def set(self, **values: Any) -> "Live":
+        answer = self.ask(set=values)
+        assert "error" not in answer, answer
+        return self
+
+    @property
+    def state(self) -> str:
+        return str(self.said["now"]["state"])
