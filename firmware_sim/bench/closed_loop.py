@@ -15,12 +15,12 @@ from firmware_sim.bench.disturbances import Disturbance, Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.runs import recorded_wake, run_log
+from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import RunOrigin
-from firmware_sim.runs.recorded_wake import Scene, WakeRecorder
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
 from firmware_sim.runs.summary import whole_summary
+from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 from wake.pictures.drawing import vorticity_figure
 from wake.pictures.level_picture import LevelPicture
 from wake.plant import LivePlant
@@ -112,7 +112,7 @@ def run_closed_loop(
             progress=record,
         )
         _draw(wake, bundle, "under control", controlled_picture)
-        recorded_wake.save(stills, recorder.recorded())
+        wake_stills.save(stills, recorder.recorded())
         run_log.save(series, log)
         figures.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
     return log

@@ -20,7 +20,7 @@ from firmware_sim.bench.spans import CYCLES, SHEDDING_TIME
 from firmware_sim.live.kept import Counted, KeptPeriod, unpacked
 from firmware_sim.live.live_run import LiveRun
 from firmware_sim.live.scene import draw
-from firmware_sim.runs import recorded_wake, run_log
+from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors
 from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.report import write_report
@@ -72,7 +72,7 @@ def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
         stills = run.scene.recorded(periods[0].k)
         if stills is not None:
             with replacing(folder.wake) as file:
-                recorded_wake.save(file, stills)
+                wake_stills.save(file, stills)
         write_report(folder)
 
 

@@ -11,7 +11,7 @@ from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.sensor_layout import SensorLayout
 from firmware_sim.live.messages import FieldPicture
-from firmware_sim.runs.recorded_wake import RecordedWake, Scene, WakeRecorder
+from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from wake.pictures.drawing import vorticity_figure
 from wake.pictures.level_picture import LevelPicture
 from wake.plant import LivePlant, LoopPlant
@@ -60,7 +60,7 @@ class FlowScene(Protocol):
     def still(self) -> Still | None:
         """The flow now, to be drawn later."""
 
-    def recorded(self, first: int) -> RecordedWake | None:
+    def recorded(self, first: int) -> WakeStills | None:
         """What was kept from period `first` on."""
 
 
@@ -97,7 +97,7 @@ class ShownFlow:
             w=wake.vorticity().copy(),
         )
 
-    def recorded(self, first: int) -> RecordedWake | None:
+    def recorded(self, first: int) -> WakeStills | None:
         """See `FlowScene.recorded`; None of fewer periods than two stills are apart."""
         found = self._recorder.recorded(first)
         return found if found.stills else None

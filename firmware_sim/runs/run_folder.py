@@ -39,7 +39,7 @@ class RunFolder:
 
     @property
     def wake(self) -> Path:
-        """`firmware_sim.runs.recorded_wake.RecordedWake`; not in the folder of an earlier version."""
+        """`firmware_sim.runs.wake_stills.WakeStills`; not in the folder of an earlier version."""
         return self.path / "wake.npz"
 
     @property

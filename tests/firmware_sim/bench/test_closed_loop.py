@@ -18,7 +18,7 @@ from contract.release import bundle
 from export.program.random_program import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.bench.run_faults import parse_node_fault
-from firmware_sim.runs import recorded_wake, run_log
+from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.summary import summary
@@ -74,7 +74,7 @@ def test_the_folder_holds_the_run_and_nothing_half_written(run):
 
 def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, shared_wake):
     folder, log, _ = run
-    found = recorded_wake.load(RunFolder(folder).wake, log)
+    found = wake_stills.load(RunFolder(folder).wake, log)
     assert found.k.tolist() == list(range(LEAD_IN + CONTROLLED))
     # Without control the loop's wake is the solver's own, advanced by hand.
     shared_wake.reset(developed_state())

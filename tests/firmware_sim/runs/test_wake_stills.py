@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from contract.errors import StillwakeError
-from firmware_sim.runs import recorded_wake
-from firmware_sim.runs.recorded_wake import MOST_STILLS, RecordedWake, Scene, WakeRecorder, load, save
+from firmware_sim.runs import wake_stills
+from firmware_sim.runs.wake_stills import MOST_STILLS, Scene, WakeRecorder, WakeStills, load, save
 
 SCENE = Scene(view=(4.5, 16.5, -2.25, 2.25), size=(96, 36), sensors={"base_0": (7.5, 0.1), "base_1": (7.5, -0.1)})
 
@@ -25,7 +25,7 @@ def street(k: int) -> np.ndarray:
     return np.clip(np.rint(total), -127, 127).astype(np.int8)
 
 
-def recorded(times: np.ndarray, kept: int | None = None) -> RecordedWake:
+def recorded(times: np.ndarray, kept: int | None = None) -> WakeStills:
     recorder = WakeRecorder(SCENE, len(times) if kept is None else kept)
     for k, t in enumerate(times):
         recorder.record(k, float(t), partial(street, k))
@@ -76,11 +76,11 @@ def test_only_the_latest_part_is_kept_and_counted_from_its_begin():
     assert len(recorder.recorded().stills) == 4
 
 
-def of_another_size(wake: RecordedWake) -> RecordedWake:
+def of_another_size(wake: WakeStills) -> WakeStills:
     return replace(wake, scene=replace(wake.scene, size=(95, 36)))
 
 
-def with_a_png(wake: RecordedWake) -> RecordedWake:
+def with_a_png(wake: WakeStills) -> WakeStills:
     buffer = io.BytesIO()
     Image.new("L", (96, 36)).save(buffer, format="PNG")
     return replace(wake, stills=(buffer.getvalue(), *wake.stills[1:]))
@@ -115,7 +115,7 @@ def test_a_damaged_file_is_refused(log, tmp_path):
 
 
 def test_a_file_of_another_schema_is_refused(log, tmp_path, monkeypatch):
-    monkeypatch.setattr(recorded_wake, "SCHEMA", "stillwake-wake/9")
+    monkeypatch.setattr(wake_stills, "SCHEMA", "stillwake-wake/9")
     save(tmp_path / "wake.npz", recorded(log.series["t"]))
     monkeypatch.undo()
     with pytest.raises(StillwakeError, match=r"schema 'stillwake-wake/9', must be 'stillwake-wake/1'"):

@@ -55,7 +55,7 @@ class Scene:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RecordedWake:
+class WakeStills:
     """Stills of a run.
 
     Attributes:
@@ -95,10 +95,10 @@ class WakeRecorder:
         if k % self._every == 0:
             self._kept.append((k, t, encode(levels())))
 
-    def recorded(self, first: int = 0) -> RecordedWake:
+    def recorded(self, first: int = 0) -> WakeStills:
         """What is kept, with the periods counted from `first`, and none from before it."""
         kept = [(k - first, t, still) for k, t, still in self._kept if k >= first]
-        return RecordedWake(
+        return WakeStills(
             scene=self._scene,
             k=np.array([k for k, _, _ in kept], dtype=np.int64),
             t=np.array([t for _, t, _ in kept], dtype=np.float64),
@@ -114,7 +114,7 @@ def encode(levels: Levels) -> bytes:
     return buffer.getvalue()
 
 
-def save(path: Path, wake: RecordedWake) -> None:
+def save(path: Path, wake: WakeStills) -> None:
     """Write as .npz; `path` is a temporary file of `contract.atomic.replacing`."""
     header = json.dumps({"schema": SCHEMA, **asdict(wake.scene)})
     with path.open("wb") as file:
@@ -128,7 +128,7 @@ def save(path: Path, wake: RecordedWake) -> None:
         )
 
 
-def load(path: Path, log: RunLog) -> RecordedWake:
+def load(path: Path, log: RunLog) -> WakeStills:
     """Read what `save` wrote, of this run.
 
     Raises:
@@ -141,7 +141,7 @@ def load(path: Path, log: RunLog) -> RecordedWake:
                 raise ValueError(f"schema {schema!r}, must be {SCHEMA!r}")
             ends, packed = data["ends"], data["stills"].tobytes()
             begins = [0, *ends[:-1].tolist()]
-            wake = RecordedWake(
+            wake = WakeStills(
                 scene=_scene(header),
                 k=np.asarray(data["k"], dtype=np.int64),
                 t=np.asarray(data["t"], dtype=np.float64),
@@ -160,7 +160,7 @@ def _scene(header: Mapping[str, Any]) -> Scene:
     return Scene(view=(left, right, low, high), size=(width, height), sensors=sensors)
 
 
-def _check(wake: RecordedWake, total: int, log: RunLog) -> None:
+def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     """Raises ValueError for what contradicts itself or the run's series."""
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
