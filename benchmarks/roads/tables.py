@@ -10,17 +10,41 @@ _HEADS = (
     *("less net drag, %", "sensors", "loop", "interactions", "training, min", "step, ms", "ms on M7", "phases", "note"),
 )
 
+_DEFAULT_MESH = (443, 164)
+
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
     rows = read(results / "roads.json")["figures"]
     free = next((row["abs_Cl"] for row in rows if row["road"] == "no-control"), float("inf"))
-    return {"roads": table(_HEADS, [_cells(row, free) for row in rows])}
+    return {"roads": table(_HEADS, [_cells(row, free) for row in rows]), "environment": _environment(rows)}
+
+
+def _environment(rows: list[dict[str, Any]]) -> str:
+    """What the environment gives a policy: the rows of its own mesh that know no more of the flow than it shows."""
+    known = [row for row in rows if tuple(row["mesh"]) == _DEFAULT_MESH and row["kind"] != "oracle"]
+    heads = ("policy", "mean reward", "mean `Cd_net`", "mean abs Cl", "mean Cl", "mean `jet_power`", "sensors", "steps")
+    return table(
+        heads,
+        [
+            (
+                row["title"],
+                f"{-row['Cd']:.3f}",
+                f"{row['Cd_net']:.3f}",
+                f"{row['abs_Cl']:.3f}",
+                f"{row['mean_Cl']:+.3f}",
+                f"{row['jet_power']:.3f}",
+                row["sensors"],
+                f"{row['interactions']:,}",
+            )
+            for row in sorted(known, key=lambda row: float(row["Cd"]), reverse=True)
+        ],
+    )
 
 
 def _cells(row: dict[str, Any], abs_cl_uncontrolled: float) -> tuple[object, ...]:
     several = row["phases"] > 1
-    mesh = "" if tuple(row["mesh"]) == (443, 164) else f"mesh {row['mesh'][0]} x {row['mesh'][1]}; "
+    mesh = "" if tuple(row["mesh"]) == _DEFAULT_MESH else f"mesh {row['mesh'][0]} x {row['mesh'][1]}; "
     start = "" if row["start"] == "developed" else f"from the {row['start']} wake; "
     trouble = "".join(sorted({f"{one['trouble']}; " for one in row["outcomes"] if one["trouble"]}))
     # The wake of a coarser mesh sheds up to a tenth harder.

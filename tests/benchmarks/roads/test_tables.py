@@ -54,3 +54,10 @@ def test_a_side_force_above_the_uncontrolled_one_is_said(tmp_path):
 def test_a_span_is_shown_for_several_phases_alone(tmp_path):
     found = lines(tmp_path, row("no-control"), row("two", outcomes=(outcome(Cd=0.7), outcome(Cd=0.8))))
     assert "20.0 .. 30.0" in found[1] and ".." not in found[0]
+
+
+def test_the_environments_table_has_its_own_mesh_alone_and_no_oracle(tmp_path):
+    rows = (row("kept"), row("coarse", mesh=(332, 124)), row("knows", kind="oracle"))
+    (tmp_path / "roads.json").write_text(json.dumps({"figures": rows}), encoding="utf-8")
+    (found,) = tables(tmp_path)["environment"].splitlines()[2:]
+    assert found.startswith("| kept | -0.800 | 0.850 |")
