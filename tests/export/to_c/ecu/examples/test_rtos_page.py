@@ -1,0 +1,58 @@
+"""The files of the page on FreeRTOS and Zephyr compile as they stand, and drive."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Mode
+from contract.config.learning import ModelConfig
+from contract.controller.compiler import host_compiler
+from tests.export.to_c.ecu.examples import rtos_stand_ins as stand_ins
+from tests.export.to_c.ecu.examples.contents import without
+
+PAGE = (Path(__file__).parents[5] / "docs" / "how-to" / "use-an-rtos.md").read_text(encoding="utf-8")
+HEADER, TASK, FREERTOS, ZEPHYR = re.findall(r"^```c\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+SYSTEMS = {
+    "freertos": {
+        "FreeRTOS.h": stand_ins.FREERTOS_H,
+        "queue.h": "",
+        "task.h": "",
+        "port.c": FREERTOS,
+        "system.c": stand_ins.FREERTOS,
+    },
+    # The tests' compiler takes no folders in folders.
+    "zephyr": {
+        "zephyr.h": stand_ins.ZEPHYR_H,
+        "port.c": re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', ZEPHYR, flags=re.MULTILINE),
+        "system.c": stand_ins.ZEPHYR,
+    },
+}
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, built_for, tmp_path, shared_builds):
+    config, messages = built_for
+    if config.bus.frames != "fd":
+        pytest.skip("one of the sets shows it")
+    files = {"ecu_port.h": HEADER, "ecu_task.c": TASK, "board.h": stand_ins.BOARD_H, "board.c": stand_ins.BOARD}
+    contents = without(folder, "main_socketcan.c", "systick.c")
+    contents |= {name: text.encode() for name, text in (files | SYSTEMS[system]).items()}
+    program = tmp_path / "ecu"
+    shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off"))
+    done = subprocess.run([program], capture_output=True, text=True, timeout=60, check=True)
+    receiver, modes = E2eReceiver(messages.command.spec, config.bus.e2e), list[Mode]()
+    for line in done.stdout.split():
+        wire = bytes.fromhex(line)
+        assert receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)]).checks == (Check.OK,)
+        command = messages.command.parse(wire)
+        assert command is not None
+        modes.append(command.mode)
+    window = ModelConfig().window
+    assert len(modes) > window + 10
+    assert Mode.CONTROL not in modes[: window - 1]
+    assert set(modes[-10:]) == {Mode.CONTROL}
