@@ -81,8 +81,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.processes
 @pytest.mark.usefixtures("checkout")
-def test_the_readme_flashes_and_calibrates_and_so_does_the_page_of_calibration(cli):
-    lines = lines_of("README.md", "Flash and calibrate it")
+def test_the_tour_flashes_and_calibrates_and_so_does_the_page_of_calibration(cli):
+    lines = lines_of("docs/tutorial/tour.md", "Flash and calibrate it")
     calibrated = lines_of("docs/how-to/calibrate.md")
     assert (len(lines), len(calibrated)) == (8, 5)
     *_, flashed, _, told, _, _, stored, reverted, _ = follow(cli, lines + calibrated)
