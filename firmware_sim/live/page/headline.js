@@ -23,7 +23,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       case 'ACTIVE':
         if (now.set_aside.length) {
           const left = count - now.set_aside.length;
-          return {kind: `aside ${now.set_aside}`, text: `The ECU has set ${now.set_aside.join(' and ')} aside and controls with ${left} sensors${less ? `. ${less}` : ''}.`};
+          const aside = `The ECU does not believe ${now.set_aside.join(' and ')} and controls with ${left} sensors`;
+          return {kind: `aside ${now.set_aside}`, text: `${less ? `${less}. ` : ''}${aside}.`};
         }
         return less
           ? {kind: 'control', text: `${less}; the ECU controls with ${count} sensors.`}
