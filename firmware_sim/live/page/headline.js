@@ -61,9 +61,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     show(hello, now) {
-      say(this.state, now.state);
-      this.state.dataset.kind = stillwake.StateMachine.KIND[now.state] || 'plain';
-      this.tell(sentence(hello, now));
+      this.tell({...sentence(hello, now), state: now.state});
     }
 
     /** The latest event, small below the sentence. */
@@ -71,7 +69,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       say(this.event, `t = ${format.number(t, 1)}: ${text}`);
     }
 
-    tell({kind, text}) {
+    tell({kind, text, state = ''}) {
+      say(this.state, state);
+      this.state.dataset.kind = stillwake.StateMachine.KIND[state] || 'plain';
       say(this.text, text);
       if (kind === this.kind) return;
       this.kind = kind;
