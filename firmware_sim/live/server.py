@@ -123,6 +123,8 @@ def page_url(address: str, port: int, access: Access) -> str:
 def _bound(address: str, port: int) -> list[socket.socket]:
     try:
         return bind_sockets(port, address)
+    except ValueError as error:
+        raise StillwakeError(f"--host {address}: no name of a machine") from error
     except OSError as error:
         why = error.strerror or str(error)
         if error.errno == errno.EADDRINUSE:
