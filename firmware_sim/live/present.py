@@ -14,8 +14,8 @@ from contract.config.tree import Config
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.state_machine import OperatingMode
-from firmware_sim.live.kept import KeptPeriod
-from firmware_sim.live.live_run import LiveRun
+from firmware_sim.live.loop.kept import KeptPeriod
+from firmware_sim.live.loop.live_run import LiveRun
 from firmware_sim.live.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods, SliderData
 from firmware_sim.live.noticing import OFF, Seen
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings, Slider

@@ -17,9 +17,9 @@ from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.release.bundle import Bundle
 from firmware_sim.bench.spans import CYCLES, SHEDDING_TIME
-from firmware_sim.live.kept import Counted, KeptPeriod, unpacked
-from firmware_sim.live.live_run import LiveRun
-from firmware_sim.live.scene import draw
+from firmware_sim.live.loop.kept import Counted, KeptPeriod, unpacked
+from firmware_sim.live.loop.live_run import LiveRun
+from firmware_sim.live.loop.scene import draw
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors
 from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata, RunOrigin

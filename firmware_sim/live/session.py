@@ -20,8 +20,8 @@ from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live import present
 from firmware_sim.live.event_log import EventLog
-from firmware_sim.live.kept import KeptPeriod
-from firmware_sim.live.live_run import LiveRun
+from firmware_sim.live.loop.kept import KeptPeriod
+from firmware_sim.live.loop.live_run import LiveRun
 from firmware_sim.live.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
 from firmware_sim.live.noticing import START, noticed
 from firmware_sim.live.requests import Asked, asked, id_of
@@ -235,11 +235,9 @@ class LiveSession:
     def _clear(self) -> str:
         """Everything but request, controller and plant as at the start; what has latched is ended by a new request."""
         self._apply(self._settings.without_faults, enable=None)
-        run = self._run
-        if run.wish.rearm(run.state.fail_safe, given_up=run.node.has_given_up):
-            text = "cleared; the request is taken back for a moment, since only a new one leads on"
-        else:
-            text = "cleared"
+        text = "cleared"
+        if self._run.help():
+            text += "; the request is taken back for a moment, since only a new one leads on"
         self._say("set", text)
         return text
 

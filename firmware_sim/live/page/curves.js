@@ -108,5 +108,4 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return spans;
     }
   };
-  stillwake.Curves.SHADED = SHADED;
 })();

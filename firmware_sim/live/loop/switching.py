@@ -25,7 +25,7 @@ from contract.config.tree import Config
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.run_faults import NODES, NodeFault
-from firmware_sim.live.switched_port import Plug, SwitchedPort
+from firmware_sim.live.loop.switched_port import Plug, SwitchedPort
 from firmware_sim.runs.metadata import InjectedFault
 
 LINGER_S: Final = 1.0
@@ -122,7 +122,7 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> None:
-        """Have these at work from control period k on, at whose start the bus stands, and nothing else.
+        """Have these at work from control period k on, before which the bus stands, and nothing else.
 
         Args:
             texts: disturbances without their times.
@@ -130,16 +130,20 @@ class SwitchedDisturbances:
         Raises:
             ConfigError: for a text that describes none.
         """
-        wanted = [(_group(text), text) for text in texts]
+        assert self._bus is not None
+        new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):
             acting = [item for item in self._items if item.group == group]
-            here = [text for its, text in wanted if its == group]
+            here = [text for text in texts if _group(text) == group]
             pairs = zip(acting, here, strict=False)
             same = len(list(takewhile(lambda pair: pair[0].told.text == pair[1], pairs)))
+            new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 self._end(item, k)
-            for text in here[same:]:
-                self._begin(text, group, k)
+        # What is due at the start of the period comes behind what has ended, and before what begins.
+        self._bus.advance_to(k * self._config.period_ns)
+        for text, group in new:
+            self._begin(text, group, k)
 
     def note(self, text: str, k: int, *, is_instant: bool = False) -> Happening:
         """Keep what disturbs the loop from period k on, and is done elsewhere."""

@@ -18,6 +18,7 @@ class Wish:
         wanted: control is, once the lead-in is over.
         waits: the lead-in is not over; a viewer who asks for control ends it.
         rearming: the request is low until a rise can have its effect.
+        helped_until: period up to which what latches is ended by a new request, without a viewer's doing.
         first: period in which control was first requested; None before.
     """
 
@@ -26,6 +27,7 @@ class Wish:
     wanted: bool = False
     waits: bool = True
     rearming: bool = False
+    helped_until: int = 0
     first: int | None = None
 
     def set(self, wanted: bool) -> None:
@@ -33,8 +35,9 @@ class Wish:
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Take the request back if only a new one leads on; whether that is so."""
-        self.rearming = self.first is not None and self.wanted and (given_up or fail_safe.mode in _NEEDS_A_RISE)
+        """Take the request back if only a new one leads on; whether it is now."""
+        latched = given_up or fail_safe.mode in _NEEDS_A_RISE
+        self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming
 
     def begins(self, k: int) -> bool:
@@ -44,15 +47,18 @@ class Wish:
         self.wanted, self.waits = True, False
         return True
 
-    def requests(self, k: int, fail_safe: FailSafe, *, is_up: bool) -> bool:
+    def requests(self, k: int, fail_safe: FailSafe, *, is_up: bool, given_up: bool) -> bool:
         """Whether control is requested in period k.
 
         Args:
             fail_safe: of the ECU after the period before.
             is_up: the ECU has booted.
+            given_up: the vehicle has, until its own wish was low.
         """
-        if self.rearming and is_up and self._may_rise(fail_safe):
+        if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
+        elif k < self.helped_until:
+            self.rearm(fail_safe, given_up=given_up)
         requested = self.wanted and not self.rearming
         if requested and self.first is None:
             self.first = k

@@ -15,15 +15,15 @@ from firmware_sim.bench.wiring import wire
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.live.bus_table import BusTable
-from firmware_sim.live.drag import DragMeans
-from firmware_sim.live.kept import Counted, KeptPeriod, packed
-from firmware_sim.live.latency_histogram import LatencyHistogram
+from firmware_sim.live.loop.bus_table import BusTable
+from firmware_sim.live.loop.drag import DragMeans
+from firmware_sim.live.loop.kept import Counted, KeptPeriod, packed
+from firmware_sim.live.loop.latency_histogram import LatencyHistogram
+from firmware_sim.live.loop.scene import Still, scene_of
+from firmware_sim.live.loop.switching import LINGER_S, Happening, SwitchedDisturbances
+from firmware_sim.live.loop.wish import Wish
 from firmware_sim.live.messages import FieldPicture
 from firmware_sim.live.noticing import BOOT, OFF, Seen
-from firmware_sim.live.scene import Still, scene_of
-from firmware_sim.live.switching import Happening, SwitchedDisturbances
-from firmware_sim.live.wish import Wish
 from firmware_sim.runs.bus_traffic import NodeErrors
 from wake.plant import LoopPlant
 
@@ -147,7 +147,7 @@ class LiveRun:
         """
         k, loop = self._k, self._loop
         before = Counted(activity=self._bus.activity(), bus=loop.totals(), acted=self.disturbances.acted())
-        requested = self.wish.requests(k, self.state.fail_safe, is_up=loop.ecu_is_up)
+        requested = self.wish.requests(k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up)
         self._tell_withheld(k, requested)
         self.picture = self.scene.look(k)
         if self.wish.first == k:
@@ -190,6 +190,17 @@ class LiveRun:
         begun = [item for item in self.changes if item.k <= first]
         self.changes = [*begun[-1:], *self.changes[len(begun) :], EcuChange(k=self._k, text=text)]
 
+    def help(self) -> bool:
+        """End by a new request what has latched, and what still will by what was wrong up to now; whether one is due.
+
+        A sensor that the ECU has set aside is used again when it has started anew, which it then does.
+        """
+        if self.state.sensors.set_aside is not None and not self.is_off:
+            self.power_cycle()
+        longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
+        self.wish.helped_until = self._k + longest + round(LINGER_S * 1e9 / self._config.period_ns)
+        return self.wish.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
+
     def power_cycle(self) -> None:
         """Cut the ECU's supply for a moment: it starts anew."""
         self._reset(round(BOOT_S * 1e9))
@@ -225,8 +236,8 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Have these at work from the next period on."""
-        self._to_start()
+        """Have these at work from the next period on. What comes of them is theirs, and not helped."""
+        self.wish.helped_until = 0
         self.disturbances.set(texts, self._k)
 
     def errors(self) -> dict[str, NodeErrors]:
@@ -238,13 +249,10 @@ class LiveRun:
         return Counted(activity=self._bus.activity(), bus=self._loop.totals(), acted=self.disturbances.acted())
 
     def _reset(self, boot_ns: int) -> None:
-        self._to_start()
+        self.wish.helped_until = 0
+        self._bus.advance_to(self._loop.now_ns)
         self._loop.reset_ecu(boot_ns)
         self.state = self.ecu.ecu.state
-
-    def _to_start(self) -> None:
-        """What is due at the start of the next period happens before what is set now."""
-        self._bus.advance_to(self._loop.now_ns)
 
     def _tell_withheld(self, k: int, requested: bool) -> None:
         """A request that is taken back after the first is a disturbance of the run."""
