@@ -1,0 +1,87 @@
+"""A saved run is one that `stillwake run` could have left."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from can_bridge.wire.frame import Frame
+from firmware_sim.live.loop.kept import packed, unpacked
+from firmware_sim.runs import run_log, wake_stills
+from firmware_sim.runs.run_folder import RunFolder
+from tests.firmware_sim.live.harness import Live
+from wake.plant import LoopPlant
+
+
+def test_frames_are_unpacked_as_they_were():
+    frames = [
+        Frame(frame_id=0x120, data=bytes(range(16)), timestamp_ns=2**40),
+        Frame(frame_id=0, data=b"", timestamp_ns=1, is_fd=False),
+        Frame(frame_id=0x1FFFFFFF, data=bytes(64), is_extended=True),
+    ]
+    assert list(unpacked(packed(frames))) == frames
+
+
+def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path, cli):
+    live = Live(tmp_path, kept=100).run(30).set(noise=0.5).run(70).set(noise=0.0, loss=0.2).run(50)
+    (tmp_path / "live-20260102-120000").mkdir()
+    answer = live.ask(save=True, id=1)
+    assert answer == {"id": 1, "saved": "live-20260102-120000-2"}
+    folder = RunFolder(tmp_path / answer["saved"])
+    log = run_log.load(folder.series)
+    np.testing.assert_allclose(log.series["t"], 0.2 * np.arange(50, 150))
+    assert (len(log.series["t"]), log.enabled_at) == (100, 0)
+    noise, loss = log.metadata.faults
+    # It acted in every period; of the 70, fifty are kept.
+    assert (noise.text, noise.acted) == ("noise:level=0.5@0.6..2.0", 50)
+    assert loss.text == "ecu:drop:probability=0.2,at=receive@2.0.."
+    # Three frames a period, of which none was lost on the bus itself.
+    assert log.traffic.frames == pytest.approx(300, abs=2)
+    assert json.loads(folder.summary.read_text())["started_with"]["flow"] == "period 50 of a live session"
+    assert cli("report", folder.path).code == 0
+    assert "noise:level=0.5@0.6..2.0" in folder.report.read_text()
+
+
+def test_what_computed_and_when_is_told(tmp_path):
+    live = Live(tmp_path).run(20).set(controller="c").run(20).set(weights={"lift": 0.5}).run(5)
+    log = run_log.load(RunFolder(tmp_path / live.ask(save=True)["saved"]).series)
+    assert (
+        log.metadata.computed_by == "waves by int8; from 0.4 s waves by c; from 0.8 s calibration of the cost: lift 0.5"
+    )
+    assert log.metadata.weights.lift == 0.5
+
+
+def test_a_run_that_cannot_be_written_leaves_nothing(tmp_path):
+    live = Live(tmp_path / "saves")
+    assert "no period" in live.ask(save=True)["error"]
+    live.run(5)
+    (tmp_path / "saves").write_text("a file in the way")
+    assert "cannot write" in live.ask(save=True)["error"]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "saves"]
+
+
+@pytest.mark.slow  # the real wake
+def test_the_flow_is_shown_and_saved(shared_wake, tmp_path):
+    from firmware_sim.live.messages import unpack_field
+    from wake.truck.state import developed_state
+
+    def wake(name: str) -> LoopPlant:
+        shared_wake.reset(replace(developed_state(), substep=0, action=0.0))
+        return shared_wake
+
+    live = Live(tmp_path, wake=wake, enable_after=0.4).run(4)
+    pictures = [unpack_field(raw) for raw in live.pictures]
+    width, height = live.said["hello"]["raster"]
+    assert [(picture.k, picture.levels.shape) for picture in pictures] == [(k, (height, width)) for k in range(4)]
+    x_from, x_to, low, high = live.said["hello"]["view"]
+    # In the body nothing turns; along its upper side the boundary layer turns clockwise, along the lower the other way.
+    columns = slice(0, round((7.0 - x_from) / (x_to - x_from) * width))
+    side = [round((high - y) / (high - low) * height) for y in (0.7, 0.45, -0.45, -0.7)]
+    levels = pictures[-1].levels
+    assert not levels[side[1] : side[2], columns].any()
+    assert levels[side[0] : side[1], columns].min() < -60
+    assert levels[side[2] : side[3], columns].max() > 60
+    folder = RunFolder(tmp_path / live.ask(save=True)["saved"])
+    stills = wake_stills.load(folder.wake, run_log.load(folder.series))
+    assert stills.k[0] == 0

@@ -1,0 +1,286 @@
+"""The live loop is the loop of a run, whatever is set on it meanwhile."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.logs.log_reader import read_messages
+from can_bridge.wire.frame import Frame
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.simulation import Simulation
+from firmware_sim.bench.spans import Spans
+from firmware_sim.live.requests import ACTIONS
+from firmware_sim.runs import run_log
+from firmware_sim.runs.run_folder import RunFolder
+from tests.examples import examples
+from tests.firmware_sim.bench.harness import NAMES, LiveOscillator
+from tests.firmware_sim.bench.test_invariants import Waves
+from tests.firmware_sim.conftest import make_bundle
+from tests.firmware_sim.live.harness import CONFIG, ENABLE_AFTER, Live
+
+
+@pytest.fixture
+def live(tmp_path, monkeypatch) -> Live:
+    """Its saved runs have no pictures and no report, which take seconds."""
+    for name in ("draw", "write_report"):
+        monkeypatch.setattr(f"firmware_sim.live.saving.{name}", lambda *arguments: None)
+    return Live(tmp_path)
+
+
+def same_as_a_run(live: Live, saves) -> run_log.RunLog:
+    """What the session saves is, to the bit, the run that its own texts describe."""
+    folder = RunFolder(saves / live.ask(save=True)["saved"])
+    saved, frames = run_log.load(folder.series), list[Frame]()
+    periods = len(saved.series["t"])
+    again = Simulation(
+        make_bundle(),
+        CONFIG,
+        spans=Spans(lead_in=ENABLE_AFTER, controlled=0.2 * periods - ENABLE_AFTER, settle=0.0, averages=False),
+        controller=Waves(),
+        disturbances=Disturbances.parse(one.text for one in saved.metadata.faults),
+    ).run(LiveOscillator(CONFIG), capture=frames.append)
+    for name, values in again.series.items():
+        if name != "step_ms":
+            np.testing.assert_array_equal(saved.series[name], values, err_msg=name)
+    assert [one.acted for one in saved.metadata.faults] == [one.acted for one in again.metadata.faults]
+    assert saved.traffic.nodes == again.traffic.nodes
+    assert (saved.bus, saved.traffic, saved.enabled_at) == (again.bus, again.traffic, again.enabled_at)
+    assert saved.metadata.status == again.metadata.status
+    logged = [(item.arbitration_id, bytes(item.data)) for item in read_messages(folder.frames)]
+    assert logged == [(frame.frame_id, frame.data) for frame in frames]
+    return saved
+
+
+def test_left_alone_it_is_an_ordinary_run(live, tmp_path):
+    live.run(60)
+    saved = same_as_a_run(live, tmp_path)
+    assert saved.metadata.faults == ()
+    assert live.rows["k"] == list(range(60))
+    np.testing.assert_allclose(live.rows["Cd"], saved.series["Cd"], atol=1e-9)
+    assert live.rows["requested"] == [0] * 10 + [1] * 50
+
+
+def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(live, tmp_path):
+    """Each item draws from the place that it has among all."""
+    live.run(15).set(noise=0.5).run(5).set(loss=0.25).run(10).set(noise=0.8, dead=NAMES[2], delay_ms=50).run(10)
+    live.set(noise=0.0, loss=0.3, babble=True).run(12).set(babble=False, delay_ms=0).run(3)
+    assert live.state == "FAULT"
+    live.ask(clear=True)
+    live.run(20)
+    assert live.state == "ACTIVE"
+    live.ask(power_cycle=True)
+    assert live.run(20).state == "STANDBY"
+    assert live.set(enable=False).run(3).set(enable=True).run(10).state == "ACTIVE"
+    live.set(controller="off").run(30).set(controller="int8").run(30)
+    # Longer without commands than the vehicle bears: it has withdrawn its request.
+    assert (live.state, live.said["now"]["given_up"]) == ("ARMED", True)
+    live.ask(clear=True)
+    assert live.run(10).state == "ACTIVE"
+    saved = same_as_a_run(live, tmp_path)
+    texts = [one.text for one in saved.metadata.faults]
+    assert texts[:3] == ["noise:level=0.5@0.3..0.6", "ecu:drop:probability=0.25,at=receive@0.4..0.8", texts[2]]
+    assert f"dead:sensor={NAMES[2]}@0.8..1.1" in texts
+    assert "vehicle:babble@0.8..1.04" in texts
+    assert "reset@1.5" in texts
+    assert [text for text in texts if text.startswith("no_request")][1] == "no_request@1.9..1.96"
+
+
+def test_a_request_by_a_viewer_needs_no_lead_in_and_a_refusal_ends_it(tmp_path):
+    asked = Live(tmp_path).run(3).set(enable=True).run(5)
+    assert asked.rows["requested"] == [0] * 3 + [1] * 5
+    asked.ask(restart=True)
+    asked.run(12)
+    assert (asked.said["hello"]["run"], asked.rows["requested"][8:]) == (2, [0] * 10 + [1] * 2)
+    refused = Live(tmp_path).run(3).set(enable=False).run(20)
+    assert not any(refused.rows["requested"])
+    refused.ask(restart=True)
+    assert not any(refused.run(20).rows["requested"])
+
+
+def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
+    live.run(30).set(controller="c").run(5)
+    assert live.made == [("int8", None), ("c", None)]
+    assert live.said["now"]["computed_by"] == "waves by c"
+    assert "ECU: C on this machine" in live.events
+    live.set(weights={"drag_mean": 2.0}).run(5)
+    assert live.made[-1][1].drag_mean == 2.0
+    assert set(live.rows["mode"][15:]) == {2}
+    live.set(weights=None).run(1)
+    assert live.made[-1] == ("c", None)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"controller": "cortex-m7"}, "needs the extra mcu"),
+        ({"controller": "c", "noise": 0.5}, "no compiler for c"),
+        ({"noise": 0.5, "loss": 2}, "must be in 0..1"),
+        ({"dead": "upper_0"}, "must be one of none, upper_39"),
+        ({"plant": "recording", "babble": True}, "no recording"),
+    ],
+)
+def test_what_cannot_be_had_is_one_line_and_changes_nothing(tmp_path, values, message):
+    from contract.errors import StillwakeError
+
+    def wake(name: str) -> LiveOscillator:
+        if name != "wake":
+            raise StillwakeError("no recording")
+        return LiveOscillator(CONFIG)
+
+    live = Live(tmp_path, wake=wake).run(12)
+    live.refused = {"c"}
+    before = live.said["settings"]
+    answer = live.ask(set=values, id=7)
+    assert (answer["id"], message in answer["error"], "\n" in answer["error"]) == (7, True, False)
+    live.run(5)
+    assert live.said["settings"] == before
+    assert len(live.rows["k"]) == 17
+    assert live.said["now"]["run"] == 1
+
+
+def test_the_means_are_those_of_the_oscillator(tmp_path):
+    """Cd = 1 + cos(t)^2, whose mean over whole cycles is 1.5; the solver's step costs a percent."""
+    live = Live(tmp_path, enable_after=20.0).run(99)
+    now = live.said["now"]
+    assert now["uncontrolled_Cd"] == pytest.approx(1.5, rel=0.01)
+    assert now["drag_Cd"] == pytest.approx(1.5, rel=0.01)
+    assert now["reduction_percent"] == pytest.approx(0.0, abs=1.0)
+    found = live.run(1).said["now"]["uncontrolled_Cd"]
+    assert live.run(60).said["now"]["uncontrolled_Cd"] == found
+    early = Live(tmp_path).run(20).said["now"]
+    assert (early["uncontrolled_Cd"], early["reduction_percent"]) == (None, None)
+
+
+def test_the_plan_is_ahead_of_the_rows_in_which_it_shows(live):
+    """The wave of the controller changes from step to step, its pending action does not."""
+    live.run(40)
+    now = live.said["now"]
+    pending = now["plan"][0]
+    live.run(1)
+    assert now["plan_from"] == 40
+    # Reached in the sample that begins row 40, to the step of the wire.
+    assert live.rows["action"][40] == pytest.approx(pending, abs=1e-5)
+    assert len(now["plan"]) == len(now["forecast"]) == live.bundle.manifest.mpc.horizon
+    live.set(controller="off").run(1)
+    assert (live.said["now"]["plan"], live.state, live.said["now"]["computed_by"]) == ([], "OFF", "")
+
+
+def test_the_bus_is_what_the_nodes_send(live):
+    live.run(80)
+    bus = live.said["bus"]
+    assert [(row["name"], row["sender"]) for row in bus["rows"]] == [
+        ("Pressure", "vehicle"),
+        ("JetCommand", "ECU"),
+        ("EcuStatus", "ECU"),
+    ]
+    assert {row["rate_hz"] for row in bus["rows"]} == {50.0}
+    assert all(row["e2e_state"] == "VALID" and 0 < row["age_ms"] <= row["limit_ms"] == 20 for row in bus["rows"])
+    live.set(babble=True).run(60)
+    unknown = live.said["bus"]["rows"][0]
+    # 500 kbit/s carry at most 4,504 classic frames of 8 bytes a second.
+    assert (unknown["id"], unknown["name"]) == (0, "unknown")
+    assert 3800 < unknown["rate_hz"] <= 4504
+    assert live.said["bus"]["load"] > 0.99
+    assert live.said["bus"]["rows"][1]["e2e"] == "NO_NEW_DATA"
+
+
+def test_events_tell_what_the_ecu_does_about_a_fault(live):
+    live.run(30).set(loss=1.0).run(10).ask(clear=True)
+    live.run(15)
+    told = live.events[live.events.index("100 % of the pressure frames do not reach the ECU") :]
+    assert told == [
+        "100 % of the pressure frames do not reach the ECU",
+        "ACTIVE to HOLD: no pressures came; the last command stays",
+        "HOLD to DECAY: no pressures came; the command is halved each period",
+        "DECAY to FAULT: no pressures came; the jets are shut until the request falls and rises anew",
+        "all pressure frames reach the ECU",
+        "cleared; the request is taken back for a moment, since only a new one leads on",
+        "FAULT to ACTIVE: the jets follow the controller",
+        *told[7:],
+    ]
+    assert live.state == "ACTIVE"
+
+
+def test_one_click_brings_the_loop_back_from_commands_that_were_late(live):
+    """The vehicle still gets old commands then, and gives up control when they are too many."""
+    live.run(20).set(delay_ms=200).run(20)
+    live.ask(clear=True)
+    live.run(60)
+    assert "the vehicle gives up control and shuts its jets: too many commands were missing" in live.events
+    assert (live.state, live.said["now"]["given_up"]) == ("ACTIVE", False)
+
+
+def test_what_is_said_again_and_again_is_counted(live):
+    live.run(20).set(loss=0.5).run(400)
+    holds = [text for text in live.events if "to HOLD" in text]
+    # 100 losses in 8 s: each of the two ways there once, and then after 1, 2, 4 s.
+    assert 2 <= len(holds) <= 14
+    assert any("again" in text for text in holds)
+
+
+def test_a_link_reproduces_the_settings(tmp_path, live):
+    live.run(20).set(noise=0.25, biased=NAMES[1], bias=-2.0, delay_ms=40, weights={"lift": 0.5}).run(1)
+    link = live.said["settings"]["query"]
+    other = Live(tmp_path).run(3)
+    assert other.ask(query=link) == {}
+    other.run(20)
+    assert other.said["settings"] == live.said["settings"]
+    # The lead-in was not cut short by a link made under control.
+    assert other.rows["requested"] == [0] * 10 + [1] * 13
+    assert "must be" in other.ask(query="noise=9")["error"]
+
+
+def test_paused_it_stands_still_and_still_takes_settings(live):
+    live.run(15).ask(pause=True)
+    live.run(5)
+    assert (len(live.rows["k"]), live.said["now"]["paused"]) == (15, True)
+    live.set(noise=0.5).hear()
+    assert live.said["settings"]["settings"]["noise"] == 0.5
+    live.ask(pause=False)
+    live.run(5)
+    assert (len(live.rows["k"]), live.said["now"]["paused"]) == (20, False)
+
+
+def test_all_that_is_said_is_json(live):
+    live.run(12).set(controller="off").run(2)
+    for message in live.said.values():
+        json.dumps(message, allow_nan=False)
+
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+_KNOWN = st.sampled_from(["enable", "controller", "plant", "noise", "dead", "bias", "weights", "babble"])
+
+
+@pytest.fixture(scope="module")
+def fuzzed(tmp_path_factory) -> Live:
+    """Nothing can be saved: a file is where the folder should be."""
+    saves = tmp_path_factory.mktemp("fuzz") / "saves"
+    saves.touch()
+    return Live(saves).run(1)
+
+
+@examples(60)
+@given(
+    requests=st.lists(
+        _JSON
+        | st.fixed_dictionaries({}, optional={name: _JSON for name in (*ACTIONS, "id")})
+        | st.fixed_dictionaries({"set": st.dictionaries(_KNOWN, _JSON | st.just(10**400), max_size=2)})
+        | st.fixed_dictionaries({"query": st.text("noise=&%1abc;+.", max_size=20)}),
+        max_size=4,
+    )
+)
+def test_whatever_comes_gets_an_answer(requests: list[Any], fuzzed):
+    for request in requests:
+        answer = fuzzed.session.handle(request)
+        assert set(answer) <= {"id", "error", "note", "saved"}
+        assert "\n" not in answer.get("error", "")
+        json.dumps(answer, allow_nan=False)
+    fuzzed.run(1)
