@@ -17,7 +17,7 @@ from stillwake.terminal import make_console, visible
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "sim": (
         *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
-        *("jinja2", "llvmlite"),
+        *("jinja2", "llvmlite", "tornado"),
     ),
     "train": ("torch", "shap", "onnx", "safetensors", "optuna"),
     "bus": ("serial", "msgpack", "cantools"),

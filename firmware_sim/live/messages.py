@@ -199,7 +199,8 @@ class LoopNow(TypedDict):
 
 
 LOOP_STATES: Final = ("starting", "running", "busy", "ended")
-"""busy: the loop waits for something that takes seconds. ended: it failed; "starting" follows where it is restarted."""
+"""busy: the loop waits for something that takes seconds. ended: it failed, and is not started again; where it is, the
+text of "starting" says so, and later an event."""
 
 Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
 LATEST_ONLY: Final = ("loop", "hello", "now", "bus", "latency", "settings")

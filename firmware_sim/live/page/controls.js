@@ -9,13 +9,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     enable: {label: 'The vehicle requests control', help: 'Off: the ECU shuts the jets and the vortices come back.'},
     plant: {label: 'Plant', help: 'A change starts the plant anew.'},
     noise: {label: 'Noise on all sensors', help: 'Watch the action get rougher, and the drag rise.'},
-    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and go on with the others.'},
+    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside, until it is started anew, and go on with the others.'},
     biased: {label: 'Biased sensor', help: 'Watch the ECU set it aside if it contradicts the others.'},
     bias: {label: 'Bias', help: 'Of the biased sensor.'},
     loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY flash up; FAULT when too many are lost.'},
     delay_ms: {label: 'Late jet commands', help: 'Watch the drag rise; what comes too late shuts the jets.'},
     babble: {label: 'Babbling node', help: 'It fills the bus at the highest priority. Watch the load, and the ECU’s FAULT.'},
-    controller: {label: 'Controller', help: 'The same release, computed by another machine; “off” cuts the ECU’s supply.'},
+    controller: {label: 'Controller', help: 'The same release on another machine; “off” cuts the ECU’s supply. Watch the time of a step.'},
   };
   const WEIGHTS = {
     drag_mean: 'Mean drag',

@@ -108,4 +108,5 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return spans;
     }
   };
+  stillwake.Curves.SHADED = SHADED;
 })();

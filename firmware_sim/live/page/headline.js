@@ -23,7 +23,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       case 'ACTIVE':
         if (now.set_aside.length) {
           const left = count - now.set_aside.length;
-          return {kind: `aside ${now.set_aside}`, text: `The ECU has set ${now.set_aside.join(' and ')} aside and controls with ${left} sensors${less ? `. ${less}` : ''}.`};
+          const aside = `The ECU does not believe ${now.set_aside.join(' and ')} and controls with ${left} sensors`;
+          return {kind: `aside ${now.set_aside}`, text: `${less ? `${less}. ` : ''}${aside}.`};
         }
         return less
           ? {kind: 'control', text: `${less}; the ECU controls with ${count} sensors.`}
@@ -60,9 +61,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     show(hello, now) {
-      say(this.state, now.state);
-      this.state.dataset.kind = stillwake.StateMachine.KIND[now.state] || 'plain';
-      this.tell(sentence(hello, now));
+      this.tell({...sentence(hello, now), state: now.state});
     }
 
     /** The latest event, small below the sentence. */
@@ -70,7 +69,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       say(this.event, `t = ${format.number(t, 1)}: ${text}`);
     }
 
-    tell({kind, text}) {
+    tell({kind, text, state = ''}) {
+      say(this.state, state);
+      this.state.dataset.kind = stillwake.StateMachine.KIND[state] || 'plain';
       say(this.text, text);
       if (kind === this.kind) return;
       this.kind = kind;

@@ -32,7 +32,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const ms = (value) => (format.is(value) ? `${format.number(value, 2)} ms` : format.NONE);
       const texts = {p50: ms(p50), p99: ms(p99), max: ms(max), over: format.count(over), jets: ms(latency.sample_to_jets_ms)};
       for (const [name, text] of Object.entries(texts)) say(this.values[name], text);
-      say(this.of, latency.of ? `${latency.of}; budget ${format.short(budget)} ms` : '');
+      const beyond = max > latency.edges.at(-1) ? '; the last bar: that or longer' : '';
+      say(this.of, latency.of ? `${latency.of}; budget ${format.short(budget)} ms${beyond}` : '');
       this.request();
     }
 

@@ -98,7 +98,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     draw() {
       const {hello, now, periods} = this.stream;
-      if (!hello || !now) return;
+      if (!hello || !now || document.body.dataset.connection !== 'live') return;
       this.headline.show(hello, now);
       this.states.show(now.state, stillwake.reasonOf(hello, now));
       this.wake.state({action: this.last('action'), cp: now.cp, marks: this.marks(now), t: now.t});

@@ -41,7 +41,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     /** Another plant: what was drawn of the last one goes. */
     show(scene) {
-      this.scene = scene;
+      const end = Math.max(...scene.body.map(([x]) => x));
+      this.scene = {...scene, view: scene.view.length ? scene.view : [end - 3, end + 9, -2.25, 2.25]};
       this.levels = null;
       this.now = {action: null, cp: null, marks: {}, t: null};
       this.places = new Map(scene.sensors.map((sensor, i) => [sensor.name, i]));

@@ -1,0 +1,41 @@
+"""A viewer's request as it comes: any text, until it is looked at here."""
+
+import json
+from typing import Any, Final
+
+from firmware_sim.live.messages import Answer, Message
+
+LONGEST_REQUEST: Final = 16 * 1024
+"""Bytes; a longer message ends its connection."""
+
+
+def check(text: str | bytes) -> Answer | None:
+    """None for a request that the loop can be asked; otherwise the answer that says what is wrong with it."""
+    if isinstance(text, bytes):
+        return Answer(error="a request is text, and not bytes")
+    try:
+        value = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        return Answer(error=f"a request is JSON: {error}")
+    if not isinstance(value, dict):
+        return Answer(error='a request is an object, such as {"id": 1, "set": {"enable": true}}')
+    if not is_number(value.get("id", 0)):
+        return Answer(error="id: must be a whole number")
+    return None
+
+
+def is_number(value: Any) -> bool:
+    """Whether it can be the `id` of a request."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def as_json(message: Message | Answer) -> str:
+    """A message as it is sent; what JSON has no number for is null."""
+    try:
+        return json.dumps(message, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        return json.dumps(json.loads(json.dumps(message), parse_constant=lambda _: None), separators=(",", ":"))
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number")

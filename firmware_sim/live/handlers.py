@@ -1,0 +1,251 @@
+"""What the server answers: the page and its files, the two sockets, saved runs."""
+
+import asyncio
+import json
+import logging
+import socket
+from contextlib import suppress
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any, Final
+
+from tornado.web import HTTPError, RequestHandler, StaticFileHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from firmware_sim.live.access import Access
+from firmware_sim.live.control import as_json, check
+from firmware_sim.live.hub import STREAMS
+from firmware_sim.live.messages import Answer
+from firmware_sim.live.saved import write_zip
+from firmware_sim.live.supervisor import Supervisor
+from firmware_sim.live.viewer import Viewer
+
+MOST_VIEWERS: Final = 32
+BATCHES_A_SECOND: Final = 30.0
+"""To a viewer: more are not seen."""
+SEND_BUFFER: Final = 256 * 1024
+"""Bytes that the machine keeps for a viewer; what it shows is as old as what is in there."""
+STALLED_S: Final = 30.0
+"""A viewer that takes no message for so long is closed."""
+MOST_UNANSWERED: Final = 8
+"""Requests of one viewer."""
+TRY_AGAIN_LATER: Final = 1013
+"""Status of a WebSocket's end (IANA's registry of RFC 6455)."""
+_PIECE: Final = 256 * 1024
+_HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'; object-src 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Server": "stillwake",
+}
+_TYPES: Final = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".txt": "text/plain; charset=utf-8",
+}
+_log = logging.getLogger("tornado.application")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Served:
+    """What the handlers share.
+
+    Attributes:
+        supervisor: of the loop.
+        access: who may.
+        saves: the folder of saved runs.
+        stalled_s: see `STALLED_S`.
+        viewers: that are open.
+    """
+
+    supervisor: Supervisor
+    access: Access
+    saves: Path
+    stalled_s: float
+    viewers: set["Stream"] = field(default_factory=set)
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie with the token: another one for each server, since cookies do not know ports."""
+        return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
+
+
+class Guarded(RequestHandler):
+    """Refuses whom `Access` refuses, before anything else."""
+
+    def initialize(self, served: Served, **_others: Any) -> None:
+        self.served = served
+
+    def set_default_headers(self) -> None:
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
+
+    def shown_token(self) -> str | None:
+        """That this request shows: in its address, or in the cookie that comes with the page's own files."""
+        return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
+
+    def prepare(self) -> None:
+        headers = self.request.headers
+        refusal = self.served.access.refusal(
+            host=self.request.host, origin=headers.get("Origin"), token=self.shown_token()
+        )
+        if refusal is not None:
+            self.set_status(403)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(f"{refusal}\n")
+
+    def write_error(self, status_code: int, **_others: Any) -> None:
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{status_code}: {self._reason}\n")
+
+    def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
+        # tornado's own would log the address, which has the token.
+        if not isinstance(value, HTTPError):
+            _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
+
+
+class Files(Guarded, StaticFileHandler):
+    """The page's files."""
+
+    def initialize(self, served: Served, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
+        Guarded.initialize(self, served)
+        StaticFileHandler.initialize(self, path, default_filename)
+
+    def get_content_type(self) -> str:
+        # The machine's own table of types may say anything.
+        return _TYPES.get(Path(self.absolute_path or "").suffix.lower(), "application/octet-stream")
+
+    def set_extra_headers(self, path: str) -> None:
+        if path:
+            self.set_header("Cache-Control", "no-cache")
+            return
+        self.set_header("Cache-Control", "no-store")
+        if (token := self.served.access.token) is not None:
+            self.set_cookie(self.served.cookie, token, httponly=True, samesite="Strict", path="/")
+
+
+class Socket(Guarded, WebSocketHandler):
+    """What both sockets share."""
+
+    def shown_token(self) -> str | None:
+        # Not the cookie: a browser sends that along for whoever asks it to.
+        return self.get_query_argument("token", None)
+
+    def check_origin(self, origin: str) -> bool:
+        return self.served.access.refusal(host=self.request.host, origin=origin, token=self.shown_token()) is None
+
+
+class Stream(Socket):
+    """From the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
+
+    _sending: "asyncio.Task[None] | None" = None
+
+    def open(self, *_arguments: str) -> None:
+        if len(self.served.viewers) >= MOST_VIEWERS:
+            self.close(TRY_AGAIN_LATER, f"{MOST_VIEWERS} others are looking already")
+            return
+        self.served.viewers.add(self)
+        self.set_nodelay(True)
+        if self._connection is not None:
+            self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        self._sending = asyncio.create_task(self._send())
+
+    def on_message(self, message: str | bytes) -> None:
+        """This channel takes none."""
+
+    def on_close(self) -> None:
+        self.served.viewers.discard(self)
+        if self._sending is not None:
+            self._sending.cancel()
+
+    @property
+    def _connection(self) -> Any:
+        return getattr(self.ws_connection, "stream", None)
+
+    async def _send(self) -> None:
+        supervisor = self.served.supervisor
+        viewer = Viewer(supervisor.hub)
+        try:
+            with supervisor.watched() as changed:
+                while True:
+                    changed.clear()
+                    if not await self._send_news(viewer):
+                        await changed.wait()
+                    await asyncio.sleep(1.0 / BATCHES_A_SECOND)
+        except WebSocketClosedError:
+            return
+        except TimeoutError:
+            # Without a farewell, which would wait behind the message that is not taken.
+            if self._connection is not None:
+                self._connection.close()
+
+    async def _send_news(self, viewer: Viewer) -> bool:
+        is_any = False
+        for stream in STREAMS:
+            message = viewer.take(stream)
+            if message is None:
+                continue
+            is_any = True
+            is_bytes = isinstance(message, bytes)
+            sent = self.write_message(message if isinstance(message, bytes) else as_json(message), binary=is_bytes)
+            async with asyncio.timeout(self.served.stalled_s):
+                await sent
+        return is_any
+
+
+class Control(Socket):
+    """Requests of one viewer, and an answer to each, in their order."""
+
+    def open(self, *_arguments: str) -> None:
+        self.set_nodelay(True)
+        self._unanswered = set[asyncio.Task[None]]()
+
+    def on_message(self, message: str | bytes) -> None:
+        if (wrong := check(message)) is not None:
+            self._say(wrong)
+            return
+        text = str(message)
+        number = json.loads(text).get("id")
+        if len(self._unanswered) >= MOST_UNANSWERED:
+            self._say(_numbered(Answer(error=f"{MOST_UNANSWERED} requests wait for the loop already"), number))
+            return
+        # Not awaited here: what the connection itself has to say would wait as well.
+        task = asyncio.create_task(self._ask(text, number))
+        self._unanswered.add(task)
+        task.add_done_callback(self._unanswered.discard)
+
+    async def _ask(self, text: str, number: int | None) -> None:
+        self._say(_numbered(await self.served.supervisor.ask(text), number))
+
+    def _say(self, answer: Answer) -> None:
+        with suppress(WebSocketClosedError):
+            self.write_message(as_json(answer))
+
+
+class SavedRun(Guarded):
+    """A run that the loop saved, as a zip."""
+
+    async def get(self, name: str) -> None:
+        if name not in self.served.supervisor.saved:
+            raise HTTPError(404, reason="no run of this name was saved here")
+        self.set_header("Content-Type", "application/zip")
+        self.set_header("Content-Disposition", f'attachment; filename="{name}.zip"')
+        self.set_header("Cache-Control", "no-store")
+        with TemporaryFile() as file:
+            await asyncio.to_thread(write_zip, self.served.saves / name, file)
+            file.seek(0)
+            while piece := file.read(_PIECE):
+                self.write(piece)
+                await self.flush()
+
+
+def _numbered(answer: Answer, number: int | None) -> Answer:
+    return answer if number is None else {**answer, "id": number}

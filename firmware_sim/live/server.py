@@ -1,0 +1,134 @@
+"""The server of the live page: it opens a port, keeps the loop going and ends both."""
+
+import asyncio
+import errno
+import socket
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application
+
+from contract.errors import StillwakeError
+from firmware_sim.live.access import Access
+from firmware_sim.live.control import LONGEST_REQUEST
+from firmware_sim.live.handlers import STALLED_S, Control, Files, Guarded, SavedRun, Served, Stream
+from firmware_sim.live.stepping import MakeSession
+from firmware_sim.live.supervisor import Supervisor
+
+PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
+LOCALHOST: Final = "127.0.0.1"
+PORT: Final = 8765
+LOOK_S: Final = 0.1
+"""Between two looks at whether to stop."""
+PING_S: Final = 20.0
+"""Between two questions to a viewer whether it is still there."""
+
+
+def application(
+    supervisor: Supervisor, access: Access, saves: Path, *, page: Path = PAGE, stalled_s: float = STALLED_S
+) -> Application:
+    """What is answered where.
+
+    Args:
+        supervisor: of the loop.
+        access: who may look at it and act on it.
+        saves: the folder of saved runs.
+        page: folder of `index.html` and all that it needs.
+        stalled_s: a viewer that takes no message for so long is closed.
+    """
+    served = Served(supervisor=supervisor, access=access, saves=saves, stalled_s=stalled_s)
+    own: dict[str, Any] = {"served": served}
+    return Application(
+        [
+            (r"/()", Files, {**own, "path": str(page), "default_filename": "index.html"}),
+            (r"/static/(.+)", Files, {**own, "path": str(page)}),
+            (r"/stream", Stream, own),
+            (r"/control", Control, own),
+            (r"/saved/([A-Za-z0-9][A-Za-z0-9._-]*)\.zip", SavedRun, own),
+        ],
+        default_handler_class=NotFound,
+        default_handler_args=own,
+        # Addresses have the token.
+        log_function=lambda handler: None,
+        websocket_max_message_size=LONGEST_REQUEST,
+        websocket_ping_interval=PING_S,
+    )
+
+
+class NotFound(Guarded):
+    """Any other address."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        if not self._finished:
+            self.send_error(404)
+
+
+async def serve(
+    make: MakeSession,
+    *,
+    address: str = LOCALHOST,
+    port: int = PORT,
+    saves: Path,
+    fast: bool = False,
+    is_stopped: Callable[[], bool],
+    ready: Callable[[str], None],
+    tell: Callable[[str], None],
+) -> None:
+    """Serve the page until it is stopped, or the loop cannot go on.
+
+    Args:
+        make: the loop, in a process of its own.
+        address: to listen at; with another one than this machine's loopback, requests need a token.
+        port: 0 for any that is free.
+        saves: the folder of saved runs.
+        fast: whether a period may take less time than it does on a vehicle.
+        is_stopped: looked at again and again.
+        ready: called with the page's address, once it can be opened.
+        tell: called with each line on what is waited for, from any thread.
+
+    Raises:
+        StillwakeError: the port or the address cannot be had, or the loop fails shortly after its start.
+    """
+    sockets = _bound(address, port)
+    access = Access.to(address)
+    supervisor = Supervisor(make, fast=fast, tell=tell)
+    server = HTTPServer(application(supervisor, access, saves), max_body_size=LONGEST_REQUEST)
+    server.add_sockets(sockets)
+    ready(page_url(address, sockets[0].getsockname()[1], access))
+    loop = asyncio.create_task(supervisor.run())
+    try:
+        while not is_stopped() and not loop.done():
+            await asyncio.wait([loop], timeout=LOOK_S)
+    finally:
+        server.stop()
+        loop.cancel()
+        await asyncio.wait([loop])
+        await server.close_all_connections()
+    if not loop.cancelled() and (error := loop.exception()) is not None:
+        raise error
+
+
+def page_url(address: str, port: int, access: Access) -> str:
+    """Address of the page for a browser."""
+    is_any = address in ("", "0.0.0.0", "::")
+    host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address
+    return f"http://{host}:{port}/" + ("" if access.token is None else f"?token={access.token}")
+
+
+def _bound(address: str, port: int) -> list[socket.socket]:
+    try:
+        return bind_sockets(port, address)
+    except ValueError as error:
+        raise StillwakeError(f"--host {address}: no name of a machine") from error
+    except OSError as error:
+        why = error.strerror or str(error)
+        if error.errno == errno.EADDRINUSE:
+            why = "it is in use, perhaps by another `stillwake bench serve`; name another --port, or 0 for a free one"
+        elif isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+            raise StillwakeError(f"--host {address}: no address of this machine: {why}") from error
+        raise StillwakeError(f"--port {port} at {address}: {why}") from error

@@ -1,0 +1,166 @@
+"""The process in which the loop is stepped: between two periods it does what it was asked, and it waits for no one."""
+
+import json
+import pickle
+import signal
+import sys
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from threading import Condition, Thread
+from typing import Any, Final, Protocol, cast
+
+from contract.errors import StillwakeError
+from firmware_sim.live.hub import STREAMS, Hub
+from firmware_sim.live.messages import Answer, LoopNow, Message, Request
+from firmware_sim.live.viewer import Viewer
+
+IDLE_S: Final = 0.02
+"""Between two looks at a session that makes no periods, such as one that is paused."""
+
+
+class Session(Protocol):
+    """`firmware_sim.live.session.LiveSession`, as far as it is needed here."""
+
+    def step(self) -> None:
+        """One control period; nothing while it is paused."""
+
+    def handle(self, request: Request) -> Answer:
+        """Do what a viewer asks for."""
+
+    def messages(self) -> Sequence[Message | bytes]:
+        """What is new since the last call."""
+
+
+MakeSession = Callable[[Callable[[str], None]], Session]
+"""Makes it, in the loop's process. It is given what tells the viewers in one line what is waited for, for as long as
+the session is."""
+
+
+def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
+    """The process, to its end: the pipe is closed, or the session fails.
+
+    What it sends are pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It gets pairs
+    of a number and a request as JSON.
+
+    Args:
+        pipe: to the server.
+        make: the session.
+        fast: whether a period may take less time than it does on a vehicle.
+    """
+    # Ctrl-C goes to all processes of a terminal; this one ends with its pipe.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    outbox = Outbox(pipe)
+    try:
+        session = make(lambda text: outbox.say("busy", text))
+        outbox.say("running")
+        _step(session, pipe, outbox, fast=fast)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except Exception as error:  # noqa: BLE001  (whatever it is: the server says it, and decides what becomes of it)
+        if not isinstance(error, StillwakeError):
+            traceback.print_exc()
+        outbox.end(_that_travels(error))
+
+
+def _step(session: Session, pipe: Connection, outbox: "Outbox", *, fast: bool) -> None:
+    period_s = 0.0
+    due = time.monotonic()
+    while True:
+        session.step()
+        new = session.messages()
+        outbox.put(new)
+        for message in new:
+            if not isinstance(message, bytes) and message["type"] == "hello":
+                period_s = message["period_ms"] / 1e3
+        has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
+        now = time.monotonic()
+        # A period that came late is not made up for: the wake would seem to run away.
+        due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + IDLE_S
+        while pipe.poll(max(0.0, due - time.monotonic())):
+            number, text = pipe.recv()
+            outbox.answer(number, session.handle(cast(Request, json.loads(text))))
+            outbox.say("running")
+
+
+class Outbox:
+    """What is to be sent, by a thread of its own: newest values and rings, so that it never grows.
+
+    Args:
+        pipe: to the server, which need not read.
+    """
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+        self._hub = Hub()
+        self._viewer = Viewer(self._hub)
+        self._answers = deque[tuple[int, Answer]]()
+        self._state: LoopNow | None = None
+        self._error: Exception | None = None
+        self._changed = Condition()
+        self._has_news = False
+        self._thread = Thread(target=self._send, name="outbox", daemon=True)
+        self._thread.start()
+
+    def put(self, messages: Sequence[Message | bytes]) -> None:
+        """Messages of the session."""
+        if messages:
+            self._hub.put(messages)
+            self._wake()
+
+    def answer(self, number: int, answer: Answer) -> None:
+        """To the request of this number."""
+        self._answers.append((number, answer))
+        self._wake()
+
+    def say(self, state: str, text: str = "") -> None:
+        """What this process does, where it is another thing than before."""
+        now = LoopNow(type="loop", state=state, text=text)
+        if now != self._state:
+            self._state = now
+            self.put([now])
+
+    def end(self, error: Exception) -> None:
+        """The last word; returns when it is sent."""
+        self._error = error
+        self._wake()
+        self._thread.join()
+
+    def _wake(self) -> None:
+        with self._changed:
+            self._has_news = True
+            self._changed.notify()
+
+    def _send(self) -> None:
+        try:
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._has_news)
+                    self._has_news = False
+                # The error is read first: what was put before it is sent before it.
+                error = self._error
+                self._send_news()
+                if error is not None:
+                    self._pipe.send(("ended", error))
+                    return
+        except OSError:
+            # The server is gone; the loop sees it at the pipe.
+            return
+
+    def _send_news(self) -> None:
+        while batch := [message for stream in STREAMS if (message := self._viewer.take(stream)) is not None]:
+            self._pipe.send(("messages", batch))
+        while self._answers:
+            self._pipe.send(("answer", self._answers.popleft()))
+
+
+def _that_travels(error: Exception) -> Exception:
+    """The error, or its text where another process could not make it again."""
+    try:
+        copy: Any = pickle.loads(pickle.dumps(error))
+    except Exception:  # noqa: BLE001  (pickle raises what the error's class raises)
+        copy = None
+    return error if type(copy) is type(error) and str(copy) == str(error) else StillwakeError(str(error))

@@ -1,0 +1,167 @@
+"""Keeps the loop going for those who look at it: its process, what it said, the requests that wait for an answer."""
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from itertools import count
+from typing import Any, Final
+
+from contract.errors import StillwakeError
+from firmware_sim.live.hub import Hub
+from firmware_sim.live.messages import Answer, EventItem, Events, LoopNow, Message
+from firmware_sim.live.process import LoopProcess
+from firmware_sim.live.stepping import MakeSession
+
+SHORT_LIFE_S: Final = 20.0
+"""A loop that ends sooner after its start is not started again: it would end again."""
+MOST_WAITING: Final = 32
+"""Requests of all viewers that the loop has not answered yet."""
+STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
+
+
+class Supervisor:
+    """Of one loop; for one event loop, in which all but `hub` is used.
+
+    Args:
+        make: the session.
+        fast: whether a period may take less time than it does on a vehicle.
+        tell: called with each line on what is waited for, and on why the loop ended; from any thread.
+        short_life_s: see `SHORT_LIFE_S`.
+
+    Attributes:
+        hub: what the loop said.
+        saved: names of the runs that it saved.
+    """
+
+    def __init__(
+        self,
+        make: MakeSession,
+        *,
+        fast: bool = False,
+        tell: Callable[[str], None] = lambda line: None,
+        short_life_s: float = SHORT_LIFE_S,
+    ) -> None:
+        self.hub = Hub()
+        self.saved = set[str]()
+        self._make, self._fast, self._tell, self._short_life_s = make, fast, tell, short_life_s
+        self._watching = set[asyncio.Event]()
+        self._waiting = dict[int, asyncio.Future[Answer]]()
+        self._numbers = count(1)
+        self._process: LoopProcess | None = None
+        self._is_waking = False
+        self._why = ""
+
+    async def run(self) -> None:
+        """Start the loop, and start it again where it fails, until this is cancelled; then it is ended.
+
+        Raises:
+            Exception: the loop's, which ended shortly after its start.
+        """
+        self._events = asyncio.get_running_loop()
+        self._sender = ThreadPoolExecutor(1, thread_name_prefix="requests")
+        try:
+            while True:
+                began = time.monotonic()
+                error = await self._until_it_ends()
+                self._why = f"the loop ended: {error}"
+                if time.monotonic() - began < self._short_life_s:
+                    self._put(LoopNow(type="loop", state="ended", text=self._why))
+                    raise error
+        finally:
+            self._sender.shutdown(wait=False, cancel_futures=True)
+
+    async def _until_it_ends(self) -> Exception:
+        ended: asyncio.Future[Exception] = self._events.create_future()
+        process = LoopProcess(
+            self._make,
+            fast=self._fast,
+            hear=self._heard,
+            answered=lambda *answer: self._later(self._settle, *answer),
+            ended=lambda error: self._later(_resolve, ended, error),
+        )
+        again = f"{self._why}; " if self._why else ""
+        self._put(LoopNow(type="loop", state="starting", text=again + STARTING))
+        process.start()
+        self._process = process
+        try:
+            return await ended
+        finally:
+            self._process = None
+            for number in list(self._waiting):
+                self._settle(number, Answer(error="the loop has ended"))
+            # Not awaited where this is cancelled: the process is to be gone when this returns.
+            process.end()
+
+    async def ask(self, request: str) -> Answer:
+        """What the loop answers to a request as JSON; it takes as long as the loop needs for it."""
+        process = self._process
+        if process is None:
+            return Answer(error="the loop has ended")
+        if len(self._waiting) >= MOST_WAITING:
+            return Answer(error=f"{MOST_WAITING} requests wait for the loop already: ask again when it has answered")
+        number = next(self._numbers)
+        answer: asyncio.Future[Answer] = self._events.create_future()
+        self._waiting[number] = answer
+        try:
+            await self._events.run_in_executor(self._sender, process.ask, number, request)
+            found = await answer
+        except StillwakeError as error:
+            return Answer(error=str(error))
+        finally:
+            self._waiting.pop(number, None)
+        if "saved" in found:
+            self.saved.add(found["saved"])
+        return found
+
+    @contextmanager
+    def watched(self) -> Iterator[asyncio.Event]:
+        """An event that is set whenever the hub has something new."""
+        event = asyncio.Event()
+        self._watching.add(event)
+        try:
+            yield event
+        finally:
+            self._watching.discard(event)
+
+    def _heard(self, messages: Sequence[Message | bytes]) -> None:
+        """In the thread that listens."""
+        self.hub.put(messages)
+        for message in messages:
+            if isinstance(message, bytes):
+                continue
+            if message["type"] == "loop" and message["text"]:
+                self._tell(message["text"])
+            if message["type"] == "hello" and self._why:
+                # What is kept begins with this `hello`; that the loop had ended is to be seen later, too.
+                item = EventItem(n=0, time_s=0.0, t=0.0, kind="loop", text=self._why)
+                self.hub.put([Events(type="events", run=message["run"], items=[item])])
+                self._why = ""
+        # One call at a time waits for the event loop, however much is said meanwhile.
+        if not self._is_waking:
+            self._is_waking = True
+            self._later(self._wake)
+
+    def _put(self, message: LoopNow) -> None:
+        self.hub.put([message])
+        self._tell(message["text"])
+        self._wake()
+
+    def _wake(self) -> None:
+        self._is_waking = False
+        for event in self._watching:
+            event.set()
+
+    def _settle(self, number: int, answer: Answer) -> None:
+        future = self._waiting.get(number)
+        if future is not None:
+            _resolve(future, answer)
+
+    def _later(self, call: Callable[..., None], *arguments: Any) -> None:
+        self._events.call_soon_threadsafe(call, *arguments)
+
+
+def _resolve(future: "asyncio.Future[Any]", value: Any) -> None:
+    if not future.done():
+        future.set_result(value)

@@ -1,0 +1,117 @@
+"""The command that shows the closed loop on a page in a browser."""
+
+import asyncio
+import shlex
+import sys
+from dataclasses import asdict, replace
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from contract.atomic import check_writable
+from contract.errors import ConfigError
+from stillwake.commands.run import cost_weights
+from stillwake.releases import Trust, describe, open_release
+from stillwake.settings import WEIGHTS, settings
+from stillwake.stopping import until_stopped
+from stillwake.terminal import ConfigFile, Overrides, console
+
+USES: Final = (
+    "body",
+    "operating_point",
+    "flow",
+    "bus.nominal_bitrate",
+    "bus.data_bitrate",
+    "bus.frames",
+    "bus.background",
+    "bus.e2e",
+    "ecu",
+    "vehicle",
+    WEIGHTS,
+)
+"""As `run`, but for authentication and another goal than the release's cost can have."""
+_LONGEST_LEAD_IN: Final = 1000.0
+"""t_c."""
+
+
+def serve(
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; another than this machine's own needs the token in the link.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)] = 8765,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")] = False,
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
+    trust: Trust = None,
+    library: Annotated[
+        Path | None, typer.Option(help="C library of the bundle's (`export --c`), for the ECU in C.")
+    ] = None,
+    controller: Annotated[str, typer.Option(help="To begin with: int8, c, cortex-m7 or off.")] = "int8",
+    plant: Annotated[str, typer.Option(help="To begin with: wake or recording.")] = "wake",
+    start: Annotated[
+        Path | None, typer.Option(help="Flow state to begin from (`develop`); default: the shipped start.")
+    ] = None,
+    enable_after: Annotated[float, typer.Option(help="Time until control is requested, t_c.", min=0.2)] = 10.0,
+    fast: Annotated[bool, typer.Option("--fast", help="As fast as this machine computes, if that is faster.")] = False,
+    saves: Annotated[Path, typer.Option(help="Folder in which runs are saved.", metavar="FOLDER")] = Path("runs"),
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Run the closed loop on a page in a browser, where it can be watched and disturbed.
+
+    The page shows the wake, the forces, the bus and the ECU while they run, and acts on them: sensors and frames that
+    fail, late jets, a babbling node, power cycles, other cost weights, another controller. What was run can be saved
+    as `run` would have written it. Several browsers may look at once.
+
+    The loop runs at the vehicle's pace at most, and slower where the machine is slower. Only this machine can open the
+    page, unless --host says otherwise; the link that is printed then has a token, and nothing is answered without it.
+
+    Ctrl-C or SIGTERM ends it. If the loop fails it is started again; if it fails within 20 s of its start, the command
+    ends with exit status 1.
+    """
+    from firmware_sim.live import server
+    from firmware_sim.live.settings import LiveSettings
+    from stillwake.live_parts import LiveParts
+
+    if not (isfinite(enable_after) and enable_after <= _LONGEST_LEAD_IN):
+        raise ConfigError(f"--enable-after {enable_after:g}: must be in 0.2..{_LONGEST_LEAD_IN:g}")
+    check_writable(saves, folder=True)
+    loaded = settings("bench serve", config_file, overrides, uses=USES)
+    release = open_release(bundle, trust)
+    own, weights = release.manifest.mpc.weights, cost_weights(loaded, release)
+    first = LiveSettings().changed(
+        {"controller": controller, "plant": plant, "weights": asdict(weights)}, release.manifest.sensors, own
+    )
+    console.print(*describe(release), sep="\n", soft_wrap=True)
+    make = LiveParts(
+        bundle=bundle,
+        trust=trust,
+        library=library,
+        config=replace(loaded.config, mpc=release.manifest.mpc),
+        start=start,
+        settings=first,
+        enable_after=enable_after,
+        saves=saves,
+        command=("stillwake", *map(shlex.quote, sys.argv[1:])),
+    )
+
+    def ready(url: str) -> None:
+        console.print(url, soft_wrap=True, markup=False, highlight=False)
+        if open_page:
+            typer.launch(url)
+
+    with until_stopped() as is_stopped:
+        asyncio.run(
+            server.serve(
+                make,
+                address=host,
+                port=port,
+                saves=saves,
+                fast=fast,
+                is_stopped=is_stopped,
+                ready=ready,
+                tell=lambda line: console.print(line, soft_wrap=True, markup=False, highlight=False),
+            )
+        )
+    console.print("stopped")

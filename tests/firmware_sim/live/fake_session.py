@@ -1,0 +1,83 @@
+"""A session that needs no flow: it counts, answers, and fails where it is asked to."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from contract.errors import PlantError, StillwakeError
+from firmware_sim.live.messages import PERIOD_COLUMNS, Answer, Hello, Message, Periods, Request
+from firmware_sim.live.stepping import Session
+
+KEPT = 50
+PICTURE_BYTES = 90_000
+
+
+def hello(run: int = 1, kept: int = KEPT) -> Hello:
+    return cast(Hello, {"type": "hello", "run": run, "kept": kept, "period_ms": 5.0})
+
+
+def periods(*numbers: int, run: int = 1) -> Periods:
+    columns: dict[str, list[float | None]] = {name: [float(k) for k in numbers] for name in PERIOD_COLUMNS}
+    return Periods(type="periods", run=run, columns=columns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MakeFake:
+    """Picklable maker of one.
+
+    Attributes:
+        error: that its making raises.
+        saves: folder in which `save` makes a run.
+    """
+
+    error: str = ""
+    saves: Path | None = None
+
+    def __call__(self, tell: Callable[[str], None]) -> Session:
+        if self.error:
+            raise StillwakeError(self.error)
+        return FakeSession(tell, self.saves)
+
+
+class FakeSession:
+    def __init__(self, tell: Callable[[str], None], saves: Path | None) -> None:
+        self.tell, self.saves = tell, saves
+        self.new: list[Message | bytes] = [hello()]
+        self.k = 0
+        self.paused = False
+        self.order = ""
+
+    def step(self) -> None:
+        if self.order == "diverge":
+            raise PlantError("the flow diverged at t = 1.0")
+        if self.order == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if not self.paused:
+            self.new += [periods(self.k), bytes(PICTURE_BYTES)]
+            self.new += [cast(Any, {"type": "now", "k": self.k, "t": float("nan")})]
+            self.k += 1
+
+    def handle(self, request: Request) -> Answer:
+        given = request.get("set", {})
+        if "order" in given:
+            self.order = given["order"]
+        if "wait" in given:
+            self.tell("something takes long")
+            time.sleep(given["wait"])
+        if "pause" in request:
+            self.paused = request["pause"]
+        if "save" in request:
+            assert self.saves is not None
+            folder = self.saves / "run-1"
+            (folder / "inner").mkdir(parents=True)
+            (folder / "inner" / "file.txt").write_text("kept")
+            return Answer(saved=folder.name)
+        return Answer(note=f"at {self.k}")
+
+    def messages(self) -> list[Message | bytes]:
+        new, self.new = self.new, []
+        return new

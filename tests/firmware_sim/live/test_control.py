@@ -1,0 +1,41 @@
+"""Requests that are none, and numbers that JSON has not."""
+
+import json
+
+import pytest
+
+from firmware_sim.live.control import as_json, check
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is JSON"),
+        ("{", "is JSON"),
+        ('{"set": {"noise": NaN}}', "NaN is no number"),
+        ('{"set": {"noise": -Infinity}}', "-Infinity is no number"),
+        ("[" * 5000, "is JSON"),
+        ("9" * 5000, "is JSON"),
+        (b"{}", "is text"),
+        ("[]", "is an object"),
+        ("null", "is an object"),
+        ('{"id": "1"}', "id: must be"),
+        ('{"id": true}', "id: must be"),
+        ('{"id": 1.5}', "id: must be"),
+    ],
+)
+def test_what_is_no_request_is_said(text, says):
+    answer = check(text)
+    assert answer is not None
+    assert says in answer["error"]
+    assert "\n" not in answer["error"]
+
+
+@pytest.mark.parametrize("text", ["{}", '{"id": 1, "set": {"enable": true}}', '{"id": -7, "anything": [1.5, null]}'])
+def test_any_other_object_is_for_the_loop_to_judge(text):
+    assert check(text) is None
+
+
+def test_no_number_is_null():
+    text = as_json({"a": float("nan"), "b": [float("inf"), 1.5]})  # type: ignore[arg-type]
+    assert json.loads(text) == {"a": None, "b": [None, 1.5]}

@@ -1,0 +1,101 @@
+"""What a viewer gets: every period, the newest of the rest, however it reads."""
+
+from typing import cast
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_sim.live.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub
+from firmware_sim.live.messages import Events, Message
+from firmware_sim.live.viewer import Viewer
+from tests.examples import examples
+from tests.firmware_sim.live.fake_session import hello, periods
+
+
+def rows_of(message: Message | bytes | None) -> list[float]:
+    assert not isinstance(message, bytes)
+    return [] if message is None else cast(list[float], message["columns"]["k"])  # type: ignore[typeddict-item]
+
+
+def now(k: int) -> Message:
+    return cast(Message, {"type": "now", "k": k})
+
+
+@given(st.lists(st.integers(0, 3), max_size=30))
+@examples(30)
+def test_no_period_is_missed_or_doubled(steps: list[int]):
+    hub = Hub()
+    hub.put([hello(kept=1000)])
+    viewer, given_so_far, seen = Viewer(hub), 0, list[float]()
+    viewer.take("hello")
+    for new in [*steps, 0]:
+        if new:
+            hub.put([periods(*range(given_so_far, given_so_far + new))])
+            given_so_far += new
+        else:
+            seen += rows_of(viewer.take("periods"))
+    assert seen == list(range(given_so_far))
+
+
+def test_who_was_away_for_long_gets_what_is_kept():
+    hub = Hub()
+    hub.put([hello(kept=50)])
+    viewer = Viewer(hub)
+    viewer.take("hello")
+    for k in range(1000):
+        hub.put([periods(k)])
+    assert rows_of(viewer.take("periods")) == list(range(950, 1000))
+    assert viewer.take("periods") is None
+
+
+def test_who_comes_late_gets_all_that_is_kept_in_parts():
+    hub = Hub()
+    hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS))])
+    viewer = Viewer(hub)
+    assert rows_of(viewer.take("periods")) == list(range(MOST_ROWS, 2 * MOST_ROWS))
+    assert rows_of(viewer.take("periods")) == list(range(2 * MOST_ROWS, 3 * MOST_ROWS))
+    assert viewer.take("periods") is None
+
+
+def test_of_other_streams_the_newest_is_had_once():
+    hub = Hub()
+    hub.put([hello(), now(1), b"first", now(2), b"second"])
+    for viewer in (Viewer(hub), Viewer(hub)):
+        assert viewer.take("now") == now(2)
+        assert viewer.take("picture") == b"second"
+        assert viewer.take("now") is None
+        assert viewer.take("picture") is None
+
+
+def test_a_new_run_begins_with_nothing_of_the_old_one():
+    hub = Hub()
+    hub.put([hello(), periods(1, 2), now(2), b"old"])
+    hub.put([hello(run=2), periods(0, run=2)])
+    viewer = Viewer(hub)
+    taken = {stream: viewer.take(stream) for stream in STREAMS}
+    assert {stream for stream, message in taken.items() if message is not None} == {"hello", "periods"}
+    assert taken["periods"] == periods(0, run=2)
+
+
+def test_what_came_before_its_hello_comes_again():
+    # A new run may begin between two looks at the streams: a page begins anew with its `hello`.
+    hub = Hub()
+    hub.put([hello()])
+    viewer = Viewer(hub)
+    viewer.take("hello")
+    hub.put([hello(run=2), periods(0, run=2), now(0)])
+    assert viewer.take("periods") is not None
+    assert viewer.take("now") is not None
+    assert viewer.take("hello") == hello(run=2)
+    assert viewer.take("periods") == periods(0, run=2)
+    assert viewer.take("now") == now(0)
+
+
+def test_events_are_kept_in_their_order():
+    hub = Hub()
+    hub.put([hello()])
+    for n in range(KEPT_EVENTS + 7):
+        item = {"n": n, "time_s": 0.0, "t": 0.0, "kind": "set", "text": ""}
+        hub.put([cast(Events, {"type": "events", "run": 1, "items": [item]})])
+    message = cast(Events, Viewer(hub).take("events"))
+    assert [item["n"] for item in message["items"]] == list(range(7, KEPT_EVENTS + 7))

@@ -1,0 +1,287 @@
+"""The server with a loop that counts: who is refused, what viewers get, and how it all ends."""
+
+import asyncio
+import io
+import json
+import socket
+import time
+import zipfile
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest, HTTPResponse
+from tornado.httpserver import HTTPServer
+from tornado.testing import bind_unused_port
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from contract.errors import StillwakeError
+from firmware_sim.live.access import Access
+from firmware_sim.live.control import LONGEST_REQUEST
+from firmware_sim.live.handlers import SEND_BUFFER
+from firmware_sim.live.server import PAGE, application, serve
+from firmware_sim.live.supervisor import Supervisor
+from tests.firmware_sim.live.fake_session import PICTURE_BYTES, MakeFake
+
+PATIENCE_S = 60.0
+"""A process is started on a machine that does other things."""
+NOBODY = Access(token=None)
+
+
+@dataclass(frozen=True)
+class Place:
+    port: int
+    supervisor: Supervisor
+
+    async def get(self, path: str, **headers: str) -> HTTPResponse:
+        request = HTTPRequest(f"http://127.0.0.1:{self.port}{path}", headers=headers, follow_redirects=False)
+        return await AsyncHTTPClient().fetch(request, raise_error=False)
+
+    async def connect(self, path: str, **headers: str) -> WebSocketClientConnection:
+        return await websocket_connect(HTTPRequest(f"ws://127.0.0.1:{self.port}{path}", headers=headers))
+
+
+@asynccontextmanager
+async def placed(
+    saves: Path,
+    make: MakeFake | None = None,
+    access: Access = NOBODY,
+    *,
+    page: Path | None = None,
+    stalled_s: float = 30.0,
+    short_life_s: float = 30.0,
+) -> AsyncIterator[Place]:
+    """A server, with a loop if there is what makes one."""
+    supervisor = Supervisor(make or MakeFake(), short_life_s=short_life_s)
+    listening, port = bind_unused_port()
+    server = HTTPServer(application(supervisor, access, saves, page=page or PAGE, stalled_s=stalled_s))
+    server.add_socket(listening)
+    loop = None if make is None else asyncio.create_task(supervisor.run())
+    try:
+        yield Place(port, supervisor)
+    finally:
+        server.stop()
+        if loop is not None:
+            loop.cancel()
+            await asyncio.wait([loop])
+
+
+async def heard(stream: WebSocketClientConnection, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The first message that is wanted; a picture is {"type": "picture"}."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            message = await stream.read_message()
+            assert message is not None, "closed"
+            found = {"type": "picture"} if isinstance(message, bytes) else json.loads(message)
+            if wanted(found):
+                return found
+
+
+async def answer(control: WebSocketClientConnection, request: str | bytes) -> Any:
+    await control.write_message(request, binary=isinstance(request, bytes))
+    async with asyncio.timeout(PATIENCE_S):
+        message = await control.read_message()
+    assert message is not None, "closed"
+    return json.loads(message)
+
+
+@pytest.fixture
+def page(tmp_path) -> Path:
+    """A page, and a file beside its folder that is nobody's business."""
+    folder = tmp_path / "page"
+    (folder / "vendor").mkdir(parents=True)
+    (folder / "index.html").write_text("<!doctype html>")
+    (folder / "vendor" / "a.js").write_text("'use strict'")
+    (tmp_path / "secret.txt").write_text("secret")
+    (tmp_path / "page-secret.txt").write_text("secret")
+    return folder
+
+
+def test_the_page_and_its_files(page, tmp_path):
+    async def look() -> None:
+        async with placed(tmp_path, page=page) as place:
+            index = await place.get("/")
+            assert index.body == b"<!doctype html>"
+            assert index.headers["Cache-Control"] == "no-store"
+            assert "Set-Cookie" not in index.headers
+            script = await place.get("/static/vendor/a.js")
+            assert script.headers["Content-Type"].startswith("text/javascript")
+            for response in (index, script):
+                assert response.headers["Content-Security-Policy"].startswith("default-src 'self';")
+                assert response.headers["X-Content-Type-Options"] == "nosniff"
+                assert response.headers["Referrer-Policy"] == "no-referrer"
+
+    asyncio.run(look())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../secret.txt",
+        "/static/%2e%2e/secret.txt",
+        "/static/..%2fpage-secret.txt",
+        "/static/%2e%2e%2fpage-secret.txt",
+        "/static/vendor/../../secret.txt",
+        "/static//etc/hostname",
+        "/static/vendor",
+        "/static/none.js",
+        "/saved/secret.zip",
+        "/saved/..zip",
+        "/none",
+    ],
+)
+def test_no_other_file_can_be_had(page, tmp_path, path):
+    async def look() -> None:
+        async with placed(tmp_path, page=page) as place:
+            response = await place.get(path)
+            assert response.code in (403, 404)
+            assert b"secret" not in response.body
+            assert response.body.count(b"\n") == 1
+
+    asyncio.run(look())
+
+
+@pytest.mark.parametrize("path", ["/", "/static/vendor/a.js", "/stream", "/control", "/saved/x.zip", "/none"])
+def test_everything_is_refused_without_the_token(page, tmp_path, path):
+    async def look() -> None:
+        async with placed(tmp_path, page=page, access=Access(token="right")) as place:
+            for query, headers in (("", {}), ("?token=wrong", {}), ("?token=right", {"Origin": "http://evil.example"})):
+                response = await place.get(path + query, **headers)
+                assert response.code == 403
+                assert b"right" not in response.body
+            if path in ("/stream", "/control"):
+                # The page's cookie is enough for files alone: a browser sends it along for whoever asks.
+                cookie = (await place.get("/?token=right")).headers["Set-Cookie"]
+                assert "HttpOnly" in cookie
+                assert "SameSite=Strict" in cookie
+                with pytest.raises(HTTPClientError, match="403"):
+                    await place.connect(path, Cookie=cookie.partition(";")[0])
+                assert (await place.get("/static/vendor/a.js", Cookie=cookie.partition(";")[0])).code == 200
+                (await place.connect(f"{path}?token=right", Origin=f"http://127.0.0.1:{place.port}")).close()
+
+    asyncio.run(look())
+
+
+@pytest.mark.parametrize("path", ["/stream", "/control"])
+def test_no_other_page_can_use_the_sockets_of_this_machine(tmp_path, path):
+    async def look() -> None:
+        async with placed(tmp_path) as place:
+            for headers in ({"Origin": "http://localhost:1"}, {"Origin": "null"}, {"Host": "evil.example"}):
+                with pytest.raises(HTTPClientError, match="403"):
+                    await place.connect(path, **headers)
+            # A program that is no browser has no origin.
+            (await place.connect(path)).close()
+
+    asyncio.run(look())
+
+
+@pytest.mark.processes
+def test_viewers_see_and_ask(tmp_path):
+    async def look() -> None:
+        async with placed(tmp_path, MakeFake(saves=tmp_path)) as place:
+            viewers = [await place.connect("/stream") for _ in range(2)]
+            first = [(await heard(viewer, lambda _: True))["type"] for viewer in viewers]
+            assert first == ["loop", "loop"]
+            for viewer in viewers:
+                await heard(viewer, lambda m: m["type"] == "hello")
+                rows = list[float]()
+                for _ in range(4):
+                    message = await heard(viewer, lambda m: m["type"] in ("periods", "picture", "now"))
+                    rows += message["columns"]["k"] if message["type"] == "periods" else []
+                    assert message.get("t") is None
+                assert rows == list(range(int(rows[0]), int(rows[0]) + len(rows)))
+            control = await place.connect("/control")
+            assert (await answer(control, '{"id": 7}')).items() >= {"id": 7}.items()
+            assert "error" in await answer(control, "{")
+            assert "error" in await answer(control, b"{}")
+            # It says what is waited for, and the other viewer sees it.
+            assert (await answer(control, '{"id": 8, "set": {"wait": 0.3}}'))["id"] == 8
+            await heard(viewers[1], lambda m: m["type"] == "loop" and m["text"] == "something takes long")
+            await heard(viewers[1], lambda m: m["type"] == "loop" and m["state"] == "running")
+            # Nothing comes while it is paused, and it still answers.
+            await answer(control, '{"pause": true}')
+            notes = [(await answer(control, "{}"))["note"] for _ in range(3)]
+            assert len(set(notes)) == 1
+            name = (await answer(control, '{"save": true}'))["saved"]
+            saved = await place.get(f"/saved/{name}.zip")
+            with zipfile.ZipFile(io.BytesIO(saved.body)) as archive:
+                assert archive.read(f"{name}/inner/file.txt") == b"kept"
+            await control.write_message("x" * (LONGEST_REQUEST + 1))
+            async with asyncio.timeout(PATIENCE_S):
+                assert await control.read_message() is None
+
+    asyncio.run(look())
+
+
+def silent(port: int) -> socket.socket:
+    """A viewer that opens the stream and never reads."""
+    viewer = socket.socket()
+    viewer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    viewer.connect(("127.0.0.1", port))
+    head = ("GET /stream HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
+    key = ("Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version: 13", "", "")
+    viewer.sendall("\r\n".join((*head, *key)).encode())
+    return viewer
+
+
+@pytest.mark.processes
+def test_who_does_not_read_holds_up_nobody_and_is_closed(tmp_path):
+    async def look() -> None:
+        async with placed(tmp_path, MakeFake(), stalled_s=1.0) as place:
+            reading = await place.connect("/stream")
+            await heard(reading, lambda m: m["type"] == "picture")
+            with silent(place.port) as stalled:
+                begin = int((await heard(reading, lambda m: m["type"] == "now"))["k"])
+                # It could have had some ten times as much as the machine keeps for it.
+                pictures = 10 * SEND_BUFFER // PICTURE_BYTES
+                rows = list[float]()
+                while len(rows) < pictures * 2:
+                    rows += (await heard(reading, lambda m: m["type"] == "periods"))["columns"]["k"]
+                assert rows == list(range(int(rows[0]), int(rows[0]) + len(rows)))
+                assert int(rows[0]) - begin < 500
+                stalled.settimeout(PATIENCE_S)
+                taken = await asyncio.to_thread(_until_closed, stalled)
+            # What it finds at the end is what the machine kept, and no more than a message of the server's.
+            assert taken < 2 * SEND_BUFFER + 3 * PICTURE_BYTES
+
+    asyncio.run(look())
+
+
+def _until_closed(stalled: socket.socket) -> int:
+    time.sleep(2.0)
+    taken = 0
+    with suppress(ConnectionResetError):
+        while piece := stalled.recv(65536):
+            taken += len(piece)
+    return taken
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(("order", "says"), [("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")])
+def test_a_loop_that_ends_says_why_and_starts_again(tmp_path, order, says):
+    async def look() -> None:
+        async with placed(tmp_path, MakeFake(), short_life_s=0.0) as place:
+            stream, control = await place.connect("/stream"), await place.connect("/control")
+            await heard(stream, lambda m: m["type"] == "hello")
+            await control.write_message(json.dumps({"id": 1, "set": {"order": order}}))
+            found = await heard(stream, lambda m: m["type"] == "loop" and m["state"] == "starting")
+            assert says in found["text"]
+            await heard(stream, lambda m: m["type"] == "hello")
+            found = await heard(stream, lambda m: m["type"] == "events")
+            assert says in found["items"][0]["text"]
+            await heard(stream, lambda m: m["type"] == "periods" and 0.0 in m["columns"]["k"])
+
+    asyncio.run(look())
+
+
+@pytest.mark.processes
+def test_a_loop_that_cannot_start_ends_the_server(tmp_path):
+    told = list[str]()
+    make = MakeFake(error="no data are installed")
+    served = serve(make, port=0, saves=tmp_path, is_stopped=lambda: False, ready=lambda url: None, tell=told.append)
+    with pytest.raises(StillwakeError, match="no data are installed"):
+        asyncio.run(asyncio.wait_for(served, PATIENCE_S))
+    assert len(told) == 2
