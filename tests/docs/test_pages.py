@@ -4,9 +4,11 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -124,20 +126,31 @@ def test_a_page_names_its_reader_first(page):
         assert first.startswith("For "), f"{_id(page)}: begin with whom the page is for"
 
 
+@cache
+def _commands_of_stillwake() -> Any:
+    """Built once: every page asks for it."""
+    return typer.main.get_command(command_line.app)
+
+
+@cache
+def _measurement(name: str) -> Any:
+    """The command of `python -m benchmarks NAME`."""
+    module = import_module(f"benchmarks.{(door.MEASUREMENTS | door.PAGES)[name].module}")
+    app = typer.Typer()
+    app.command()(module.main)
+    return typer.main.get_command(app)
+
+
 def _found(words: list[str]) -> tuple[set[str], list[str]]:
     """The options of the command that a line names, and the words after its name."""
     if words[0] == "python":
         name, *rest = words[3:] or ["--help"]
         if name in ("--help", "NAME"):
             return set(), rest
-        known = door.MEASUREMENTS | door.PAGES
-        assert name in known, f"{shlex.join(words)}: no measurement {name}"
-        module = import_module(f"benchmarks.{known[name].module}")
-        app = typer.Typer()
-        app.command()(module.main)
+        assert name in door.MEASUREMENTS | door.PAGES, f"{shlex.join(words)}: no measurement {name}"
+        command = _measurement(name)
     else:
-        app, rest = command_line.app, words[1:]
-    command = typer.main.get_command(app)
+        command, rest = _commands_of_stillwake(), words[1:]
     while groups := getattr(command, "commands", None):
         if not (rest and rest[0] in groups) and (default := getattr(command, "default_command", None)):
             rest = [default, *rest]
