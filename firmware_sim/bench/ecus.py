@@ -53,7 +53,8 @@ def loop_ecu(
     precision = Settings.of(sources).text("SW_PRECISION")
     if kind == C:
         host = CEcu(sources, weights=weights)
-        return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
+        description = f"C99 {precision}, {host.description}"
+        return LoopEcu(ecu=host, kind=kind, computed_by=description, weigh=host.weigh)
     check_ecu(kind, clock_mhz)
     # The emulator is of an extra.
     from firmware_sim.mcu.ecu_machine import McuEcu
@@ -65,4 +66,5 @@ def loop_ecu(
         computed_by=f"C99 {precision}, {core.description}",
         step_ns=lambda: core.step_ns,
         clock_mhz=clock_mhz,
+        weigh=core.weigh,
     )

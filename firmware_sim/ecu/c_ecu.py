@@ -70,6 +70,10 @@ class CEcuState:
         """Health counters as of the latest step."""
         return self.state.status(self._bundle_hash)
 
+    def weigh(self, weights: CostWeights) -> None:
+        """Have other weights of the cost from the next step on."""
+        self._ecu.weights = list(weights.as_tuple())
+
     def saved(self) -> bytes:
         """The state as it stands in memory."""
         return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))
@@ -135,7 +139,7 @@ class CEcu(CEcuState):
         self._answers = ffi.new("sw_frame[2]")
         self._library.sw_ecu_init(self._ecu)
         if weights is not None:
-            self._ecu.weights = list(weights.as_tuple())
+            self.weigh(weights)
         self.restore(self.saved())
 
     @property

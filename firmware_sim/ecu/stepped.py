@@ -7,6 +7,7 @@ from typing import Protocol
 from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus
+from contract.config.controller import CostWeights
 from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
 
@@ -52,6 +53,7 @@ class LoopEcu:
         computed_by: what computes its control step, for people.
         step_ns: what its latest step takes in virtual time; the loop charges `ecu.compute_time_ms` without it.
         clock_mhz: of the core that `step_ns` is of.
+        weigh: gives it other weights of the cost from its next step on; None where it has to be made anew for that.
     """
 
     ecu: SteppedEcu
@@ -59,3 +61,4 @@ class LoopEcu:
     computed_by: str
     step_ns: Callable[[], int] | None = None
     clock_mhz: float | None = None
+    weigh: Callable[[CostWeights], None] | None = None

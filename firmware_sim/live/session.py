@@ -225,9 +225,13 @@ class LiveSession:
             if before.controller != OFF:
                 run.cut_supply()
             return
-        ecu = self._ecu(after.controller, after.weights)
         own = self._bundle.manifest.mpc.weights
         same = after.controller == before.controller
+        if same and run.ecu.weigh is not None:
+            ecu = run.ecu
+            run.ecu.weigh(after.weights or own)
+        else:
+            ecu = self._ecu(after.controller, after.weights)
         run.exchange(ecu, weights_text(before, after, own) if same else ecu.computed_by)
         if before.controller == OFF:
             run.power_on()

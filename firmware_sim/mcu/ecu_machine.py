@@ -57,7 +57,7 @@ class McuEcu(CEcuState):
         self._machine.call("mcu_reset")
         self._load()
         if weights is not None:
-            ecu.weights = list(weights.as_tuple())
+            self.weigh(weights)
         self.instructions = self.cycles = 0
         self.description = f"emulated Cortex-M7 at {clock_mhz:g} MHz"
         self.restore(self.saved())

@@ -113,14 +113,17 @@ def test_it_goes_on_from_a_state_in_bytes_and_from_one_of_the_ecu_in_python(c, p
     assert differing(by_bytes.state, python.state) == differing(by_value.state, python.state) == []
 
 
-def test_weights_are_taken(c, sources):
-    other = CEcu(sources, flags=FLAGS, weights=CostWeights(drag_mean=0.0, lift=5.0, smoothness=0.0))
+def test_weights_are_taken_at_the_start_or_while_it_runs(c, sources):
+    weights = CostWeights(drag_mean=0.0, lift=5.0, smoothness=0.0)
+    other, weighed = CEcu(sources, flags=FLAGS, weights=weights), CEcu(sources, flags=FLAGS)
     actions = []
-    for now_ns, frames in Feed().periods(INTO_CONTROL + 3):
-        c.step(now_ns, frames)
-        other.step(now_ns, frames)
-        actions.append((c.trace.action, other.trace.action))
-    assert actions[-1][0] != actions[-1][1]
+    for period, (now_ns, frames) in enumerate(Feed().periods(INTO_CONTROL + 3)):
+        if period == 2:
+            weighed.weigh(weights)
+        for one in (c, other, weighed):
+            one.step(now_ns, frames)
+        actions.append((c.trace.action, other.trace.action, weighed.trace.action))
+    assert actions[-1][0] != actions[-1][1] == actions[-1][2]
 
 
 def test_settings_of_the_vehicle_are_compiled_in(release):

@@ -53,6 +53,7 @@ class Live:
     ) -> None:
         self.bundle = make_bundle()
         self.made: list[tuple[str, CostWeights | None]] = []
+        self.weighed: list[CostWeights] = []
         self.refused: set[str] = set()
         self.controller = Waves()
         self.session = LiveSession(
@@ -79,7 +80,8 @@ class Live:
             raise LibraryError(f"no compiler\nfor {name}")
         self.made.append((name, weights))
         ecu = Ecu(self.bundle, self.controller, CONFIG, weights=weights)
-        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}")
+        weigh = self.weighed.append if name == "c" else None
+        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}", weigh=weigh)
 
     def run(self, periods: int) -> "Live":
         for _ in range(periods):

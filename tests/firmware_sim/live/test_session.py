@@ -107,10 +107,13 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     assert live.said["now"]["computed_by"] == "waves by c"
     assert "ECU: C on this machine" in live.events
     live.set(weights={"drag_mean": 2.0}).run(5)
-    assert live.made[-1][1].drag_mean == 2.0
+    # What need not be made anew for other weights is not.
+    assert (live.weighed[-1].drag_mean, len(live.made)) == (2.0, 2)
     assert set(live.rows["mode"][15:]) == {2}
     live.set(weights=None).run(1)
-    assert live.made[-1] == ("c", None)
+    assert live.weighed[-1] == live.bundle.manifest.mpc.weights
+    live.set(controller="int8").set(weights={"lift": 3.0}).run(1)
+    assert live.made[-1][1].lift == 3.0
 
 
 @pytest.mark.parametrize(
