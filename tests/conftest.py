@@ -151,7 +151,7 @@ def public_key_file(tmp_path_factory) -> Path:
     return folder / signing.PUBLIC_KEY
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def run_metadata():
     """What a run was made with; never read from a bundle."""
     from can_bridge.wire.messages import EcuStatus, Mode, Reason

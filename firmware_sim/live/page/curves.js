@@ -19,15 +19,15 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   stillwake.Curves = class {
-    /** @param {object} what action_limit in U_inf W, period in t_c, onPick. */
-    constructor(element, {action_limit, period, onPick, height = 150}) {
+    /** @param {object} what action_limit in U_inf W, period in t_c, planned (whether plans are shown), onPick. */
+    constructor(element, {action_limit, period, planned = true, onPick, height = 150}) {
       this.period = period;
       const places = [0, 1, 2].map(() => make('div', {class: 'chart'}));
       element.replaceChildren(...places, make('p', {class: 'note axis'}, 'time, t / (W / U∞)'));
       const common = {sync: `curves-${(stillwake.Curves.count = (stillwake.Curves.count || 0) + 1)}`, onPick, height};
       this.drag = new stillwake.Chart(places[0], {
         ...common, title: 'Drag Cd', x: false,
-        series: [{label: 'measured', colour: '--curve'}, {label: 'forecast', colour: '--ahead', dash: [3, 3]}],
+        series: [{label: 'measured', colour: '--curve'}, {label: planned ? 'forecast' : '', colour: '--ahead', dash: [3, 3]}],
       });
       this.pressure = new stillwake.Chart(places[1], {
         ...common, title: 'Base pressure Cp', x: false, height: Math.round(0.75 * height),
@@ -35,7 +35,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
       this.action = new stillwake.Chart(places[2], {
         ...common, title: 'Action / (U∞ W)', digits: 3, least: -1.25 * action_limit, greatest: 1.25 * action_limit,
-        series: [{label: 'of the jets', colour: '--blow'}, {label: 'planned', colour: '--ahead', dash: [3, 3]}],
+        series: [{label: 'of the jets', colour: '--blow'}, {label: planned ? 'planned' : '', colour: '--ahead', dash: [3, 3]}],
         lines: [{value: action_limit, label: 'bound'}, {value: -action_limit}],
       });
       this.charts = [this.drag, this.pressure, this.action];

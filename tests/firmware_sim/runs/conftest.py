@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors
+from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import COLUMNS, BusTotals, RunLog
 
 STEP, LEAD_IN, CONTROLLED = 0.2, 60, 100
@@ -51,43 +53,45 @@ def log_of(run_metadata) -> Callable[..., RunLog]:
 
 @pytest.fixture
 def shedding(run_metadata) -> Callable[..., RunLog]:
+    """`shedding_log` with the metadata of an ordinary run."""
+    return partial(shedding_log, run_metadata)
+
+
+def shedding_log(
+    metadata: RunMetadata,
+    Cd: npt.ArrayLike = 0.88,
+    Cl: npt.ArrayLike = 0.1,
+    *,
+    action: float = 0.05,
+    modes=None,
+    reasons=None,
+    skipped=(),
+    **changes,
+) -> RunLog:
     """A run of 160 periods, control requested after 60, settled 20 later.
 
     Without control Cd is 1.1 and Cl a sine of amplitude 1; under control they are `Cd` and `Cl`, numbers or series, the
     jets work, and the ECU is in CONTROL. `modes` and `reasons` replace those of the periods they name, counted from the
-    request.
+    request; `changes` are of the metadata.
     """
-
-    def make(
-        Cd: npt.ArrayLike = 0.88,
-        Cl: npt.ArrayLike = 0.1,
-        *,
-        action: float = 0.05,
-        modes=None,
-        reasons=None,
-        skipped=(),
-        **changes,
-    ) -> RunLog:
-        count = LEAD_IN + CONTROLLED
-        series = {name: np.zeros(count) for name in COLUMNS}
-        series["t"] = STEP * np.arange(count, dtype=np.float64)
-        series["Cd"][:LEAD_IN] = 1.1
-        series["Cl"][:LEAD_IN] = np.sin(2.0 * np.pi * FREQUENCY * series["t"][:LEAD_IN] - 1.0)
-        # The sample at the request is still of the wake without control.
-        series["Cd"][LEAD_IN], series["Cl"][LEAD_IN] = 1.1, np.sin(2.0 * np.pi * FREQUENCY * LEAD_IN * STEP - 1.0)
-        series["Cd"][LEAD_IN + 1 :], series["Cl"][LEAD_IN + 1 :] = np.asarray(Cd), np.asarray(Cl)
-        series["action"][LEAD_IN + 1 :] = action
-        series["mode"][LEAD_IN:] = Mode.CONTROL
-        series["step_ms"] += 2.0
-        series["age_ms"] += 8.3
-        for offset, mode in (modes or {}).items():
-            series["mode"][LEAD_IN + offset] = mode
-        for offset, reason in (reasons or {}).items():
-            series["reason"][LEAD_IN + offset] = reason
-        for offset in skipped:
-            series["step_ms"][LEAD_IN + offset] = np.nan
-        metadata = replace(run_metadata, **{"settle": 4.0, **changes})
-        bus = BusTotals(sent=320, lost=1, rejected=2)
-        return RunLog(series=series, enabled_at=LEAD_IN, bus=bus, traffic=TRAFFIC, metadata=metadata)
-
-    return make
+    count = LEAD_IN + CONTROLLED
+    series = {name: np.zeros(count) for name in COLUMNS}
+    series["t"] = STEP * np.arange(count, dtype=np.float64)
+    series["Cd"][:LEAD_IN] = 1.1
+    series["Cl"][:LEAD_IN] = np.sin(2.0 * np.pi * FREQUENCY * series["t"][:LEAD_IN] - 1.0)
+    # The sample at the request is still of the wake without control.
+    series["Cd"][LEAD_IN], series["Cl"][LEAD_IN] = 1.1, np.sin(2.0 * np.pi * FREQUENCY * LEAD_IN * STEP - 1.0)
+    series["Cd"][LEAD_IN + 1 :], series["Cl"][LEAD_IN + 1 :] = np.asarray(Cd), np.asarray(Cl)
+    series["action"][LEAD_IN + 1 :] = action
+    series["mode"][LEAD_IN:] = Mode.CONTROL
+    series["step_ms"] += 2.0
+    series["age_ms"] += 8.3
+    for offset, mode in (modes or {}).items():
+        series["mode"][LEAD_IN + offset] = mode
+    for offset, reason in (reasons or {}).items():
+        series["reason"][LEAD_IN + offset] = reason
+    for offset in skipped:
+        series["step_ms"][LEAD_IN + offset] = np.nan
+    changed = replace(metadata, **{"settle": 4.0, **changes})
+    bus = BusTotals(sent=320, lost=1, rejected=2)
+    return RunLog(series=series, enabled_at=LEAD_IN, bus=bus, traffic=TRAFFIC, metadata=changed)

@@ -1,17 +1,23 @@
 """The page of a run: complete, and safe against what a bundle's author wrote into it."""
 
+import base64
+import hashlib
+import json
+import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from jinja2 import UndefinedError
 from PIL import Image
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
-from firmware_sim.runs import pages, run_log
+from firmware_sim.runs import pages, run_log, wake_stills
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.report import write_picture, write_report
 from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 
 pytestmark = pytest.mark.slow  # draws a page for each case
 
@@ -41,7 +47,45 @@ def test_names_are_escaped(folder):
     page = write_report(folder).read_text(encoding="utf-8")
     assert "&lt;script&gt;" in page
     assert "signed by key &lt;b&gt;" in page
-    assert all(text not in page for text in ("<script", "<b>", "src=x>"))
+    assert all(text not in page for text in ("<script>alert", "<b>", "src=x>"))
+
+
+def test_nothing_in_a_name_ends_the_data(folder):
+    log = run_log.load(folder.series)
+    hostile = (*log.metadata.sensors[1:], "</script><!--")
+    run_log.save(folder.series, replace(log, metadata=replace(log.metadata, sensors=hostile)))
+    page = write_report(folder).read_text(encoding="utf-8")
+    data = re.search(r'<script type="application/json" id="run">(.*?)</script>', page, re.DOTALL)
+    assert data is not None
+    assert json.loads(data[1])["sensors"][-1] == "</script><!--"
+    assert "<!--" not in page
+
+
+def test_the_page_runs_its_own_scripts_only(folder):
+    page = write_report(folder).read_text(encoding="utf-8")
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
+    assert policy is not None
+    allowed = re.findall(r"sha256-([^ ;]+)&#39;", policy[1])
+    assert len(scripts) > 10
+    assert allowed == [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    assert policy[1].startswith("default-src &#39;none&#39;;")
+
+
+def test_the_recorded_wake_is_on_the_page(folder):
+    log = run_log.load(folder.series)
+    scene = Scene(view=(4.5, 16.5, -2.25, 2.25), size=(96, 36), sensors={"base_0": (7.5, 0.1)})
+    recorder = WakeRecorder(scene, len(log.series["t"]))
+    for k, t in enumerate(log.series["t"]):
+        recorder.record(k, t, lambda: np.zeros((36, 96), dtype=np.int8))
+    stills = recorder.recorded()
+    wake_stills.save(folder.wake, stills)
+    page = write_report(folder).read_text(encoding="utf-8")
+    assert base64.b64encode(stills.stills[7]).decode() in page
+    folder.wake.write_bytes(folder.wake.read_bytes()[:-50])
+    with pytest.raises(StillwakeError, match=r"wake\.npz: not the recorded wake of this run"):
+        write_report(folder)
+    assert folder.report.read_text(encoding="utf-8") == page
 
 
 def test_settings_and_bit_rates_are_on_the_page(folder):
@@ -64,6 +108,8 @@ def test_settings_and_bit_rates_are_on_the_page(folder):
         'name="viewport"',
     ):
         assert text in page, text
+    # A folder of an earlier version has no recorded wake.
+    assert '"wake":null' in page
     # The series twice, for a phone and for a desk; the step's time; the wake twice.
     assert page.count("data:image/png;base64,") == 5
     assert 'class="trouble" role' not in page

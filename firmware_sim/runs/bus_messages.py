@@ -1,0 +1,42 @@
+"""What a run's log of frames holds, message by message: how often, how regular, and what the checks said."""
+
+from typing import Final
+
+from can_bridge.logs.log_reader import read_messages
+from can_bridge.tools.raw_bus import id_text
+from can_bridge.tools.signals import decode
+from can_bridge.tools.summary import summarise
+from can_bridge.tools.traffic import Traffic
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunLog
+
+MOST_FRAMES: Final = 50_000
+"""Of a log that is read for a page: some ten seconds."""
+
+Rows = list[tuple[str, ...]]
+HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
+
+
+def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
+    """A row for each identifier, formatted; none where the log is missing or too long.
+
+    Raises:
+        StillwakeError: if the log is damaged.
+    """
+    if log.traffic.frames > MOST_FRAMES or not folder.frames.is_file():
+        return []
+    bus = log.metadata.config.bus
+    found = summarise(read_messages(folder.frames), decoder=decode, config=bus)
+    return [_row(one) for _, one in sorted(found.messages.items())]
+
+
+def _row(one: Traffic) -> tuple[str, ...]:
+    checks = ", ".join(f"{text} {count}" for text, count in one.verdicts.items()) if one.is_protected else ""
+    return (
+        id_text(one.latest),
+        one.name or "of another node",
+        str(one.count),
+        f"{one.mean_rate_hz:.1f}",
+        str(one.lost) if one.is_protected else "",
+        checks,
+    )

@@ -1,0 +1,76 @@
+"""What happened in a run, from its series: requests, changes of the ECU's mode with their reasons, disturbances."""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.control import SKIPPED
+from firmware_sim.runs.pictures import mode_spans
+from firmware_sim.runs.reasons import BECAUSE
+from firmware_sim.runs.run_log import RunLog
+
+MOST: Final = 400
+"""Events of a page: a bus that loses frames changes the mode again and again."""
+
+_DOES: Final = {
+    Mode.OFF.name: "the jets are shut",
+    Mode.WARMUP.name: "the controller's window fills",
+    Mode.CONTROL.name: "the jets follow the controller",
+    Mode.HOLD.name: "the last command stays",
+    Mode.DECAY.name: "the command is halved each period",
+    Mode.FAULT.name: "the jets are shut until the request falls and rises anew",
+    SKIPPED: "the ECU was still computing, and left the period out",
+}
+
+
+class Event(NamedTuple):
+    """At the start of a control period.
+
+    Attributes:
+        period: its index in the run's series.
+        kind: "set" from outside, "state" of the ECU.
+        text: for people.
+    """
+
+    period: int
+    kind: str
+    text: str
+
+
+def events(log: RunLog) -> list[Event]:
+    """In order; the first `MOST`."""
+    found = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
+    if len(found) <= MOST:
+        return found
+    return [*found[: MOST - 1], Event(found[MOST - 1].period, "state", f"and {len(found) - MOST + 1} events more")]
+
+
+def _set(log: RunLog) -> Iterator[Event]:
+    last = len(log.series["t"]) - 1
+    if log.enabled_at <= last:
+        yield Event(log.enabled_at, "set", "control is requested")
+    for fault in log.metadata.faults:
+        what, _, span = fault.text.partition("@")
+        begin, _, end = span.partition("..")
+        yield Event(min(last, _period(log, begin) or 0), "set", f"disturbed by {what}")
+        ends = _period(log, end)
+        if ends is not None and ends <= last:
+            yield Event(ends, "set", f"no longer disturbed by {what}")
+
+
+def _period(log: RunLog, seconds: str) -> int | None:
+    """The first one at or after a time of the run; None where the text has none."""
+    try:
+        return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
+    except (ValueError, OverflowError):
+        return None
+
+
+def _states(log: RunLog) -> Iterator[Event]:
+    reasons = log.series["reason"].astype(int)
+    before = None
+    for mode, first, _ in mode_spans(log):
+        because = BECAUSE[Reason(int(reasons[first]))]
+        change = mode if before is None else f"{before} to {mode}"
+        yield Event(first, "state", f"{change}: {f'{because}; ' if because and mode != SKIPPED else ''}{_DOES[mode]}")
+        before = mode

@@ -1,0 +1,71 @@
+"""Styles, scripts and data inside a page: it loads nothing, and nothing that it shows can run."""
+
+import base64
+import hashlib
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Any, Final
+
+from markupsafe import Markup
+
+_LIVE: Final = ("firmware_sim.live", "page")
+_OWN: Final = ("firmware_sim.runs", "page")
+_STYLES: Final = (
+    (*_LIVE, "vendor/uPlot.min.css"),
+    (*_LIVE, "theme.css"),
+    (*_LIVE, "widgets.css"),
+    (*_OWN, "report.css"),
+)
+_WIDGETS: Final = (
+    (*_LIVE, "vendor/uPlot.iife.min.js"),
+    *((*_LIVE, f"{name}.js") for name in ("format", "colours", "frames", "wake_view", "chart", "curves")),
+    *((*_LIVE, f"{name}.js") for name in ("latency_histogram", "event_log")),
+    *((*_OWN, f"{name}.js") for name in ("recorded_wake", "mode_strip", "player", "run_view")),
+)
+_FORBIDDEN: Final = ("</script", "</style", "<!--")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inlined:
+    """For a template.
+
+    Attributes:
+        policy: the content security policy: no address at all, and these scripts only.
+        styles: one text.
+        scripts: texts, in order.
+    """
+
+    policy: str
+    styles: Markup
+    scripts: tuple[Markup, ...]
+
+
+def inlined(main: str) -> Inlined:
+    """The widgets of the live page, and the script `main` of `firmware_sim/runs/page` that puts them together."""
+    scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
+    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    return Inlined(
+        policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {hashes}",
+        styles=Markup("\n".join(_text(*place) for place in _STYLES)),
+        scripts=tuple(Markup(script) for script in scripts),
+    )
+
+
+def as_json(values: Any) -> Markup:
+    """For a script element of type application/json: no text in it can end the element."""
+    text = json.dumps(values, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _text(package: str, folder: str, name: str) -> str:
+    place: Traversable = files(package) / folder
+    text = place.joinpath(*name.split("/")).read_text(encoding="utf-8")
+    if found := [mark for mark in _FORBIDDEN if mark in text.lower()]:
+        raise ValueError(f"{name}: {found[0]!r} would end the element that it is put into")
+    return text
+
+
+def _digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")

@@ -1,0 +1,44 @@
+'use strict';
+/** The wake of one run at one of its periods, and what else is known of that period. */
+var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
+
+(() => {
+  const {format} = stillwake;
+  const QUIET_MS = 600; // for which the time must stand before a screen reader is told
+
+  stillwake.RunView = class {
+    /** @param {Element|null} element for the wake. @param {object} run of `firmware_sim.runs.replay`. */
+    constructor(element, run) {
+      this.run = run;
+      this.count = run.columns.t.length;
+      this.waiting = 0;
+      if (!run.wake || !element) return;
+      this.view = new stillwake.WakeView(element, run.scene);
+      this.recorded = new stillwake.RecordedWake(run.wake);
+      const places = new Map(run.scene.sensors.map((sensor, i) => [sensor.name, i]));
+      this.columns = run.sensors.map((name) => places.get(name));
+    }
+
+    mode(k) {
+      return (this.run.spans.find(([, first, after]) => first <= k && k < after) || ['', 0, 0])[0];
+    }
+
+    /** Of a period, in one line. */
+    words(k) {
+      const {t, Cd, action} = this.run.columns;
+      const parts = [`t = ${format.number(t[k], 1)} W/U∞`, this.mode(k), `Cd ${format.number(Cd[k], 3)}`];
+      return [...parts, `action ${format.signed(action[k], 3)}`].join(', ');
+    }
+
+    show(k) {
+      if (!this.view) return;
+      const {columns, wall, scene} = this.run;
+      const cp = new Array(scene.sensors.length).fill(null);
+      if (wall) this.columns.forEach((place, i) => (cp[place] = wall[i][k]));
+      this.view.state({action: columns.action[k], cp, t: columns.t[k], marks: {}});
+      this.recorded.show(k, (levels, width, height) => this.view.picture(levels, width, height));
+      clearTimeout(this.waiting);
+      this.waiting = setTimeout(() => this.view.describe(`Vorticity behind the body. ${this.words(k)}`), QUIET_MS);
+    }
+  };
+})();

@@ -1,0 +1,99 @@
+"""A run as plain values for the script of its page: what stays, the series, the events, the recorded wake."""
+
+import base64
+from typing import Any, Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.geometry import HALF_WIDTH, JET_WIDTH
+from firmware_sim.runs.events import events
+from firmware_sim.runs.pictures import mode_spans
+from firmware_sim.runs.run_log import WALL, RunLog
+from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, sample_to_jets_ms
+from firmware_sim.runs.wake_stills import WakeStills
+from wake.pictures.drawing import outline
+
+_COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms")
+_DIGITS: Final = 5
+"""Behind the point: finer than any screen shows."""
+_BINS: Final = 60
+
+
+def replay(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
+    """For `firmware_sim/runs/page`: JSON without NaN.
+
+    Args:
+        log: the run.
+        wake: its stills; None where they were not recorded.
+        name: of the run among others.
+    """
+    config = log.metadata.config
+    return {
+        "name": name,
+        "period": config.flow.control_period,
+        "period_s": config.period_ns / 1e9,
+        "action_limit": config.flow.action_limit,
+        "requested": log.enabled_at if log.enabled_at < len(log.series["t"]) else None,
+        "uncontrolled_Cd": _uncontrolled(log),
+        "columns": {column: _numbers(log.series[column]) for column in _COLUMNS},
+        "spans": [[mode, first, after] for mode, first, after in mode_spans(log)],
+        "events": [list(event) for event in events(log)],
+        "latency": _latency(log),
+        "sensors": list(log.metadata.sensors),
+        "wall": _numbers(log.series[WALL].T) if WALL in log.series else None,
+        "scene": None if wake is None else _scene(log, wake),
+        "wake": None if wake is None else _stills(wake),
+    }
+
+
+def _scene(log: RunLog, wake: WakeStills) -> dict[str, Any]:
+    body = log.metadata.config.body
+    slot = HALF_WIDTH - 0.5 * JET_WIDTH
+    return {
+        "view": list(wake.scene.view),
+        "body": _numbers(outline(body)),
+        "jets": [[body.length, slot], [body.length, -slot]],
+        "sensors": [{"name": name, "x": x, "y": y} for name, (x, y) in wake.scene.sensors.items()],
+        "used": list(log.metadata.sensors),
+        "action_limit": log.metadata.config.flow.action_limit,
+    }
+
+
+def _stills(wake: WakeStills) -> dict[str, Any]:
+    width, height = wake.scene.size
+    stills = [base64.b64encode(still).decode("ascii") for still in wake.stills]
+    return {"width": width, "height": height, "k": wake.k.tolist(), "stills": stills}
+
+
+def _uncontrolled(log: RunLog) -> float | None:
+    found = averages(log)
+    return None if isinstance(found, NoAverages) else found.before.Cd
+
+
+def _latency(log: RunLog) -> dict[str, Any]:
+    """As `firmware_sim.live.messages.LatencyNow`, over the whole run."""
+    budget, timing = log.metadata.budget_ms, latency(log)
+    taken = log.series["step_ms"][planned_steps(log)]
+    edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)
+    emulated = log.metadata.ecu.clock_mhz is not None
+    return {
+        "of": "wall clock of the step's emulation" if emulated else "wall clock of the step on the machine of the run",
+        "edges": _numbers(edges),
+        "counts": np.histogram(taken, edges)[0].tolist(),
+        "budget_ms": budget,
+        **{name: _number(getattr(timing, name)) for name in ("p50", "p99", "max")},
+        "over_budget": None if emulated else timing.over_budget,
+        "sample_to_jets_ms": _number(sample_to_jets_ms(log)),
+    }
+
+
+def _numbers(values: Array) -> list[Any]:
+    """Nested lists, NaN as None."""
+    rounded = np.round(values, _DIGITS).astype(object)
+    rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
+    return list(rounded.tolist())
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,37 @@
+"""Events of a run: what was asked for, what the ECU did, what disturbed it, and no more of them than can be read."""
+
+from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.events import MOST, events
+from firmware_sim.runs.metadata import InjectedFault
+
+
+def test_request_states_and_disturbances_are_told_in_order(shedding):
+    # A period is 20 ms; control is requested in period 60.
+    faults = (
+        InjectedFault(text="ecu:drop:probability=1@1.25..1.3", acted=3),
+        InjectedFault(text="noise:level=1", acted=9),
+    )
+    log = shedding(modes={3: Mode.HOLD}, reasons={3: Reason.STREAM_LOST}, faults=faults)
+    assert [tuple(event) for event in events(log)] == [
+        (0, "set", "disturbed by noise:level=1"),
+        (0, "state", "OFF: the jets are shut"),
+        (60, "set", "control is requested"),
+        (60, "state", "OFF to CONTROL: the jets follow the controller"),
+        (63, "set", "disturbed by ecu:drop:probability=1"),
+        (63, "state", "CONTROL to HOLD: no pressures came; the last command stays"),
+        (64, "state", "HOLD to CONTROL: the jets follow the controller"),
+        (65, "set", "no longer disturbed by ecu:drop:probability=1"),
+    ]
+
+
+def test_a_disturbance_at_no_time_begins_with_the_run(shedding):
+    found = events(shedding(faults=(InjectedFault(text="reset@x..nan", acted=0),)))
+    assert (found[0].period, found[0].text) == (0, "disturbed by reset")
+
+
+def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):
+    monkeypatch.setattr("firmware_sim.runs.events.MOST", 10)
+    found = events(shedding(modes=dict.fromkeys(range(1, 99, 2), Mode.HOLD)))
+    assert len(found) == 10 < MOST
+    # 1 request, and OFF, CONTROL, then 49 times HOLD and back.
+    assert found[-1].text == f"and {1 + 2 + 98 - 9} events more"
