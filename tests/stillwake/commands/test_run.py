@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -196,6 +197,34 @@ def test_a_picture_of_another_kind_is_refused_before_the_run_is_read(cli, tmp_pa
     assert outcome.code == 1
     assert "x.xyz: must be a file ending in .png, .pdf, .svg" in outcome.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("a b", "2 runs: name the page that compares them with --output FILE.html"),
+        ("a b --output x.pdf", "--output x.pdf: must be a file ending in .html"),
+        ("a b --output x.html --csv x.csv", "--picture and --csv are of one run"),
+        ("a b --output x.html", "a/series.npz: not the series of a run"),
+        ("a ../a b/../a --output x.html", "given twice"),
+        ("a b c d e f g --output x.html", "7 runs: between 2 and 6 can be compared on a page"),
+    ],
+)
+def test_runs_that_cannot_be_compared_are_refused(cli, tmp_path, monkeypatch, words, line):
+    (tmp_path / "a").mkdir()
+    monkeypatch.chdir(tmp_path / "a")
+    outcome = cli("report", *words.split())
+    assert (outcome.code, outcome.err.count("\n")) == (1, 1)
+    assert line in outcome.err
+    assert sorted(tmp_path.rglob("*")) == [tmp_path / "a"]
+
+
+@pytest.mark.slow
+def test_two_runs_are_compared_on_one_page(cli, finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "again")
+    outcome = cli("report", finished, tmp_path / "again", "--output", tmp_path / "both.html")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "the same in all runs" in (tmp_path / "both.html").read_text()
 
 
 @pytest.mark.slow

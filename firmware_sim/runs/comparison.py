@@ -1,0 +1,108 @@
+"""Several runs beside each other: names, figures with their differences, and what their settings differ in."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from contract.errors import StillwakeError
+from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.settings_list import settings_of
+from firmware_sim.runs.summary import summary
+
+MOST: Final = 6
+"""Runs on a page: more curves cannot be told apart."""
+NONE: Final = "\N{EN DASH}"
+SAME: Final = "="
+"""In place of a difference that the format does not show."""
+
+_FIGURES: Final = (
+    ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
+    ("mean Cd (wall), controlled", "Cd_controlled", ".4f"),
+    ("less wall drag / %", "reduction_percent", ".2f"),
+    ("mean Cd, wall + slots + jet momentum, controlled", "Cd_net_controlled", ".4f"),
+    ("mean base Cp, controlled", "base_Cp_controlled", ".4f"),
+    ("mean |Cl|, controlled", "abs_Cl_controlled", ".4f"),
+    ("mean Cl, controlled", "mean_Cl_controlled", ".4f"),
+    ("rms action / U_inf W", "rms_action", ".4f"),
+    ("mean jet power / (rho U_inf^3 W / 2)", "jet_power_controlled", ".4f"),
+    ("periods requested", "periods_requested", "d"),
+    ("periods in control", "periods_in_control", "d"),
+    ("control step p50 / ms", "mpc_ms_p50", ".2f"),
+    ("control step p99 / ms", "mpc_ms_p99", ".2f"),
+    ("sample to jets, max / ms", "sample_to_jets_ms_max", ".2f"),
+    ("frames lost", "frames_lost", "d"),
+    ("frames rejected", "frames_rejected", "d"),
+)
+"""Label, name in `firmware_sim.runs.summary.summary`, number format."""
+
+
+class Cell(NamedTuple):
+    """A figure of one run, formatted, and its difference from the first run's: `SAME`, or empty where there is none."""
+
+    value: str
+    difference: str
+
+
+def names_of(folders: Sequence[Path]) -> list[str]:
+    """The folders' own names, with as many of those above as it takes to tell them apart.
+
+    Raises:
+        StillwakeError: if there are fewer than two or too many, or one of them twice.
+    """
+    places = [Path(os.path.realpath(folder)) for folder in folders]
+    if not 2 <= len(places) <= MOST:
+        raise StillwakeError(f"{len(places)} runs: between 2 and {MOST} can be compared on a page")
+    for place, folder in zip(places, folders, strict=True):
+        if places.count(place) > 1:
+            raise StillwakeError(f"{folder}: given twice, and a run does not differ from itself")
+    depth, names = 1, [place.name for place in places]
+    while len(set(names)) < len(names):
+        depth += 1
+        names = ["/".join(place.parts[-depth:]) for place in places]
+    return names
+
+
+def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
+    """(quantity, a cell for each run)."""
+    found = [summary(log) for log in logs]
+    return [(label, _cells([one[name] for one in found], style)) for label, name, style in _FIGURES]
+
+
+def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:
+    """(what, a text for each run) of all that the runs were made with and is not the same in all."""
+    made = [_made_with(log) for log in logs]
+    names = list(dict.fromkeys(name for one in made for name in one))
+    rows = [(name, [one.get(name, NONE) for one in made]) for name in names]
+    return [(name, texts) for name, texts in rows if len(set(texts)) > 1]
+
+
+def _cells(values: Sequence[Any], style: str) -> list[Cell]:
+    first = values[0]
+    cells = [Cell(NONE if value is None else f"{value:{style}}", "") for value in values]
+    for place, value in enumerate(values[1:], start=1):
+        if value is not None and first is not None:
+            same = f"{abs(value - first):{style}}" == f"{0:{style}}"
+            cells[place] = Cell(cells[place].value, SAME if same else f"{value - first:+{style}}")
+    return cells
+
+
+def _made_with(log: RunLog) -> Mapping[str, str]:
+    run, periods = log.metadata, len(log.series["t"])
+    control_period = run.config.flow.control_period
+    return {
+        "bundle": run.controller,
+        "signed by": run.signer or "nobody",
+        "plant": run.plant,
+        "began from": run.origin.flow,
+        "time without control / t_c": f"{log.enabled_at * control_period:g}",
+        "time with control / t_c": f"{(periods - log.enabled_at) * control_period:g}",
+        "left out of the averages / t_c": f"{run.settle:g}" if run.averages else "no averages",
+        "sensors": ", ".join(run.sensors),
+        "disturbances": "; ".join(fault.text for fault in run.faults) or "none",
+        "seed of the disturbances": str(run.fault_seed),
+        "ECU": run.ecu.kind if run.ecu.clock_mhz is None else f"{run.ecu.kind}, {run.ecu.clock_mhz:g} MHz",
+        "control step computed by": run.computed_by,
+        **settings_of(run),
+        **{f"version: {name}": text for name, text in run.versions.items()},
+    }
