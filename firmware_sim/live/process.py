@@ -6,6 +6,7 @@ import signal
 import socket
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from threading import Thread
 from typing import Final
 
@@ -50,7 +51,14 @@ class LoopProcess:
 
     def start(self) -> None:
         """Begin."""
-        self._process.start()
+        # Its own start lets the signals through that are held back here.
+        resource_tracker.ensure_running()
+        # Ctrl-C goes to all processes of a terminal. This one is to end by its pipe, also while Python begins in it.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self._theirs.close()
         self._thread.start()
 

@@ -104,12 +104,14 @@ async def serve(
     try:
         while not is_stopped() and not loop.done():
             await asyncio.wait([loop], timeout=LOOK_S)
+        # A stop may go to all processes of a service: which of them ends first is chance.
+        await asyncio.sleep(0.0 if is_stopped() else LOOK_S)
     finally:
         server.stop()
         loop.cancel()
         await asyncio.wait([loop])
         await server.close_all_connections()
-    if not loop.cancelled() and (error := loop.exception()) is not None:
+    if not is_stopped() and not loop.cancelled() and (error := loop.exception()) is not None:
         raise error
 
 

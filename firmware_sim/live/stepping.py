@@ -50,9 +50,9 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
         make: the session.
         fast: whether a period may take less time than it does on a vehicle.
     """
-    # Ctrl-C goes to all processes of a terminal; this one ends with its pipe.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    # It was started with both blocked; Ctrl-C stays so.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
         session = make(lambda text: outbox.say("busy", text))

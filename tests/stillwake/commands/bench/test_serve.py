@@ -1,0 +1,140 @@
+"""`stillwake bench serve`: what it offers where something is missing, its errors in one line, and how it ends."""
+
+import importlib.util
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+from contract.config.loading import load_config
+from stillwake import live_parts
+from stillwake.live_parts import COMPILING, MAKING, Ecus, controllers, plants
+from stillwake.releases import open_release
+from stillwake.shipped import BUNDLE
+
+PATIENCE_S = 120.0
+
+
+def missing_of(choices, name: str) -> str | None:
+    return next(choice["missing"] for choice in choices if choice["name"] == name)
+
+
+def test_here_everything_can_be_chosen():
+    offered = [*controllers(open_release(None, None), None), *plants()]
+    assert [choice["name"] for choice in offered] == ["int8", "c", "cortex-m7", "off", "wake", "recording"]
+    assert [choice["missing"] for choice in offered] == [None] * 6
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "extra"),
+    [("torch", "c", "train"), ("onnx", "cortex-m7", "train"), ("unicorn", "cortex-m7", "mcu")],
+)
+def test_a_choice_names_the_extra_that_it_lacks(monkeypatch, module, name, extra):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == module else found(asked))
+    offered = controllers(open_release(None, None), None)
+    assert f"stillwake[{extra}]" in str(missing_of(offered, name))
+    assert missing_of(offered, "int8") is None
+
+
+def test_the_library_of_a_bundle_of_ones_own_must_be_named(short_release):
+    release = open_release(short_release, None)
+    assert "--library" in str(missing_of(controllers(release, None), "c"))
+    assert missing_of(controllers(release, Path("any")), "c") is None
+
+
+def test_without_compiler_there_is_no_ecu_in_c_on_this_machine(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("contract.controller.compiler.zig_compiler", lambda: None)
+    assert "compiler" in str(missing_of(controllers(open_release(None, None), None), "c"))
+
+
+def test_the_library_is_made_once_and_each_wait_is_told(monkeypatch):
+    made, told = list[Path | None](), list[str]()
+
+    @contextmanager
+    def library_folder(given):
+        made.append(given)
+        yield given
+
+    monkeypatch.setattr(live_parts, "library_folder", library_folder)
+    monkeypatch.setattr("firmware_sim.ecu.c_ecu.ecu_sources", lambda *_: {})
+    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources, weights: (name, weights))
+    ecus = Ecus(open_release(None, None), load_config(), None, told.append)
+    for name in ("c", "cortex-m7", "c"):
+        ecus(name, None)
+    assert made == [None]
+    assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"], COMPILING["c"]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--controller", "m7"), "live setting controller = 'm7': must be one of int8, c"),
+        (("--plant", "openfoam"), "must be one of wake, recording"),
+        (("--set", "bus.key=k"), "does not use it"),
+        (("--set", "mpc.horizon=9"), "does not use it"),
+        (("--bundle", "nowhere"), "nowhere"),
+        (("--saves", "file"), "it is a file"),
+        (("--host", "x" * 300), "no name of a machine"),
+    ],
+)
+def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    found = cli("bench", "serve", *arguments)
+    assert found.code == 1
+    assert says in found.err
+    assert len(found.err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_port_in_use_is_one_line_with_what_to_do(cli):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        found = cli("bench", "serve", "--port", taken.getsockname()[1])
+    assert found.code == 1
+    assert "in use" in found.err
+    assert "--port" in found.err
+    assert len(found.err.splitlines()) == 1
+
+
+def test_without_its_extra_it_names_it(cli, monkeypatch):
+    for name in [name for name in sys.modules if name.startswith(("firmware_sim.live", "tornado"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "tornado", None)
+    found = cli("bench", "serve")
+    assert found.code == 1
+    assert "this command needs tornado: pip install 'stillwake[sim]'" in found.err
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_serves_a_loop_and_ends_both_processes(tmp_path, number):
+    words = ("bench", "serve", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE), "--saves", str(tmp_path))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        url = next(line.strip() for line in process.stdout if line.startswith("http"))
+        with urllib.request.urlopen(url, timeout=PATIENCE_S) as response:
+            assert b"<!doctype html>" in response.read().lower()
+        children = psutil.Process(process.pid).children()
+        # To both, as a terminal does.
+        for one in (psutil.Process(process.pid), *children):
+            one.send_signal(number)
+        out, errors = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    assert errors == ""
+    assert out.splitlines()[-1] == "stopped"
+    assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == []
+    assert list(tmp_path.iterdir()) == []
