@@ -15,11 +15,11 @@ check test: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
 check: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or slow or compiler or mcu or processes)"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or slow or compiler or mcu or browser or processes)"
 
-# Side by side, since coverage is one process, and the linters wait for each other.
+# Side by side, since coverage and the site are one process each, and the linters wait for each other.
 test: $(VENV)/dev.stamp
-	$(MAKE) --jobs 2 --output-sync lint coverage
+	$(MAKE) --jobs 2 --output-sync lint coverage docs
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam"
 
 # Every branch of what stands between the controller and the jets, or decides which release runs, by tests that do not

@@ -37,7 +37,7 @@ understand. Others stand with the command that has them. `--config` and `--set` 
 
 def page() -> str:
     """The whole page: a section for every panel of the help, in it one for every command."""
-    root = typer.main.get_command(app)
+    root: Any = typer.main.get_command(app)
     parts = [_HEAD]
     for panel in PANELS:
         parts.append(f"\n## {panel}")

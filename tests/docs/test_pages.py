@@ -27,7 +27,7 @@ NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _CODE = re.compile(r"```.*?```", re.DOTALL)
 _FILE = re.compile(r"`([\w.-]+(?:/[\w.*-]+)*/(?:[\w*-]+\.(?:py|c|h|md|toml|pub|h5|npz|dbc|json))?)`")
-_NAME = re.compile(r"`((?:contract|wake|export|can_bridge|firmware_sim|stillwake|benchmarks)(?:\.\w+)+)`")
+_NAME = re.compile(r"`((?:contract|wake|export|can_bridge|firmware_sim|stillwake|benchmarks)(?:\.(?!npz\b)\w+)+)`")
 _OWN = {path.name for path in ROOT.iterdir() if path.is_dir() and (path / "__init__.py").exists()} | {
     "docs",
     "results",

@@ -1,0 +1,63 @@
+"""How Sphinx builds the site of these pages: `make docs`. It takes nothing from a network, nor does a reader."""
+
+import sys
+from importlib.metadata import version as installed
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from docs.site.pages import has_gallery
+
+project = "stillwake"
+author = "stillwake developers"
+copyright = "stillwake developers, MIT licence"
+version = release = installed("stillwake")
+
+extensions = [
+    "myst_parser",
+    "sphinx_copybutton",
+    "docs.site.pages",
+    "docs.site.api",
+    "docs.site.references",
+    "docs.site.mathml",
+    "docs.site.captions",
+]
+source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
+# The list of documents is the greater part of the first page.
+exclude_patterns = ["README.md"]
+# Two hyphens are an option of a command.
+smartquotes = False
+default_role = "literal"
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4
+
+# Every page carries the list of all pages; with every function in it the build takes three times as long.
+toc_object_entries = False
+add_module_names = False
+
+html_theme = "furo"
+html_title = f"stillwake {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_math_renderer = "mathml"
+html_copy_source = False
+html_show_sourcelink = False
+copybutton_exclude = ".linenos, .gp, .go"
+
+if has_gallery():
+    extensions.append("sphinx_gallery.gen_gallery")
+    sphinx_gallery_conf = {
+        "examples_dirs": "../examples/gallery",
+        "gallery_dirs": "generated/gallery",
+        # Every script runs when it has changed, and one that fails fails the build.
+        "filename_pattern": r"\.py$",
+        "abort_on_example_error": True,
+        "within_subsection_order": "FileNameSortKey",
+        "notebook_extensions": set(),
+        "download_all_examples": False,
+        "write_computation_times": False,
+        "show_signature": False,
+        "min_reported_time": float("inf"),
+        "inspect_global_variables": False,
+    }

@@ -1,0 +1,109 @@
+"""The API by package: a page for every folder with modules, a section for every module, made of the docstrings.
+
+It is read from the source (`docs.site.source`), where autodoc imports all that a module imports and asks Python for
+every signature: that takes three times as long, and shows types as no one wrote them.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from textwrap import indent
+from typing import Any, Final
+
+from sphinx.application import Sphinx
+from sphinx.config import Config
+from sphinx.ext.napoleon import Config as DocstringConfig
+from sphinx.ext.napoleon.docstring import GoogleDocstring
+
+from docs.site import pages, source
+from docs.site.ours import PACKAGES
+
+FOLDER: Final = pages.GENERATED / "api"
+
+_BAR: Final = re.compile(r"(?<!\\)\|")
+_SECTIONS: Final[Any] = DocstringConfig(napoleon_numpy_docstring=False, napoleon_use_ivar=True)
+
+_HEAD: Final = """API
+===
+
+For whoever calls stillwake from Python: every public module, class and function, by package. :doc:`/architecture`
+says which package may import which.
+"""
+
+
+def folders() -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Every package and the names of the public modules that lie in its folder."""
+    for package in PACKAGES:
+        for path in sorted((pages.ROOT / package).rglob("__init__.py")):
+            modules = tuple(sorted(one.stem for one in path.parent.glob("*.py") if not one.name.startswith("_")))
+            if modules or path.parent.parent == pages.ROOT:
+                yield ".".join(path.parent.relative_to(pages.ROOT).parts), modules
+
+
+def texts() -> dict[Path, str]:
+    """Text of every page of the API by the file it is written to."""
+    made = {FOLDER / f"{package}.rst": _page(package, modules) for package, modules in folders()}
+    for package in PACKAGES:
+        made[FOLDER / f"{package}.rst"] += _toctree([name for name, _ in folders() if name.startswith(f"{package}.")])
+    return made | {FOLDER / "index.rst": _HEAD + _toctree(PACKAGES)}
+
+
+def _page(package: str, modules: Sequence[str]) -> str:
+    path = pages.ROOT.joinpath(*package.split("."))
+    head = source.read(path / "__init__.py", package).docstring
+    parts = [f"{package}\n{'=' * len(package)}\n\n.. py:module:: {package}\n\n{_text(head)}"]
+    for name in modules:
+        full = f"{package}.{name}"
+        found = source.read(path / f"{name}.py", full)
+        file = f".. container:: source\n\n   :file:`{full.replace('.', '/')}.py`"
+        parts.append(f"{name}\n{'-' * len(name)}\n\n.. py:module:: {full}\n\n{file}\n\n{_text(found.docstring)}")
+        parts += [_member(member, "") for member in found.members]
+    return "\n\n".join(parts) + "\n"
+
+
+def _member(member: source.Member, prefix: str) -> str:
+    head = f".. py:{member.kind}:: {prefix}{member.name}{member.signature}"
+    inner = [_text(member.docstring), *(_member(one, f"{prefix}{member.name}.") for one in member.members)]
+    body = "\n\n".join(filter(None, inner))
+    return "\n".join([head, *(f"   {option}" for option in member.options), "", indent(body, "   ")])
+
+
+def _text(docstring: str) -> str:
+    """A docstring as reStructuredText, its sections as fields."""
+    return str(GoogleDocstring(restructured(docstring.splitlines()), _SECTIONS)).strip("\n")
+
+
+def restructured(lines: Sequence[str]) -> list[str]:
+    """A docstring's lines as reStructuredText.
+
+    An indented block after a blank line is shown as it stands, and bars are absolute values, no substitutions.
+    """
+    made: list[str] = []
+    is_block, before = False, "-"
+    for line in lines:
+        if line.strip():
+            is_first = made[-1:] == [""] and line.startswith("    ") and not before.startswith((" ", "-", ".."))
+            if is_first and not is_block:
+                made += ["::", ""]
+            is_block = line.startswith("    ") and (is_block or is_first)
+            before = line
+        made.append(line if is_block else _BAR.sub(r"\\|", line))
+    return made
+
+
+def _toctree(names: Sequence[str]) -> str:
+    return "\n.. toctree::\n   :maxdepth: 1\n\n" + "".join(f"   {name}\n" for name in names) if names else ""
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the pages as soon as the configuration is read."""
+    app.connect("config-inited", _write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _write(app: Sphinx, config: Config) -> None:
+    del app, config
+    made = texts()
+    for stale in {*FOLDER.glob("*.rst")} - made.keys():
+        stale.unlink()
+    pages.write(made)

@@ -1,0 +1,56 @@
+"""The order of the site, read from the lists of `docs/README.md`: sections, groups in them, pages in these."""
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+_HEADING: Final = re.compile(r"^(##|###) (.+)$")
+_BULLET: Final = re.compile(r"^- ")
+_LINK: Final = re.compile(r"\]\(([^)#\s]+)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Pages that stand together.
+
+    Attributes:
+        name: "" for pages of the section itself.
+        text: the list as it is written.
+        pages: links in it, in their order.
+    """
+
+    name: str
+    text: str
+    pages: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    name: str
+    groups: tuple[Group, ...]
+
+
+def sections(readme: str) -> tuple[Section, ...]:
+    """All sections that have a list; links are taken from lists alone."""
+    found: list[tuple[str, list[tuple[str, list[str]]]]] = []
+    for line in readme.splitlines():
+        heading = _HEADING.match(line)
+        if heading is None:
+            if found:
+                found[-1][1][-1][1].append(line)
+        elif heading[1] == "##":
+            found.append((heading[2], [("", [])]))
+        else:
+            found[-1][1].append((heading[2], []))
+    made = [Section(name=name, groups=tuple(_groups(groups))) for name, groups in found]
+    return tuple(section for section in made if section.groups)
+
+
+def _groups(groups: list[tuple[str, list[str]]]) -> list[Group]:
+    made = [Group(name=name, text="\n".join(lines).strip(), pages=_pages(lines)) for name, lines in groups]
+    return [group for group in made if group.pages]
+
+
+def _pages(lines: list[str]) -> tuple[str, ...]:
+    first = next((number for number, line in enumerate(lines) if _BULLET.match(line)), len(lines))
+    return tuple(_LINK.findall("\n".join(lines[first:])))

@@ -1,0 +1,149 @@
+"""Pages that only the site has, made from files that stand elsewhere: the first page, one for each group of pages, and
+what lies outside `docs/`.
+
+They are written before Sphinx looks for its sources, into `docs/generated` and `docs/index.markdown`, which git
+ignores, and only where they differ from what is there.
+"""
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from sphinx.application import Sphinx
+from sphinx.config import Config
+
+from docs.site.navigation import Group, sections
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+DOCS: Final = ROOT / "docs"
+GENERATED: Final = DOCS / "generated"
+INDEX: Final = DOCS / "index.markdown"
+
+_LINK: Final = re.compile(r"(\]\()([^)#\s]+)")
+
+
+def outside() -> dict[Path, str]:
+    """Markdown outside `docs/` that the site shows, by the name of its page."""
+    files = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "examples").glob("*/README.md"))]
+    names = ["-".join(path.relative_to(ROOT).with_suffix("").parts).lower() for path in files]
+    return {path: f"generated/{name}" for path, name in zip(files, names, strict=True)}
+
+
+def docname(path: Path) -> str:
+    """Name of the page that shows a Markdown file."""
+    if path == DOCS / "README.md":
+        return "index"
+    return outside().get(path) or path.relative_to(DOCS).with_suffix("").as_posix()
+
+
+def moved(text: str, source: Path, target: Path) -> str:
+    """Text of one file for another place: relative links lead to where they led."""
+
+    def lead(found: re.Match[str]) -> str:
+        if ":" in found[2]:
+            return found[0]
+        path = os.path.normpath(source.parent / found[2])
+        return found[1] + os.path.relpath(path, target.parent).replace(os.sep, "/")
+
+    return _LINK.sub(lead, text)
+
+
+def pages() -> dict[Path, str]:
+    """Text of every such page by the file it is written to."""
+    made = {DOCS / f"{name}.markdown": _whole(path, DOCS / f"{name}.markdown") for path, name in outside().items()}
+    readme = (DOCS / "README.md").read_text(encoding="utf-8")
+    toctrees = [_toctree("Start", [f"Overview </{outside()[ROOT / 'README.md']}>"])]
+    for section in sections(readme):
+        entries = []
+        for group in section.groups:
+            if group.name:
+                path = GENERATED / _slug(section.name) / f"{_slug(group.name)}.markdown"
+                made[path] = _group_page(group, path)
+                entries.append(docname_of_generated(path))
+            else:
+                entries += [docname(_resolved(page)) for page in group.pages]
+        if section.name == "Reference":
+            entries.append("generated/api/index")
+        toctrees.append(_toctree(section.name, entries))
+        if section.name == "Tutorial":
+            toctrees.append(_toctree("Examples", list(_examples())))
+    made[INDEX] = f"{_introduction()}\n{_documents(readme)}\n{''.join(toctrees)}"
+    return made
+
+
+def docname_of_generated(path: Path) -> str:
+    return path.relative_to(DOCS).with_suffix("").as_posix()
+
+
+def write(texts: Mapping[Path, str]) -> None:
+    """Write what differs; what is there already keeps its time, and so Sphinx what it read of it."""
+    for path, text in texts.items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+
+
+def has_gallery() -> bool:
+    """Whether there are scripts for the gallery."""
+    return any((ROOT / "examples" / "gallery").glob("*.py"))
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the pages as soon as the configuration is read."""
+    app.connect("config-inited", _write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _write(app: Sphinx, config: Config) -> None:
+    del app, config
+    made = pages()
+    for stale in {*GENERATED.rglob("*.markdown")} - made.keys():
+        stale.unlink()
+    write(made)
+
+
+def _examples() -> Iterator[str]:
+    if has_gallery():
+        yield "generated/gallery/index"
+    yield from (name for path, name in outside().items() if path.parent != ROOT)
+
+
+def _whole(path: Path, target: Path) -> str:
+    return moved(path.read_text(encoding="utf-8"), path, target)
+
+
+def _group_page(group: Group, path: Path) -> str:
+    names = [docname(_resolved(page)) for page in group.pages]
+    return f"# {group.name}\n\n{moved(group.text, DOCS / 'README.md', path)}\n{_toctree('', names)}"
+
+
+def _introduction() -> str:
+    """Title, what this is, and the first section of the README: two commands."""
+    text = moved((ROOT / "README.md").read_text(encoding="utf-8"), ROOT / "README.md", INDEX)
+    return "\n## ".join(text.split("\n## ")[:2])
+
+
+def _documents(readme: str) -> str:
+    """The rest of the list of documents, one level lower; the groups have pages of their own."""
+    return re.sub(r"^#", "##", readme, flags=re.MULTILINE)
+
+
+def _resolved(link: str) -> Path:
+    return Path(os.path.normpath(DOCS / link))
+
+
+def _toctree(caption: str, names: list[str]) -> str:
+    head = f":hidden:\n:caption: {caption}\n" if caption else ":hidden:\n"
+    return (
+        "\n```{toctree}\n"
+        + head
+        + "\n"
+        + "".join(f"{name if ' ' in name else f'/{name}'}\n" for name in names)
+        + "```\n"
+    )
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"\W+", "-", name.lower()).strip("-")

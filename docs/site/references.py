@@ -1,0 +1,86 @@
+"""Where references lead: Python's by their full names, links out of `docs/` to the pages that show their targets, and
+names in running text to the API.
+
+Sphinx looks for a name of Python among the ends of all names, which takes half of a build's time and finds the wrong
+one. Ours are exact. A name that the API does not have is no reference: it is private, an alias without a docstring, or
+another package's, whose pages lie on a network.
+"""
+
+from pathlib import Path
+from typing import Any, Final
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.domains.python import PythonDomain
+from sphinx.transforms.post_transforms import SphinxPostTransform
+from sphinx.util.nodes import make_refnode
+
+from docs.site import pages
+from docs.site.ours import is_ours
+
+
+class ExactNames(SphinxPostTransform):
+    """Resolve references to Python's objects before Sphinx does."""
+
+    default_priority = 5
+
+    def run(self, **options: Any) -> None:
+        del options
+        domain = self.env.domains.python_domain
+        for node in list(self.document.findall(addnodes.pending_xref)):
+            if node.get("refdomain") == "py":
+                target, content = node["reftarget"], list(node.children)
+                is_known = target in domain.objects
+                node.replace_self([_reference(self, domain, target, content)] if is_known else content)
+
+
+class NamesInText(SphinxPostTransform):
+    """Make `package.module.name` and `package/module.py`, set as code, links to the API."""
+
+    default_priority = 6
+
+    def run(self, **options: Any) -> None:
+        del options
+        domain = self.env.domains.python_domain
+        for node in list(self.document.findall(nodes.literal)):
+            text = node.astext()
+            name = text.removesuffix(".py").replace("/", ".") if text.endswith(".py") else text
+            # A module's own file stands above what it says.
+            is_plain = not isinstance(node.parent, nodes.reference | nodes.title) and "file" not in node["classes"]
+            if is_plain and is_ours(name) and name in domain.objects:
+                node.replace_self([_reference(self, domain, name, [node.deepcopy()])])
+
+
+def _reference(
+    transform: SphinxPostTransform, domain: PythonDomain, name: str, content: list[nodes.Node]
+) -> nodes.reference:
+    entry = domain.objects[name]
+    builder = transform.app.builder
+    return make_refnode(builder, transform.env.docname, entry.docname, entry.node_id, content, name)
+
+
+def lead_outside(app: Sphinx, doctree: nodes.document) -> None:
+    """Links to Markdown outside `docs/` lead to the page that shows it; a folder is named without a link."""
+    for node in list(doctree.findall(addnodes.pending_xref)):
+        if node.get("reftype") != "myst":
+            continue
+        if node.get("refdomain") == "doc" and node["reftarget"] not in app.env.found_docs:
+            path = Path(pages.DOCS, f"{node['reftarget']}.md")
+            if path == pages.DOCS / "README.md" or path in _OUTSIDE:
+                node["reftarget"] = pages.docname(path)
+        elif not node.get("refdomain"):
+            here = Path(app.env.doc2path(app.env.docname)).parent
+            if (here / node["reftarget"].partition("#")[0]).resolve().is_dir():
+                node.replace_self(node.children)
+
+
+_OUTSIDE: Final = pages.outside()
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Put both in their places."""
+    app.add_post_transform(ExactNames)
+    app.add_post_transform(NamesInText)
+    app.connect("doctree-read", lead_outside)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,72 @@
+"""Signatures as the source has them, with our own types in full, so that they can be linked.
+
+What Python evaluates would be unreadable: an array is `numpy.ndarray[tuple[...], numpy.dtype[...]]` there.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from typing import Final
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+Names = Mapping[str, str]
+"""Our names that a module uses, with their full names."""
+
+_LONGEST_DEFAULT: Final = 40
+
+
+def arguments(node: Function, names: Names, *, bound: bool) -> str:
+    """Arguments in brackets; of a bound one without the first."""
+    made = deepcopy(node.args)
+    if bound:
+        (made.posonlyargs or made.args).pop(0)
+    for one in (*made.posonlyargs, *made.args, *made.kwonlyargs, made.vararg, made.kwarg):
+        if one is not None and one.annotation is not None:
+            one.annotation = ast.Name(id=annotation(one.annotation, names))
+    return f"({ast.unparse(made)})"
+
+
+def fields(node: ast.ClassDef, names: Names) -> str:
+    """Arguments of a dataclass or named tuple, its fields."""
+    return f"({', '.join(_fields(node, names))})"
+
+
+def annotation(node: ast.expr, names: Names) -> str:
+    """A type; ours with the mark that shows only the last part of its name."""
+    return ast.unparse(_Full(names).visit(deepcopy(node)))
+
+
+def _fields(node: ast.ClassDef, names: Names) -> Iterator[str]:
+    if any("kw_only=True" in ast.unparse(one) for one in node.decorator_list):
+        yield "*"
+    for one in node.body:
+        if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and not one.target.id.startswith("_"):
+            kind = annotation(one.annotation, names)
+            if not kind.startswith("ClassVar"):
+                yield f"{one.target.id}: {kind}" + ("" if one.value is None else f" = {_default(one.value)}")
+
+
+def _default(value: ast.expr) -> str:
+    """A default as it is written, if that is short."""
+    text = ast.unparse(value)
+    return text if len(text) < _LONGEST_DEFAULT and not text.startswith("field(") else "..."
+
+
+class _Full(ast.NodeTransformer):
+    """Our types in full; of `Annotated` the type alone; types in quotes without them."""
+
+    def __init__(self, names: Names) -> None:
+        self.names = names
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return ast.Name(id=f"~{self.names[node.id]}") if node.id in self.names else node
+
+    def visit_Constant(self, node: ast.Constant) -> ast.AST:
+        text = node.value
+        return self.visit_Name(ast.Name(id=text)) if isinstance(text, str) and text.isidentifier() else node
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        of = ast.unparse(node.value)
+        if of == "Annotated" and isinstance(node.slice, ast.Tuple):
+            return self.visit(node.slice.elts[0])  # type: ignore[no-any-return]
+        return node if of == "Literal" else self.generic_visit(node)

@@ -1,0 +1,65 @@
+"""The built site in a browser, from its files: it shows, it finds, it asks nothing of a network, all can read it."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.browser import PHONE, Visit, chromium, visit
+
+SITE = Path(__file__).resolve().parents[2] / "build" / "docs"
+API = "generated/api/can_bridge.e2e.html"
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not (SITE / "index.html").exists(), reason="the site is not built: make docs"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+def _open(browser, page: str, **window) -> Visit:
+    return visit(browser, f"{SITE.as_uri()}/{page}", home=SITE.as_uri(), **window)
+
+
+def test_the_first_page_leads_to_all_parts(browser):
+    found = _open(browser, "index.html")
+    captions = found.page.locator(".sidebar-tree .caption").all_inner_texts()
+    assert [caption.upper() for caption in captions] == [
+        *("START", "TUTORIAL", "EXAMPLES", "HOW TO", "REFERENCE", "EXPLANATION", "FOR DEVELOPERS")
+    ]
+    assert found.page.locator("article img").first.evaluate("image => image.naturalWidth") > 100
+    assert found.troubles == []
+
+
+def test_search_finds_a_word_without_a_server(browser):
+    found = _open(browser, "search.html?q=freshness")
+    found.page.wait_for_selector("#search-results li a")
+    hits = found.page.locator("#search-results li a").all_inner_texts()
+    assert any("Protection" in hit for hit in hits)
+    # The hits come without excerpts: a browser lets no file read another.
+    assert [one for one in found.troubles if one.startswith("request")] == []
+
+
+def test_formulas_and_links_to_the_code_show(browser):
+    found = _open(browser, "reference/equations.html")
+    assert found.page.locator("div.math math").first.evaluate("formula => formula.getBoundingClientRect().height") > 20
+    found.page.get_by_role("link", name="export.reference.cost.cost_terms").click()
+    assert found.page.locator("dt:target").inner_text().startswith("cost_terms(")
+    assert found.troubles == []
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("page", ["index.html", API])
+def test_everyone_can_read_it(browser, page, dark):
+    found = _open(browser, page, dark=dark)
+    assert found.troubles == []
+    assert found.violations() == []
+
+
+@pytest.mark.parametrize("page", ["index.html", API, "reference/settings.html", "reference/equations.html"])
+def test_no_page_is_wider_than_a_phone(browser, page):
+    assert not _open(browser, page, width=PHONE, height=800).is_wider_than_its_window
