@@ -9,7 +9,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     enable: {label: 'The vehicle requests control', help: 'Off: the ECU shuts the jets and the vortices come back.'},
     plant: {label: 'Plant', help: 'A change starts the plant anew.'},
     noise: {label: 'Noise on all sensors', help: 'Watch the action get rougher, and the drag rise.'},
-    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside, until it is started anew, and go on with the others.'},
+    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and go on with the others.'},
     biased: {label: 'Biased sensor', help: 'Watch the ECU set it aside if it contradicts the others.'},
     bias: {label: 'Bias', help: 'Of the biased sensor.'},
     loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY flash up; FAULT when too many are lost.'},

@@ -14,7 +14,6 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     const less = format.is(percent)
       ? `Drag is ${format.number(Math.abs(percent), 0)} % ${percent >= 0 ? 'below' : 'above'} the uncontrolled wake`
       : null;
-    if (now.paused) return {kind: 'paused', text: 'The loop is paused.'};
     if (!hello.answers_jets && now.state === 'ACTIVE') {
       return {kind: 'recording', text: `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`};
     }
@@ -61,7 +60,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     show(hello, now) {
-      this.tell({...sentence(hello, now), state: now.state});
+      const {kind, text} = sentence(hello, now);
+      const paused = now.paused ? 'Paused. ' : '';
+      this.tell({kind: paused + kind, text: paused + text, state: now.state});
     }
 
     /** The latest event, small below the sentence. */

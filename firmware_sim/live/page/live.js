@@ -42,6 +42,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.stream.take(data);
       } else if (what === 'closed') {
         document.body.dataset.connection = 'lost';
+        this.stream.now = null; // another loop may answer next time
         const again = `trying again in ${format.number(data.wait_ms / 1000, 1)} s`;
         say(at('connection'), `${data.reason || 'no connection'}; ${again}`);
         this.headline.tell({kind: 'lost', text: 'The loop cannot be reached. This page tries again by itself.'});
@@ -51,7 +52,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     came(type, message) {
-      if (type === 'loop') this.toolbar.loop(message);
+      if (type === 'loop') this.wait(message);
       else if (type === 'hello') this.begin(message);
       else if (!this.stream.hello) return;
       else if (type === 'picture') this.wake.picture(message.levels, message.width, message.height);
@@ -61,6 +62,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       else if (type === 'settings') this.follow(message);
       else if (type === 'periods') this.passed(message.columns.mode);
       this.request();
+    }
+
+    /** What the loop's process does besides running: it starts, makes a controller, has ended. */
+    wait({state, text}) {
+      this.toolbar.loop(state, text);
+      if (state !== 'starting' && state !== 'ended') return;
+      this.stream.now = null;
+      this.headline.tell({kind: state, text: state === 'ended' ? 'The loop has ended.' : 'The loop starts.'});
     }
 
     begin(hello) {
@@ -98,7 +107,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     draw() {
       const {hello, now, periods} = this.stream;
-      if (!hello || !now || document.body.dataset.connection !== 'live') return;
+      if (!hello || !now) return;
       this.headline.show(hello, now);
       this.states.show(now.state, stillwake.reasonOf(hello, now));
       this.wake.state({action: this.last('action'), cp: now.cp, marks: this.marks(now), t: now.t});
@@ -127,7 +136,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     tell(now) {
       const speed = now.paused ? 'paused' : `${format.number(now.fps, 0)} periods/s, ${format.number(now.real_time, 2)} × real time`;
       say(at('connection'), 'connected');
-      say(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(), 0)}/s`);
+      say(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(now.k), 0)}/s`);
       say(at('clock'), `t = ${format.number(now.t, 1)}`);
       say(at('computed'), now.computed_by || '');
       this.toolbar.follow(now);
@@ -144,17 +153,19 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Calls a second, over the last seconds. */
+  /** Periods that were drawn, a second, over the last ones. */
   stillwake.Rate = class {
     constructor() {
       this.times = [];
     }
 
-    tick() {
-      const now = performance.now();
-      this.times.push(now);
-      if (this.times.length > 60) this.times.shift();
-      const span = now - this.times[0];
+    tick(k) {
+      if (k !== this.k) {
+        this.k = k;
+        this.times.push(performance.now());
+        if (this.times.length > 60) this.times.shift();
+      }
+      const span = this.times.at(-1) - this.times[0];
       return span > 0 ? (1000 * (this.times.length - 1)) / span : 0;
     }
   };

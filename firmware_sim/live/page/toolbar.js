@@ -40,8 +40,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       say(at('pause'), now.paused ? 'Go on' : 'Pause');
     }
 
-    /** What the loop's process does besides running: it starts, prepares a controller, has ended. */
-    loop({state, text}) {
+    loop(state, text) {
       at('loop').dataset.kind = state === 'ended' ? 'bad' : '';
       say(at('loop'), text || '');
     }
