@@ -1,0 +1,361 @@
+"""The live page in a browser, on a real server and a loop whose flow takes no time to compute.
+
+What the loop has is read from its messages, which the page keeps as they came; what a viewer sees is read from the
+page. Every test leaves the loop as it found it.
+"""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from can_bridge.wire.messages import Mode
+from firmware_sim.ecu.state_machine import OperatingMode
+from firmware_sim.live.messages import FieldPicture, pack_field
+from firmware_sim.live.server import serve
+from firmware_sim.live.settings import WEIGHT, LiveSettings
+from tests.browser import PHONE, Visit, chromium, visit
+from tests.firmware_sim.bench.harness import NAMES
+from tests.firmware_sim.live.shown_loop import RELEASES_GOAL, MakeShown
+
+pytestmark = pytest.mark.browser
+
+PATIENCE_S = 60.0
+START = LiveSettings(enable=True).to_query()
+"""What the loop says of its settings once control has begun and nothing is disturbed."""
+_WARMTH = """() => {
+    const canvas = document.querySelector('#wake canvas');
+    const [x, width, height] = [canvas.width >> 1, canvas.width >> 2, Math.floor(canvas.height / 3)];
+    return [0, canvas.height - height].map((y) => {
+        const {data} = canvas.getContext('2d').getImageData(x, y, width, height);
+        let sum = 0;
+        for (let i = 0; i < data.length; i += 4) sum += data[i] - data[i + 2];
+        return sum / (data.length / 4);
+    });
+}"""
+"""Red less blue, of 0 to 255, in the upper and the lower third of the wake, in the mean."""
+
+
+class Server:
+    """In a thread of its own; started again, it has the same port."""
+
+    def __init__(self, saves: Path) -> None:
+        self.saves, self.port, self.url = saves, 0, ""
+        self.start()
+
+    def start(self) -> None:
+        self._stop, ready = threading.Event(), threading.Event()
+
+        def told(url: str) -> None:
+            self.url = url
+            self.port = int(url.rstrip("/").rsplit(":", 1)[1])
+            ready.set()
+
+        def run() -> None:
+            made = serve(
+                MakeShown(self.saves),
+                port=self.port,
+                saves=self.saves,
+                is_stopped=self._stop.is_set,
+                ready=told,
+                tell=lambda line: None,
+            )
+            asyncio.run(made)
+
+        self._thread = threading.Thread(target=run)
+        self._thread.start()
+        assert ready.wait(PATIENCE_S)
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join(PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory) -> Iterator[Server]:
+    found = Server(tmp_path_factory.mktemp("saves"))
+    yield found
+    found.stop()
+
+
+@pytest.fixture(scope="module")
+def opened(server) -> Iterator[Callable[..., Visit]]:
+    """Opens the server's page."""
+    with chromium() as browser:
+        yield lambda tail="", **window: visit(browser, server.url + tail, home=server.url, **window)
+
+
+@pytest.fixture(scope="module")
+def first(opened) -> Visit:
+    """The viewer of most tests, who has come before control began."""
+    found: Visit = opened()
+    wait_for(found, "#headline .pill >> text=ACTIVE")
+    return found
+
+
+@pytest.fixture
+def live(first) -> Iterator[Visit]:
+    yield first
+    ask(first, clear=True)
+    ask(first, set={"controller": "int8", "plant": "wake", "enable": True})
+    wait_for_settings(first, START)
+    assert not first.troubles
+
+
+def wait_for(seen: Visit, selector: str) -> None:
+    seen.page.locator(selector).first.wait_for(timeout=1e3 * PATIENCE_S)
+
+
+def wait_for_settings(seen: Visit, query: str) -> None:
+    """Until the loop says that these are its settings."""
+    seen.page.locator(f'body[data-settings="{query}"]').wait_for(timeout=1e3 * PATIENCE_S)
+
+
+def ask(seen: Visit, **request: Any) -> dict[str, Any]:
+    answer: dict[str, Any] = seen.page.evaluate("request => stillwake.page.requests.ask(request)", request)
+    assert "error" not in answer, answer
+    return answer
+
+
+def until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < end, "it did not come about"
+        time.sleep(0.05)
+
+
+def now(seen: Visit) -> dict[str, Any]:
+    found: dict[str, Any] = seen.page.evaluate("stillwake.page.stream.now")
+    return found
+
+
+def test_the_wake_is_drawn_the_right_way_up_and_moves(live):
+    # Counter-clockwise, which is above, has the warm colours.
+    upper, lower = live.page.evaluate(_WARMTH)
+    assert upper > 20
+    assert lower < -20
+    until(lambda: live.page.evaluate(_WARMTH) != [upper, lower])
+
+
+def test_a_newcomer_reads_what_is_seen(live):
+    live.page.locator("#headline", has_text="The ECU controls with 4").wait_for()
+    assert live.page.locator(".states-drawing .present").text_content() == "ACTIVE"
+    assert live.page.locator("#speed").text_content() != ""
+    live.page.locator("#bus tbody tr", has_text="JetCommand").wait_for()
+    canvases = live.page.locator("#curves canvas")
+    assert canvases.count() == 3
+
+
+CONTROLS = [
+    ("[data-setting=noise]", "End", "noise=1"),
+    ("[data-setting=dead]", NAMES[2], f"dead={NAMES[2]}"),
+    ("[data-setting=biased]", NAMES[0], f"biased={NAMES[0]}"),
+    ("[data-setting=bias]", "Home", "bias=-3"),
+    ("[data-setting=loss]", "End", "loss=1"),
+    ("[data-setting=delay_ms]", "End", "delay_ms=200"),
+    ("[data-setting=babble]", "Space", "babble=1"),
+    ("[data-setting=controller]", "off", "controller=off"),
+    ("[data-setting=plant]", "recording", "plant=recording"),
+    ("[data-weight=lift]", "End", f"lift={WEIGHT.greatest:g}"),
+]
+
+
+@pytest.mark.parametrize(("selector", "done", "query"), CONTROLS, ids=[item[2] for item in CONTROLS])
+def test_each_control_acts_on_the_loop_by_keyboard_alone(live, selector, done, query):
+    control = live.page.locator(selector)
+    if control.evaluate("element => element.tagName") == "SELECT":
+        control.select_option(done)
+        expected = done
+    else:
+        control.press(done)
+        expected = {"Home": control.get_attribute("min"), "End": control.get_attribute("max"), "Space": "on"}[done]
+    live.page.locator(f'body[data-settings*="{query}"]').wait_for()
+    assert control.input_value() == expected
+
+
+def test_the_request_can_be_taken_back(live):
+    live.page.locator("[data-setting=enable]").press("Space")
+    wait_for_settings(live, "")
+    wait_for(live, "#headline .pill >> text=ARMED")
+
+
+def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
+    live.page.locator("[data-setting=loss]").press("End")
+    wait_for(live, "#headline >> text=The ECU has shut the jets: no pressures came")
+    wait_for(live, ".event-list >> text=to FAULT")
+    wait_for(live, ".states-drawing .present[data-state=FAULT]")
+    live.page.locator("#clear").click()
+    wait_for_settings(live, START)
+    wait_for(live, "#headline .pill >> text=ACTIVE")
+    assert live.page.locator("[data-setting=loss]").input_value() == "0"
+
+
+def test_a_power_cycle_and_a_restart_are_seen(live):
+    live.page.locator("[data-request=power_cycle]").click()
+    wait_for(live, ".event-list >> text=to BOOT")
+    run = live.page.evaluate("stillwake.page.stream.hello.run")
+    live.page.locator("[data-request=restart]").click()
+    until(lambda: live.page.evaluate("stillwake.page.stream.hello.run") == run + 1)
+    wait_for(live, "#headline .pill >> text=ACTIVE")
+
+
+def test_a_pause_stops_the_loop_and_ends(live):
+    live.page.locator("#pause").click()
+    wait_for(live, "#pause[aria-pressed=true]")
+    held = now(live)["k"]
+    time.sleep(0.2)
+    assert now(live)["k"] == held
+    live.page.locator("#pause").click()
+    until(lambda: now(live)["k"] > held)
+
+
+def test_what_cannot_be_done_is_said_and_the_control_goes_back(live):
+    live.page.evaluate("stillwake.page.ask({set: {noise: 7}})")
+    wait_for(live, "#toast >> text=Not done: live setting noise = 7: must be in 0..1")
+    live.page.locator("#toast-done").click()
+    assert live.page.locator("[data-setting=noise]").input_value() == "0"
+
+
+def test_two_viewers_agree(live, opened):
+    second = opened(dark=True)
+    wait_for_settings(second, START)
+    second.page.locator("[data-setting=delay_ms]").press("End")
+    live.page.locator("output", has_text="200 ms").wait_for()
+    assert live.page.locator("[data-setting=delay_ms]").input_value() == "200"
+    assert not second.troubles
+    second.page.context.close()
+
+
+def test_a_link_gives_another_viewer_the_same_settings_once(live, opened):
+    ask(live, set={"noise": 0.25, "weights": {"effort": 2.5}})
+    live.page.locator('body[data-settings*="effort=2.5"]').wait_for()
+    settings = live.page.evaluate("stillwake.page.settings")
+    live.page.locator("#copy").click()
+    link = live.page.locator("#link").input_value()
+    live.page.locator("#toast-done").click()
+    ask(live, clear=True)
+    wait_for_settings(live, START)
+    second = opened(link.removeprefix(live.home))
+    second.page.locator('body[data-settings*="noise=0.25"]').wait_for()
+    assert second.page.evaluate("stillwake.page.settings") == settings
+    assert "#" not in second.page.url
+    assert not second.troubles
+    second.page.context.close()
+
+
+def test_a_saved_run_is_a_folder_and_a_zip(live, server):
+    live.page.locator("#save").click()
+    wait_for(live, "#toast a")
+    folder = server.saves / str(live.page.locator("#toast code").text_content())
+    assert (folder / "report.html").exists()
+    with live.page.expect_download() as download:
+        live.page.locator("#toast a").click()
+    assert download.value.suggested_filename == f"{folder.name}.zip"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_everybody_can_use_it(live, scheme):
+    live.page.emulate_media(color_scheme=scheme)
+    assert not live.violations()
+
+
+def test_it_fits_onto_a_phone(live, opened):
+    phone = opened(width=PHONE, height=844)
+    wait_for_settings(phone, START)
+    wait_for(phone, ".states-list .present")
+    assert not phone.is_wider_than_its_window
+    assert not phone.violations()
+    assert not phone.troubles
+    phone.page.context.close()
+
+
+def test_the_token_of_the_page_goes_with_both_channels(live, opened):
+    second = opened("?token=a+b")
+    urls = second.page.evaluate("[stillwake.page.channel.url, stillwake.page.requests.channel.url]")
+    assert urls == [live.home.replace("http", "ws") + name + "?token=a+b" for name in ("stream", "control")]
+    second.page.context.close()
+
+
+def test_page_and_loop_mean_the_same_numbers(live):
+    levels = np.arange(-8, 7, dtype=np.int8).reshape(3, 5) * 15
+    raw = pack_field(FieldPicture(k=70_000, t=2.5, levels=levels))
+    read = """bytes => {
+        const {levels, ...head} = stillwake.unpackField(new Uint8Array(bytes).buffer);
+        return {...head, levels: Array.from(levels)};
+    }"""
+    expected = {"k": 70_000, "t": 2.5, "width": 5, "height": 3, "levels": levels.ravel().tolist()}
+    assert live.page.evaluate(read, list(raw)) == expected
+    shaded = {Mode.CONTROL: "control", Mode.HOLD: "hold", Mode.DECAY: "hold", Mode.FAULT: "fault"}
+    assert live.page.evaluate("stillwake.Curves.SHADED") == {str(int(mode)): kind for mode, kind in shaded.items()}
+    states = live.page.evaluate("stillwake.StateMachine.STATES")
+    assert sorted(states) == sorted(["OFF", "BOOT", *OperatingMode.__members__])
+
+
+def test_a_weight_that_is_shown_and_sent_back_stays_nearly_what_it_is(live):
+    """A slider of 100 steps over five decades: neighbours are 12 % apart, so at most half of that is lost."""
+    there_and_back = (
+        "values => values.map((value) => stillwake.byRatio(1000)).map((scale, i) => scale.from(scale.to(values[i])))"
+    )
+    given = [0.0, 0.01, 0.02, 0.3, 8.0, 1000.0, *RELEASES_GOAL.as_tuple()]
+    assert live.page.evaluate(there_and_back, given) == pytest.approx(given, rel=0.075)
+
+
+def test_an_hour_leaves_the_page_as_large_as_it_was(live, opened):
+    """20,000 periods by the page's own way, three times as many as it keeps."""
+    second = opened()
+    wait_for_settings(second, START)
+    chrome = second.page.context.new_cdp_session(second.page)
+
+    def heap() -> float:
+        chrome.send("HeapProfiler.collectGarbage")
+        return float(chrome.send("Runtime.getHeapUsage")["usedSize"])
+
+    feed = """([from, to]) => {
+        const page = stillwake.page;
+        page.channel.on = () => {};
+        const {hello, now} = page.stream;
+        const names = Object.keys(page.stream.periods.columns);
+        const first = page.fed ??= now.k + 1;
+        for (let i = first + from; i < first + to; i += 1) {
+            const row = {k: i, t: 0.2 * i};
+            const columns = Object.fromEntries(names.map((name) => [name, [row[name] ?? 1]]));
+            page.stream.take(JSON.stringify({type: 'periods', run: hello.run, columns}));
+            page.stream.take(JSON.stringify({...now, k: i, t: 0.2 * i}));
+            const item = {n: 1e6 + i, time_s: 0.02 * i, t: 0.2 * i, kind: 'state', text: `event ${i}`};
+            if (i % 4 === 0) page.stream.take(JSON.stringify({type: 'events', run: hello.run, items: [item]}));
+        }
+        return new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn({
+            kept: hello.kept,
+            lengths: Object.values(page.stream.periods.columns).map((column) => column.length),
+            lines: document.querySelectorAll('.event-list li').length,
+            elements: document.querySelectorAll('*').length,
+        }))));
+    }"""
+    half = second.page.evaluate(feed, [0, 10_000])
+    used = heap()
+    whole = second.page.evaluate(feed, [10_000, 20_000])
+    assert half["lines"] == whole["lines"] == 200
+    assert half["elements"] == whole["elements"]
+    assert set(whole["lengths"]) == {whole["lengths"][0]}
+    assert whole["kept"] <= whole["lengths"][0] <= 1.25 * whole["kept"]
+    # 10,000 rows of 13 numbers alone would be 1 MB.
+    assert heap() - used < 0.5e6
+    assert not second.troubles
+    second.page.context.close()
+
+
+def test_it_comes_back_when_the_server_does(live, server):
+    server.stop()
+    wait_for(live, "#headline >> text=The loop cannot be reached")
+    wait_for(live, "body[data-connection=lost]")
+    server.start()
+    wait_for(live, "#headline .pill >> text=ACTIVE")
+    first_row = live.page.evaluate("stillwake.page.stream.periods.columns.k[0]")
+    assert (live.page.evaluate("stillwake.page.stream.hello.run"), first_row) == (1, 0)
+    # A browser says by itself that it could not connect.
+    live.troubles[:] = [text for text in live.troubles if "WebSocket connection" not in text]
