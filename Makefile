@@ -175,6 +175,7 @@ docs: $(VENV)/dev.stamp
 pictures: $(VENV)/dev.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
 	$(BIN)/python docs/release_pictures.py runs/demo
+	$(BIN)/python -m docs.page_pictures
 
 $(VENV)/run.stamp: pyproject.toml data/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -18,7 +18,12 @@ def test_they_are_of_the_shipped_bundle():
     assert PROVENANCE["bundle"] == bundle.load(BUNDLE).digest, "another release is shipped: `make pictures`"
 
 
-@pytest.mark.parametrize("name", ["docs/demo.png", "docs/pictures/closed_loop.webp"])
+PICTURES = ["docs/demo.png", "docs/pictures/closed_loop.webp"] + [
+    f"docs/pictures/live_page{kind}.webp" for kind in ("", "_light", "_phone")
+]
+
+
+@pytest.mark.parametrize("name", PICTURES)
 def test_they_are_the_files_that_were_drawn(name):
     found = hashlib.sha256((ROOT / name).read_bytes()).hexdigest()
     assert PROVENANCE["files"][name] == found, f"{name} was altered: `make pictures`"

@@ -1,0 +1,128 @@
+"""Photograph the live page for the documents: `make pictures`, after `docs/release_pictures.py`.
+
+    python -m docs.page_pictures
+
+A server runs the shipped release on the live wake. When control has calmed it, one sensor dies; a while later the page
+is taken as a dark, a light and a narrow window show it. `docs/pictures/provenance.json` has their hashes.
+"""
+
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, Literal
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from contract.errors import StillwakeError
+from contract.release import bundle
+from docs.release_pictures import PROVENANCE, sha256
+from stillwake.shipped import BUNDLE
+
+DOCS: Final = Path(__file__).resolve().parent
+WIDE: Final = (1440, 1180)
+NARROW: Final = (390, 844)
+Scheme = Literal["dark", "light"]
+PICTURES: Final[dict[Path, tuple[tuple[int, int], Scheme]]] = {
+    DOCS / "pictures" / "live_page.webp": (WIDE, "dark"),
+    DOCS / "pictures" / "live_page_light.webp": (WIDE, "light"),
+    DOCS / "pictures" / "live_page_phone.webp": (NARROW, "dark"),
+}
+"""Window, and what its viewer prefers."""
+QUALITY: Final = 82
+MOST_BYTES: Final = 300_000
+DEAD: Final = "base_7"
+DIES, TAKEN = 42.0, 58.0
+"""t_c: the wake is calm, and what the ECU does about the dead sensor has shown."""
+PATIENCE_S: Final = 1800.0
+_ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
+
+
+def main() -> None:
+    """Take all; raises StillwakeError without a browser, or where the server ends."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        raise StillwakeError("no browser: install chromium")
+    with _server() as url, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=list(_ARGUMENTS))
+        pages = {path: _opened(browser, url, *how) for path, how in PICTURES.items()}
+        first, *_ = pages.values()
+        _until(first, DIES)
+        first.locator("[data-setting=dead]").select_option(DEAD)
+        _until(first, TAKEN)
+        for path, page in pages.items():
+            _write(path, page.screenshot())
+        browser.close()
+    _note()
+
+
+def _opened(browser: Browser, url: str, size: tuple[int, int], scheme: Scheme) -> Page:
+    page = browser.new_page(
+        viewport={"width": size[0], "height": size[1]},
+        color_scheme=scheme,
+        device_scale_factor=2.0 if size == NARROW else 1.0,
+    )
+    page.goto(url)
+    page.locator("#intro-done").click()
+    return page
+
+
+def _until(page: Page, t: float) -> None:
+    """Until the loop has come to this time, in t_c."""
+    end = time.monotonic() + PATIENCE_S
+    while (page.evaluate("stillwake.page.stream.now?.t") or 0.0) < t:
+        if time.monotonic() > end:
+            raise StillwakeError(f"the loop did not come to t = {t:g} within {PATIENCE_S:g} s")
+        time.sleep(0.2)
+
+
+def _write(path: Path, png: bytes) -> None:
+    with Image.open(io.BytesIO(png)) as image:
+        image.convert("RGB").save(path, quality=QUALITY, method=6)
+    if path.stat().st_size > MOST_BYTES:
+        raise StillwakeError(f"{path.name}: {path.stat().st_size} bytes; must have at most {MOST_BYTES}")
+
+
+@contextmanager
+def _server() -> Iterator[str]:
+    """The page's address while it runs."""
+    with tempfile.TemporaryDirectory() as saves:
+        command = [sys.executable, "-m", "stillwake", "bench", "serve", "--port", "0", "--fast", "--saves", saves]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout is not None
+            found = (re.search(r"http://\S+", line) for line in process.stdout)
+            url = next(filter(None, found), None)
+            if url is None:
+                raise StillwakeError("the server ended before it had an address")
+            yield url.group()
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def _note() -> None:
+    """Add the pictures to what the other pictures of the release have said of themselves."""
+    content = json.loads(PROVENANCE.read_text(encoding="utf-8"))
+    shipped = bundle.load(BUNDLE).digest
+    if content["bundle"] != shipped:
+        raise StillwakeError(
+            f"{PROVENANCE.name}: of another bundle than is shipped; draw docs/release_pictures.py first"
+        )
+    content["files"] |= {str(path.relative_to(DOCS.parent)): sha256(path) for path in PICTURES}
+    PROVENANCE.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except StillwakeError as error:
+        sys.exit(f"error: {error}")
