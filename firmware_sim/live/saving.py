@@ -67,8 +67,10 @@ def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
                 for frame in unpacked(period.frames):
                     append(frame)
         folder.summary.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
-        draw(run.before_control, sensors, "without control", folder.uncontrolled_picture)
-        draw(run.scene.still(), sensors, "under control", folder.controlled_picture)
+        last, requested = run.scene.still(), run.wish.first is not None
+        before = run.before_control if requested else last
+        draw(before, sensors, "without control", folder.uncontrolled_picture)
+        draw(last, sensors, "under control" if requested else "never under control", folder.controlled_picture)
         stills = run.scene.recorded(periods[0].k)
         if stills is not None:
             with replacing(folder.wake) as file:

@@ -12,13 +12,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.live import present
+from firmware_sim.live.ecu_shelf import EcuShelf, MakeEcu
 from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
@@ -47,8 +47,7 @@ class LiveSession:
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         wake: a plant at its start, by its name.
-        ecu: an ECU just powered on, by the controller's name and the cost's weights, the release's if None. Raises
-            StillwakeError where it cannot be had.
+        ecu: an ECU just powered on, by the controller's name and the cost's weights.
         controllers, plants: what there is to choose, and what is missing.
         saves: folder in which runs are saved.
         settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
@@ -69,7 +68,7 @@ class LiveSession:
         bundle: Bundle,
         config: Config,
         wake: Callable[[str], LoopPlant],
-        ecu: Callable[[str, CostWeights | None], LoopEcu],
+        ecu: MakeEcu,
         controllers: Sequence[Choice],
         plants: Sequence[Choice],
         saves: Path,
@@ -84,7 +83,8 @@ class LiveSession:
         check_bit_rates(config)
         if config.bus.key:
             raise ConfigError("bus.key: the live loop has no authentication; leave it empty")
-        self._bundle, self._config, self._wake, self._ecu = bundle, config, wake, ecu
+        self._bundle, self._config, self._wake = bundle, config, wake
+        self._ecus = EcuShelf(ecu, bundle.manifest.mpc.weights)
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
         self._saves, self._command, self._clock, self._today = saves, command, clock, today
         self._lead_in = round(enable_after / config.flow.control_period)
@@ -227,11 +227,7 @@ class LiveSession:
             return
         own = self._bundle.manifest.mpc.weights
         same = after.controller == before.controller
-        if same and run.ecu.weigh is not None:
-            ecu = run.ecu
-            run.ecu.weigh(after.weights or own)
-        else:
-            ecu = self._ecu(after.controller, after.weights)
+        ecu = self._ecus.ecu(after.controller, after.weights)
         run.exchange(ecu, weights_text(before, after, own) if same else ecu.computed_by)
         if before.controller == OFF:
             run.power_on()
@@ -240,6 +236,8 @@ class LiveSession:
         """Everything but request, controller and plant as at the start; what has latched is ended by a new request."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
+        if self._run.state.sensors.set_aside is not None and not self._run.is_off:
+            text += "; the ECU starts anew, and believes all sensors again"
         if self._run.help():
             text += "; the request is taken back for a moment, since only a new one leads on"
         self._say("set", text)
@@ -281,12 +279,15 @@ class LiveSession:
     def _start(self, settings: LiveSettings) -> None:
         """From the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
         is_off = settings.controller == OFF
+        wake = self._wake(settings.plant)
+        # What can be refused is, before the ECU that runs may be the one that is powered on.
+        check_sensors(self._bundle, wake.layout)
         run = LiveRun(
             number=self._runs + 1,
             bundle=self._bundle,
             config=self._config,
-            wake=self._wake(settings.plant),
-            ecu=self._ecu(CONTROLLERS[0] if is_off else settings.controller, settings.weights),
+            wake=wake,
+            ecu=self._ecus.powered_on(CONTROLLERS[0] if is_off else settings.controller, settings.weights),
             seed=self._seed,
             lead_in=self._lead_in,
             kept=self._kept,

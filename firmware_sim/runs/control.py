@@ -96,6 +96,8 @@ def _not_held(log: RunLog, found: Control) -> str:
             f"ECU FAULT: {found.fault.reason} at t = {found.fault.t:.1f} t_c, {_periods(found.fault.after_enable)} "
             f"after enable; the jets were shut for {100 * found.shut:.0f} % of the controlled time."
         )
+    if not found.requested:
+        return "NOT IN CONTROL: control was not requested."
     share = f"in control {found.in_control} of {_periods(found.requested)}"
     if found.warm_up == found.requested:
         return f"NOT IN CONTROL: {share}; the controller's window was still filling at the end."

@@ -13,7 +13,6 @@ from contract.config.tree import Config
 from contract.release.bundle import Bundle
 from firmware_sim.bench.wiring import wire
 from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.drag import DragMeans
@@ -73,7 +72,7 @@ class LiveRun:
         changes: of the ECU.
 
     Raises:
-        StillwakeError: if the bundle is of another body than the plant's, or the bus cannot carry virtual time.
+        StillwakeError: if the plant lacks a sensor of the bundle, or the bus cannot carry virtual time.
     """
 
     def __init__(
@@ -88,7 +87,6 @@ class LiveRun:
         lead_in: int,
         kept: int,
     ) -> None:
-        check_sensors(bundle, wake.layout)
         sensors = bundle.manifest.sensors
         self.number, self.wake, self.ecu = number, wake, ecu
         self._config, self._sensors = config, sensors

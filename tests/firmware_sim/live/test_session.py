@@ -114,6 +114,10 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     assert live.weighed[-1] == live.bundle.manifest.mpc.weights
     live.set(controller="int8").set(weights={"lift": 3.0}).run(1)
     assert live.made[-1][1].lift == 3.0
+    made = len(live.made)
+    live.set(controller="c").run(2).ask(restart=True)
+    assert live.run(20).state == "ACTIVE"
+    assert (len(live.made), live.said["now"]["k"]) == (made, 19)
 
 
 @pytest.mark.parametrize(

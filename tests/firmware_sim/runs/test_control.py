@@ -95,6 +95,12 @@ def test_a_window_that_never_fills_is(shedding):
     )
 
 
+def test_a_run_without_a_request_says_so(shedding):
+    log = shedding()
+    log = replace(log, enabled_at=len(log.series["t"]))
+    assert trouble(log) == "NOT IN CONTROL: control was not requested."
+
+
 def test_an_ecu_that_never_hears_the_request(shedding):
     """Computing for ever: OFF as of its only step."""
     log = shedding(modes=dict.fromkeys(range(100), Mode.OFF), skipped=range(100), action=0.0)
