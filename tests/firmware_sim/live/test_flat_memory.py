@@ -14,8 +14,8 @@ from wake.recorded_wake import RecordedWake
 KEPT = 40
 ROUND = 100
 """Periods, two seconds, in which everything is set and taken back."""
-BOUND = 100
-"""Objects that three rounds may add: one for every period would be three times as much."""
+BOUND = 6
+"""Objects that three rounds may add: less than one for each thing that is clicked in them."""
 
 
 def recording(name: str) -> LoopPlant:
