@@ -1,4 +1,6 @@
-"""What happened, for people: the latest events; what happens again and again is said ever more seldom."""
+"""What happened, for people: the latest events. What happens again and again is said ever more seldom, but for what
+viewers have set.
+"""
 
 from collections import deque
 from typing import Final, NamedTuple
@@ -34,11 +36,11 @@ class EventLog:
 
     def add(self, kind: str, text: str, *, time_s: float, t: float) -> None:
         """Something happened now, in s and t_c of the run."""
-        said = self._said.get(text)
-        if kind != "set" and said is not None:
-            self._said[text] = said._replace(more=said.more + 1)
-            return
-        self._said[text] = _Said(kind, time_s, QUIET_S)
+        if kind != "set":
+            if said := self._said.get(text):
+                self._said[text] = said._replace(more=said.more + 1)
+                return
+            self._said[text] = _Said(kind, time_s, QUIET_S)
         self._tell(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:

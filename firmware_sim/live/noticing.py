@@ -27,11 +27,11 @@ _DOES: Final[Mapping[str, str]] = {
     "UPDATE": "the jets are shut",
 }
 _GATE: Final[Mapping[Intervention, str]] = {
-    Intervention.NOT_FINITE: "a command that was no number: the jets are shut",
-    Intervention.CLOCK: "a clock that stood still: the jets are shut",
-    Intervention.STALE: "a command from old pressures: the jets are shut",
-    Intervention.RANGE: "a command beyond the jets' range: brought back to it",
-    Intervention.RATE: "a command too far from the one before: the step was shortened",
+    Intervention.NOT_FINITE: "the command was no number: the jets are shut",
+    Intervention.CLOCK: "the clock stood still: the jets are shut",
+    Intervention.STALE: "the command would rest on old pressures: the jets are shut",
+    Intervention.RANGE: "the command is limited to the jets' range",
+    Intervention.RATE: "the command is limited to the largest step from the one before",
 }
 
 
@@ -79,7 +79,7 @@ def noticed(before: Seen, now: Seen) -> Iterator[tuple[str, str]]:
         )
     for bit, text in _GATE.items():
         if bit in now.gate and bit not in before.gate:
-            yield "state", f"command gate: {text}"
+            yield "state", text
     for node, state in now.nodes.items():
         if state is not before.nodes.get(node, BusState.ERROR_ACTIVE):
             yield "bus", f"{node}: CAN controller {_NODE[state]}"

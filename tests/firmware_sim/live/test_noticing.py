@@ -24,7 +24,10 @@ ACTIVE = START._replace(state="ACTIVE")
         (ACTIVE._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
         (ACTIVE._replace(set_aside=("base_0",)), ["base_0 is set aside"]),
         (ACTIVE._replace(given_up=True), ["the vehicle gives up control"]),
-        (ACTIVE._replace(gate=Intervention.RATE | Intervention.RANGE), ["beyond the jets' range", "the step was"]),
+        (
+            ACTIVE._replace(gate=Intervention.RATE | Intervention.RANGE),
+            ["limited to the jets' range", "the largest step"],
+        ),
         (
             ACTIVE._replace(nodes={"ECU": BusState.BUS_OFF, "vehicle": BusState.ERROR_ACTIVE}),
             ["ECU: CAN controller bus"],
