@@ -1,32 +1,33 @@
 """What a live loop is made of, by name: its plants and its ECUs, those that take seconds only when they are chosen."""
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.onnx_session import OnnxController
-from contract.errors import StillwakeError
+from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Bundle
 from stillwake.c_release import library_folder
 from stillwake.endings import missing
 from stillwake.releases import open_release
 
 if TYPE_CHECKING:
+    from firmware_sim.ecu.ecu_state import EcuState
     from firmware_sim.ecu.stepped import LoopEcu
-    from firmware_sim.live.messages import Choice
+    from firmware_sim.live.messages import Choice, Request
     from firmware_sim.live.session import LiveSession
     from firmware_sim.live.settings import LiveSettings
     from wake.plant import LoopPlant
 
-MAKING: Final = "the C library of the shipped model is made, once, which takes a minute; the loop waits"
+MAKING: Final = "the C library of the shipped model is made, once, which takes a minute; the loop goes on"
 COMPILING: Final = {
-    "c": "the ECU in C is compiled; the loop waits",
-    "cortex-m7": "the ECU in C is compiled for the emulated core; the loop waits",
+    "c": "the ECU in C is compiled; the loop goes on",
+    "cortex-m7": "the ECU in C is compiled for the emulated core; the loop goes on",
 }
 _MAKES_LIBRARY: Final = ("torch", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
@@ -60,8 +61,8 @@ class LiveParts:
     saves: Path
     command: tuple[str, ...]
 
-    def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
-        """The session; `tell` is called with what is waited for.
+    def __call__(self, tell: Callable[[str], None]) -> "LiveLoop":
+        """The loop; `tell` is called with what is waited for.
 
         Raises:
             StillwakeError: if plant or ECU cannot be had, or do not fit each other.
@@ -69,11 +70,12 @@ class LiveParts:
         from firmware_sim.live.session import LiveSession
 
         release = open_release(self.bundle, self.trust)
-        return LiveSession(
+        ecus = Ecus(release, self.config, self.library, tell)
+        session = LiveSession(
             bundle=release,
             config=self.config,
             wake=lambda name: self._plant(name, tell),
-            ecu=Ecus(release, self.config, self.library, tell),
+            ecu=ecus,
             controllers=controllers(release, self.library),
             plants=plants(),
             saves=self.saves,
@@ -81,6 +83,7 @@ class LiveParts:
             enable_after=self.enable_after,
             command=self.command,
         )
+        return LiveLoop(session, ecus)
 
     def _plant(self, name: str, tell: Callable[[str], None]) -> "LoopPlant":
         if name == "recording":
@@ -101,8 +104,29 @@ class LiveParts:
         return own_wake(self.config, settling, start=self.start)
 
 
+class LiveLoop:
+    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.stepping.Prepares`.
+
+    Args:
+        session: as it is.
+        ecus: of it.
+    """
+
+    def __init__(self, session: "LiveSession", ecus: "Ecus") -> None:
+        self._ecus, self._session = ecus, session
+        self.step, self.handle, self.messages = session.step, session.handle, session.messages
+
+    def before(self, request: "Request") -> Callable[[], None] | None:
+        """What makes the ECU that is asked for; None where it is there, or cannot be had."""
+        name = _controller_in(request)
+        if not isinstance(name, str) or name not in COMPILING or self._ecus.has(name):
+            return None
+        missing = {choice["name"]: choice["missing"] for choice in self._session.hello()["controllers"]}
+        return None if missing[name] else partial(self._ecus.prepare, name)
+
+
 class Ecus:
-    """ECUs of one release in one vehicle, by the names of their controllers.
+    """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once.
 
     Args:
         release: verified.
@@ -113,23 +137,44 @@ class Ecus:
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell
+        self._in_c: dict[str, tuple[LoopEcu, EcuState]] = {}
 
     def __call__(self, name: str, weights: CostWeights | None) -> "LoopEcu":
-        """Just powered on.
+        """Just powered on. An ECU in C is the same object each time: the one before is no longer of use.
+
+        Raises:
+            StillwakeError: it cannot be had.
+        """
+        from firmware_sim.ecu.ecu import Ecu
+        from firmware_sim.ecu.stepped import LoopEcu
+
+        if name in COMPILING:
+            self.prepare(name)
+            found, at_power_on = self._in_c[name]
+            found.ecu.restore(at_power_on)
+            if found.weigh is not None:
+                found.weigh(weights or self._release.manifest.mpc.weights)
+            return found
+        ecu = Ecu(self._release, self._graph, self._config, weights=weights)
+        return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
+
+    def has(self, name: str) -> bool:
+        """Whether it needs not be made any more."""
+        return name in self._in_c
+
+    def prepare(self, name: str) -> None:
+        """Make an ECU in C, which takes seconds, unless it is there.
 
         Raises:
             StillwakeError: it cannot be had.
         """
         from firmware_sim.bench.ecus import loop_ecu
-        from firmware_sim.ecu.ecu import Ecu
-        from firmware_sim.ecu.stepped import LoopEcu
 
-        if name in COMPILING:
+        if not self.has(name):
             sources = self._sources
             self._tell(COMPILING[name])
-            return loop_ecu(name, sources, weights=weights)
-        ecu = Ecu(self._release, self._graph, self._config, weights=weights)
-        return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
+            made = loop_ecu(name, sources)
+            self._in_c[name] = made, made.ecu.state
 
     @cached_property
     def _graph(self) -> OnnxController:
@@ -179,6 +224,19 @@ def plants() -> "list[Choice]":
         {"name": "wake", "label": "live wake: answers the jets", "missing": lacking(shipped.developed)},
         {"name": "recording", "label": "recorded wake: does not answer", "missing": lacking(shipped.recording)},
     ]
+
+
+def _controller_in(request: "Request") -> object:
+    """That a request asks for, if it asks for one; whatever else it is, the session judges."""
+    from firmware_sim.live.settings import from_query
+
+    given = request.get("set")
+    if isinstance(given, Mapping):
+        return given.get("controller")
+    try:
+        return from_query(str(request.get("query", ""))).get("controller")
+    except ConfigError:
+        return None
 
 
 def _no_library(release: Bundle, library: Path | None) -> str | None:

@@ -9,8 +9,9 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
+from queue import Queue
 from threading import Condition, Thread
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, Protocol, runtime_checkable
 
 from contract.errors import StillwakeError
 from firmware_sim.live.hub import STREAMS, Hub
@@ -32,6 +33,14 @@ class Session(Protocol):
 
     def messages(self) -> Sequence[Message | bytes]:
         """What is new since the last call."""
+
+
+@runtime_checkable
+class Prepares(Session, Protocol):
+    """A session for which some requests need what takes seconds to make."""
+
+    def before(self, request: Request) -> Callable[[], None] | None:
+        """What makes it, in a thread of its own while the loop goes on; None where the request can be handled now."""
 
 
 MakeSession = Callable[[Callable[[str], None]], Session]
@@ -67,6 +76,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
 
 
 def _step(session: Session, pipe: Connection, outbox: "Outbox", *, fast: bool) -> None:
+    requests = Requests(session, outbox)
     period_s = 0.0
     due = time.monotonic()
     while True:
@@ -80,10 +90,61 @@ def _step(session: Session, pipe: Connection, outbox: "Outbox", *, fast: bool) -
         now = time.monotonic()
         # A period that came late is not made up for: the wake would seem to run away.
         due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + IDLE_S
+        requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
             number, text = pipe.recv()
-            outbox.answer(number, session.handle(cast(Request, json.loads(text))))
-            outbox.say("running")
+            requests.take(number, json.loads(text))
+
+
+class Requests:
+    """Between two periods: those that can be handled at once, and one for which something is made meanwhile.
+
+    Args:
+        session: that handles them.
+        outbox: for the answers.
+    """
+
+    def __init__(self, session: Session, outbox: "Outbox") -> None:
+        self._session, self._outbox = session, outbox
+        self._waiting: tuple[int, Request] | None = None
+        self._made: Queue[StillwakeError | None] = Queue()
+
+    def take(self, number: int, request: Request) -> None:
+        """One that has come."""
+        work = self._session.before(request) if isinstance(self._session, Prepares) else None
+        if work is None:
+            self._answer(number, self._session.handle(request))
+        elif self._waiting is not None:
+            self._answer(number, Answer(error="something is being made already: ask again when it is there"))
+        else:
+            self._waiting = number, request
+            Thread(target=self._make, args=(work,), name="making", daemon=True).start()
+
+    def go_on(self) -> None:
+        """Handle the one that waited, if what it needs is there."""
+        if self._waiting is None or self._made.empty():
+            return
+        (number, request), self._waiting = self._waiting, None
+        error = self._made.get()
+        self._answer(
+            number, self._session.handle(request) if error is None else Answer(error=" ".join(str(error).split()))
+        )
+
+    def _answer(self, number: int, answer: Answer) -> None:
+        self._outbox.answer(number, answer)
+        if self._waiting is None:
+            self._outbox.say("running")
+
+    def _make(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except StillwakeError as error:
+            self._made.put(error)
+        except Exception as error:  # noqa: BLE001  (a fault of ours: it is not to end the loop)
+            traceback.print_exc()
+            self._made.put(StillwakeError(str(error)))
+        else:
+            self._made.put(None)
 
 
 class Outbox:

@@ -78,6 +78,19 @@ class FakeSession:
             return Answer(saved=folder.name)
         return Answer(note=f"at {self.k}")
 
+    def before(self, request: Request) -> Callable[[], None] | None:
+        seconds = request.get("set", {}).get("make")
+        if seconds is None:
+            return None
+
+        def make() -> None:
+            self.tell("something is made")
+            time.sleep(seconds)
+            if "fail" in request["set"]:
+                raise StillwakeError("it cannot\nbe made")
+
+        return make
+
     def messages(self) -> list[Message | bytes]:
         new, self.new = self.new, []
         return new

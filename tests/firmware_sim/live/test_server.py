@@ -201,6 +201,15 @@ def test_viewers_see_and_ask(tmp_path):
             assert (await answer(control, '{"id": 8, "set": {"wait": 0.3}}'))["id"] == 8
             await heard(viewers[1], lambda m: m["type"] == "loop" and m["text"] == "something takes long")
             await heard(viewers[1], lambda m: m["type"] == "loop" and m["state"] == "running")
+            # What takes seconds to make does not hold up the loop, nor other requests.
+            await control.write_message('{"id": 9, "set": {"make": 0.5}}')
+            assert (await answer(control, '{"id": 10}'))["id"] == 10
+            assert "already" in (await answer(control, '{"set": {"make": 0.1}}'))["error"]
+            await heard(viewers[1], lambda m: m["type"] == "loop" and m["text"] == "something is made")
+            assert (await heard(viewers[1], lambda m: m["type"] == "loop"))["state"] == "running"
+            assert json.loads(str(await control.read_message()))["id"] == 9
+            failed = await answer(control, '{"set": {"make": 0, "fail": true}}')
+            assert failed["error"] == "it cannot be made"
             # Nothing comes while it is paused, and it still answers.
             await answer(control, '{"pause": true}')
             notes = [(await answer(control, "{}"))["note"] for _ in range(3)]

@@ -7,14 +7,19 @@ import subprocess
 import sys
 import urllib.request
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import psutil
 import pytest
 
 from contract.config.loading import load_config
+from firmware_sim.ecu.stepped import LoopEcu
 from stillwake import live_parts
-from stillwake.live_parts import COMPILING, MAKING, Ecus, controllers, plants
+from stillwake.live_parts import COMPILING, MAKING, Ecus, LiveLoop, controllers, plants
 from stillwake.releases import open_release
 from stillwake.shipped import BUNDLE
 
@@ -56,22 +61,80 @@ def test_without_compiler_there_is_no_ecu_in_c_on_this_machine(monkeypatch):
     assert "compiler" in str(missing_of(controllers(open_release(None, None), None), "c"))
 
 
-def test_the_library_is_made_once_and_each_wait_is_told(monkeypatch):
-    made, told = list[Path | None](), list[str]()
+@dataclass
+class Powered:
+    """An ECU in C as far as it is used here: its state, and the weights that it was given."""
+
+    state: str = "power-on"
+    weights: object = None
+
+    def restore(self, state: str) -> None:
+        self.state = state
+
+
+@pytest.fixture
+def told(monkeypatch) -> list[str]:
+    """What viewers are told while ECUs in C are made, without making any."""
 
     @contextmanager
     def library_folder(given):
-        made.append(given)
         yield given
+
+    def loop_ecu(name, sources):
+        ecu = Powered()
+        return LoopEcu(ecu=ecu, kind=name, computed_by="", weigh=partial(setattr, ecu, "weights"))  # type: ignore[arg-type]
 
     monkeypatch.setattr(live_parts, "library_folder", library_folder)
     monkeypatch.setattr("firmware_sim.ecu.c_ecu.ecu_sources", lambda *_: {})
-    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources, weights: (name, weights))
+    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", loop_ecu)
+    return []
+
+
+def test_an_ecu_in_c_is_made_once_and_powered_on_each_time(told):
+    release = open_release(None, None)
+    ecus = Ecus(release, load_config(), None, told.append)
+    own = release.manifest.mpc.weights
+    heavy = replace(own, effort=40.0)
+    for weights, wanted in ((heavy, heavy), (None, own)):
+        made: Any = ecus("c", weights)
+        assert made.ecu == Powered(weights=wanted)
+        made.ecu.restore("under way")
+    ecus("cortex-m7", None)
+    assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
+
+
+@pytest.mark.parametrize("request_", [{"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}])
+def test_the_loop_goes_on_while_an_ecu_in_c_is_made(told, request_):
     ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-    for name in ("c", "cortex-m7", "c"):
-        ecus(name, None)
-    assert made == [None]
-    assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"], COMPILING["c"]]
+    loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
+    work = loop.before(request_)
+    assert told == []
+    assert work is not None
+    work()
+    assert loop.before(request_) is None
+    assert ecus("c", None).kind == "c"
+    assert len(told) == 2
+
+
+HELLO = {"controllers": [{"name": "c", "missing": None}, {"name": "cortex-m7", "missing": "the extra mcu"}]}
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"set": {"controller": "int8"}},
+        {"set": {"controller": ["c"]}},
+        {"set": {"controller": "cortex-m7"}},
+        {"set": "c"},
+        {"query": "enable=c"},
+        {"query": 3},
+        {"clear": True},
+    ],
+)
+def test_any_other_request_waits_for_nothing(told, request_):
+    ecus = Ecus(open_release(None, None), load_config(), None, told.append)
+    loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
+    assert loop.before(request_) is None
 
 
 @pytest.mark.parametrize(
