@@ -188,4 +188,4 @@ $(VENV)/dev.stamp: pyproject.toml data/pyproject.toml constraints.txt
 	touch $@ $(VENV)/run.stamp
 
 clean:
-	rm -rf $(VENV) runs build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) runs build docs/generated docs/index.markdown .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -41,6 +41,7 @@ html_title = f"stillwake {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
+html_search_scorer = str(Path(__file__).parent / "site" / "scorer.js")
 html_copy_source = False
 html_show_sourcelink = False
 copybutton_exclude = ".linenos, .gp, .go"

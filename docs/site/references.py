@@ -30,9 +30,11 @@ class ExactNames(SphinxPostTransform):
         domain = self.env.domains.python_domain
         for node in list(self.document.findall(addnodes.pending_xref)):
             if node.get("refdomain") == "py":
-                target, content = node["reftarget"], list(node.children)
-                is_known = target in domain.objects
-                node.replace_self([_reference(self, domain, target, content)] if is_known else content)
+                name, content = node["reftarget"], list(node.children)
+                # What a docstring says is raised stands in its module, or among the errors of all.
+                full = (name, f"{node.get('py:module')}.{name}", f"contract.errors.{name}")
+                known = next((one for one in full if one in domain.objects), None)
+                node.replace_self(content if known is None else [_reference(self, domain, known, content)])
 
 
 class NamesInText(SphinxPostTransform):
