@@ -1,0 +1,166 @@
+r"""
+From a bundle to a Cortex-M7
+============================
+
+For ECU engineers who want to know what a release costs on a microcontroller before there is a board. At its end you
+have the C sources of the shipped release, their memory and the modelled time of a control step, and see which part of
+it takes how long.
+
+The core is emulated, and its time is a model. The last section says what that means.
+"""
+
+# %%
+# From the bundle to C
+# --------------------
+# ``stillwake export --c FOLDER`` does this on the command line: the release's controller and the whole ECU around it
+# as C99, freestanding and without allocation. The folder is written only if the library agrees with the reference
+# computation, and if its program is the one in the signed bundle.
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from rich import print
+
+from contract.config.loading import load_config
+from contract.controller.c_folder import EXPECTED, Settings, read_recorded, read_sources
+from stillwake.c_release import write_shipped_library
+from stillwake.releases import open_release
+
+release = open_release(None, None)
+config = load_config()
+with tempfile.TemporaryDirectory() as folder:
+    write_shipped_library(Path(folder), release, config)
+    sources, recorded = read_sources(Path(folder)), read_recorded(Path(folder))
+    expected = Path(folder, EXPECTED).read_text(encoding="utf-8").splitlines()
+for name in ("sw_control_step.c", "sw_encoder.c", "sw_dynamics.c", "sw_decoder.c", "sw_weights.c", "sw_ecu.c"):
+    print(f"{name:20s} {len(sources[name]) / 1024:7.1f} KiB of text")
+
+# %%
+# Onto the core
+# -------------
+# The sources are compiled for a bare Cortex-M7 and put into the flash of an emulated one. It gets recorded pressures,
+# row by row, until the controller's window is full, and then computes one control step. ``expected.txt`` in the
+# folder has the action of the same library on a computer, where another compiler's settings round other sums. With
+# the same settings the two agree to the bit, which ``stillwake mcu`` checks for every row.
+
+from firmware_sim.mcu.build import compile_for_cortex_m7
+from firmware_sim.mcu.cores import CORTEX_M7
+from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.emulator import Machine
+
+settings = Settings.of(sources)
+firmware = read_elf(compile_for_cortex_m7(sources))
+machine = Machine(firmware)
+machine.call("mcu_reset")
+window = settings.number("SW_WINDOW")
+for row in recorded[: window - 1]:
+    machine.write("mcu_row", row.astype("<f4").tobytes())
+    machine.call("mcu_push")
+machine.write("mcu_row", recorded[window - 1].astype("<f4").tobytes())
+machine.paint_stack()
+blocks = machine.call_counted("mcu_step")
+stack = machine.stack_depth()
+
+action = np.frombuffer(machine.read("mcu_output", 4), dtype="<f4")[0]
+answer = float(expected[0].split()[0])
+limit = release.manifest.action_limit
+difference = 100 * abs(action - answer) / limit
+print(f"action on the core {action:.5f}, on a computer {answer:.5f}: apart by {difference:.2f} % of its limit")
+
+# %%
+# Memory
+# ------
+# Code and weights stand in flash. RAM holds the workspace, the dynamics' weights, which are read in every iteration
+# and therefore copied there at start, and the stack.
+
+sizes = {
+    "code": firmware.sections[".text"],
+    "weights, tables": firmware.sections[".rodata"],
+    "dynamics": firmware.sections[".hot"],
+    "workspace": firmware.sections.get(".data", 0) + firmware.sections[".bss"],
+    "stack": stack,
+}
+COLOURS = {
+    "code": "#2b6ca3",
+    "weights, tables": "#a3562b",
+    "dynamics": "#3b7d3b",
+    "workspace": "#6b4a8f",
+    "stack": "#555555",
+}
+figure, axis = plt.subplots(figsize=(8, 2.2), layout="constrained")
+for place, parts in (("flash", ("code", "weights, tables", "dynamics")), ("RAM", ("dynamics", "workspace", "stack"))):
+    left = 0.0
+    for part in parts:
+        size = sizes[part] / 1024
+        bar = axis.barh(place, size, left=left, color=COLOURS[part], edgecolor="white")
+        if size > 4.0:
+            axis.bar_label(bar, [f"{part}\n{size:.1f}"], label_type="center", fontsize=8, color="white")
+        left += size
+    axis.annotate(f"{left:.1f} KiB", (left + 0.5, place), va="center")
+axis.set(xlabel="KiB", xlim=(0, 85))
+axis.invert_yaxis()
+plt.show()
+print(f"stack: {stack} B")
+
+# %%
+# Time
+# ----
+# Each basic block that ran is counted, and a model of the core's dual-issue pipeline says how many cycles it takes.
+# The control period is 20 ms at the default operating point.
+
+from bisect import bisect_right
+from collections import Counter
+
+from rich.table import Table
+
+pipeline = machine.pipeline(CORTEX_M7)
+starts = sorted((address & ~1, name) for name, address in firmware.symbols.items() if not name.startswith("$"))
+addresses = [address for address, _ in starts]
+cycles: Counter[str] = Counter()
+instructions = 0
+for (address, size), times in blocks.items():
+    block = pipeline.block(address, size)
+    cycles[starts[bisect_right(addresses, address) - 1][1]] += times * block.cycles
+    instructions += times * block.instructions
+period_ms = config.period_ns / 1e6
+table = Table("one control step", "")
+table.add_row("multiply-accumulates", f"{settings.multiply_accumulates() / 1e6:.2f} M")
+table.add_row("instructions", f"{instructions / 1e6:.2f} M")
+table.add_row("modelled cycles", f"{cycles.total() / 1e6:.2f} M")
+for clock in CORTEX_M7.clocks_mhz:
+    step_ms = cycles.total() / (clock * 1e3)
+    table.add_row(f"at {clock} MHz", f"{step_ms:.1f} ms, {100 * step_ms / period_ms:.0f} % of the period")
+print(table)
+
+# %%
+# Where it goes
+# -------------
+# A control step encodes the window once. Then each of its iterations rolls the plan out through the dynamics, decodes
+# the forces, and goes back through both for the slope of the cost. Colour separates the way there from the way back.
+
+longest = [(name, count / 480e3) for name, count in cycles.most_common() if count > 0.002 * cycles.total()]
+figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
+bars = axis.barh(
+    [name for name, _ in longest],
+    [step_ms for _, step_ms in longest],
+    color=["tab:red" if "adjoint" in name or "gradient" in name else "tab:blue" for name, _ in longest],
+)
+axis.bar_label(bars, fmt="%.2f ms", padding=3, fontsize=8)
+axis.invert_yaxis()
+axis.margins(x=0.12)
+axis.set_xlabel("modelled time at 480 MHz / ms   (blue: forward, red: back)")
+plt.show()
+
+# %%
+# What this page is not
+# ---------------------
+# Arm publishes no cycle counts of this core: the model is this project's, and nothing was measured on silicon. Code,
+# tables and the decoder's weights are taken to hit the caches, and the rest to lie in tightly coupled memory; a part
+# without it will be slower. The count of instructions is exact, and does not depend on the data.
+#
+# This is the control step alone. The ECU around it, with protection, fail-safe, sensor check and command gate, comes
+# on top. ``stillwake run runs/m7 --ecu cortex-m7`` runs it in the closed loop with its modelled time, and the page
+# :doc:`Integrate the ECU in C </how-to/integrate-the-ecu>` has its memory and worst case. ``stillwake mcu`` prints
+# the figures of this page for any library, compared over all recorded rows.
