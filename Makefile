@@ -15,12 +15,12 @@ check test: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
 check: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or slow or compiler or mcu or browser or processes)"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or pages or slow or compiler or mcu or browser or processes)"
 
 # Side by side, since coverage and the site are one process each, and the linters wait for each other.
 test: $(VENV)/dev.stamp
 	$(MAKE) --jobs 2 --output-sync lint coverage docs
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam and not pages"
 
 # Every branch of what stands between the controller and the jets, or decides which release runs, by tests that do not
 # depend on chance.
@@ -80,6 +80,7 @@ release: $(VENV)/dev.stamp
 
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
+	$(BIN)/python -m pytest -m pages tests/docs/blocks
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
 	$(BIN)/stillwake tune runs/tune --hours 0.38 --phases 2 --seed 1 --try drag_fluctuation=0 \

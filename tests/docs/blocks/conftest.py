@@ -1,0 +1,25 @@
+"""What the pages' commands share: a bundle, and the folder of a run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from contract.config.loading import load_config
+from contract.release import bundle
+from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.runs.report import write_report
+from firmware_sim.runs.run_folder import RunFolder
+from tests.docs.blocks.given import Shared
+from wake.truck.truck_wake import TruckWake
+
+
+@pytest.fixture(scope="session")
+def shared(short_release: Path, tmp_path_factory: pytest.TempPathFactory, shared_wake: TruckWake) -> Shared:
+    """The run is of 20 t_c on a coarse mesh; `shared_wake` has the kernels compiled."""
+    place = tmp_path_factory.mktemp("pages") / "run"
+    release = bundle.load(short_release)
+    config = replace(load_config(None, ["flow.refinement=0.4", "flow.substeps=12"]), mpc=release.manifest.mpc)
+    run_closed_loop(place, release, config, lead_in=7.0, controlled=13.0, settle=0.0, averages=False)
+    write_report(RunFolder(place))
+    return Shared(bundle=short_release, run=place)
