@@ -68,7 +68,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.boxes.set(name, [box, item]);
       }
       this.words = make('p', {class: 'states-words'});
-      element.replaceChildren(drawing, list, this.words);
+      element.replaceChildren(make('div', {class: 'states'}, drawing, list, this.words));
     }
 
     /** @param {string} state by its name. @param {string} because the reason in words, or empty. */
