@@ -28,7 +28,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     ['M120 280 H170 V37 H238', 'request rises', 164, 258, 'end'], ['M350 37 H444', 'window full', 396, 31, 'middle'],
     ['M464 54 V98', 'pressures missing', 470, 80], ['M464 132 V176', 'for longer', 470, 158],
     ['M556 193 H590 V37 H556', 'pressures', 597, 112], ['M556 115 H590', 'come again', 597, 128, 'start', 'joins'],
-    ['M444 200 H320 V268', 'too many missing', 326, 194], ['M268 268 V54', 'request rises anew', 274, 130],
+    ['M444 200 H320 V268', 'too many missing', 326, 193], ['M268 268 V54', 'request rises anew', 274, 130],
     ['M238 292 H120', 'request ends', 179, 307, 'middle'],
   ];
   const KIND = {ACTIVE: 'good', HOLD: 'warn', DECAY: 'warn', FAULT: 'bad', OFF: 'bad', BOOT: 'warn'};
@@ -49,7 +49,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const tip = svg('marker', {id: 'states-tip', viewBox: '0 0 8 8', refX: 7, refY: 4, markerWidth: 7, markerHeight: 7, orient: 'auto'});
       tip.append(svg('path', {d: 'M0 0 L8 4 L0 8 z', class: 'tip'}));
       drawing.append(tip, svg('rect', {x: 432, y: 8, width: 242, height: 212, rx: 8, class: 'jets-may-run'}));
-      drawing.append(svg('text', {x: 666, y: 211, class: 'way-label', 'text-anchor': 'end'}, 'the jets may run'));
+      drawing.append(svg('text', {x: 668, y: 215, class: 'way-label', 'text-anchor': 'end'}, 'the jets may run'));
       for (const [path, label, x, y, anchor, joins] of WAYS) {
         const end = joins ? {} : {'marker-end': 'url(#states-tip)'};
         drawing.append(svg('path', {d: path, class: 'way', ...end}));
