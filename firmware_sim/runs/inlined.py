@@ -14,14 +14,14 @@ _LIVE: Final = ("firmware_sim.live", "page")
 _OWN: Final = ("firmware_sim.runs", "page")
 _STYLES: Final = (
     (*_LIVE, "vendor/uPlot.min.css"),
-    (*_LIVE, "theme.css"),
-    (*_LIVE, "widgets.css"),
+    (*_LIVE, "widgets/theme.css"),
+    (*_LIVE, "widgets/widgets.css"),
     (*_OWN, "report.css"),
 )
 _WIDGETS: Final = (
     (*_LIVE, "vendor/uPlot.iife.min.js"),
-    *((*_LIVE, f"{name}.js") for name in ("format", "colours", "frames", "wake_view", "chart", "curves")),
-    *((*_LIVE, f"{name}.js") for name in ("latency_histogram", "event_log")),
+    *((*_LIVE, f"widgets/{name}.js") for name in ("format", "colours", "frames", "wake_view", "chart", "curves")),
+    *((*_LIVE, f"widgets/{name}.js") for name in ("latency_histogram", "event_log")),
     *((*_OWN, f"{name}.js") for name in ("recorded_wake", "mode_strip", "player", "run_view")),
 )
 _FORBIDDEN: Final = ("</script", "</style", "<!--")
