@@ -61,6 +61,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     draw() {
       if (!this.width) return;
       const context = stillwake.context(this.canvas, this.width, HEIGHT);
+      context.clearRect(0, 0, this.width, HEIGHT);
       const scale = this.width / this.count;
       for (const [mode, first, after] of this.spans) {
         context.fillStyle = stillwake.colour(COLOURS[mode] || '--mode-off');
