@@ -6,6 +6,7 @@ writes its fields.
 """
 
 import shutil
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -18,10 +19,10 @@ from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.openfoam import case, fields, jets
 from wake.openfoam.coupling import PATIENCE_S, JetPipes
+from wake.openfoam.interpolation import CellInterpolation
 from wake.openfoam.measurements import Follower, Instruments, Readings
 from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.process import IcoFoam, require_installed
-from wake.openfoam.start import between
 from wake.openfoam.state import FoamState, put, read_fields
 from wake.solver.grid import Grid, truck_grid
 from wake.truck.sample import Sample
@@ -181,16 +182,20 @@ class OpenFoamWake:
 
     def vorticity(self) -> Array:
         """dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity`; at the end of a control period only."""
-        grid, mesh = self.grid, self.mesh
-        velocity = self.state().velocity
-        x, y = np.meshgrid(grid.xc, grid.yc, indexing="ij")
-        u, v = np.moveaxis(between(mesh, velocity, np.column_stack([x.ravel(), y.ravel()])).reshape(*x.shape, 2), 2, 0)
-        inside = np.zeros(x.shape, dtype=bool)
+        grid = self.grid
+        u, v = np.moveaxis(self._to_grid(self.state().velocity).reshape(*grid.shape, 2), 2, 0)
+        inside = np.zeros(grid.shape, dtype=bool)
         inside[grid.front : grid.rear, grid.lower : grid.upper] = True
         u[inside] = v[inside] = 0.0
         dvdx = np.diff(0.5 * (v[:, 1:] + v[:, :-1]), axis=0) / grid.dxc[1:-1, None]
         dudy = np.diff(0.5 * (u[1:] + u[:-1]), axis=1) / grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
+
+    @cached_property
+    def _to_grid(self) -> CellInterpolation:
+        """To the centres of `grid`'s cells: a run's every still needs it, and the triangles take seconds."""
+        x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
+        return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 
     def pressure(self) -> None:
         """Not given in the flow, only at the sensors."""

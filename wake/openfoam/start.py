@@ -1,7 +1,7 @@
 """Start fields: a developed wake interpolated from the project's own solver, or from another mesh."""
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator, RegularGridInterpolator
+from scipy.interpolate import RegularGridInterpolator
 
 from contract.arrays import Array
 from wake.openfoam.mesh import Mesh
@@ -28,10 +28,3 @@ def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
     v = read(*grid.axes("v"), flow.faces_v)
     p = read(*grid.axes("p"), flow.cells_p)
     return np.column_stack([u, v]), p
-
-
-def between(source: Mesh, values: Array, points: Array) -> Array:
-    """Cell values (m, ...) of one mesh at other points (n, 2): linear, and the nearest cell's beyond the outermost."""
-    inside = np.asarray(LinearNDInterpolator(source.centres, values)(points))
-    nearest = np.asarray(NearestNDInterpolator(source.centres, values)(points))
-    return np.where(np.isfinite(inside), inside, nearest)
