@@ -177,6 +177,8 @@ pictures: $(VENV)/dev.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
 	$(BIN)/python docs/release_pictures.py runs/demo
 	$(BIN)/python -m docs.page_pictures
+	$(BIN)/stillwake run runs/dead --disturb dead:sensor=base_7@6.5.. --overwrite
+	$(BIN)/python -m docs.run_page_pictures runs/demo runs/dead
 
 $(VENV)/run.stamp: pyproject.toml data/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

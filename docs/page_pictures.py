@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal
@@ -48,20 +48,27 @@ _ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-
 
 def main() -> None:
     """Take all; raises StillwakeError without a browser, or where the server ends."""
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        raise StillwakeError("no browser: install chromium")
-    with _server() as url, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=list(_ARGUMENTS))
+    with _server() as url, chromium() as browser:
         pages = {path: _opened(browser, url, *how) for path, how in PICTURES.items()}
         first, *_ = pages.values()
         _until(first, DIES)
         first.locator("[data-setting=dead]").select_option(DEAD)
         _until(first, TAKEN)
         for path, page in pages.items():
-            _write(path, page.screenshot())
+            write(path, page.screenshot())
+    note(PICTURES)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser without a window; raises StillwakeError where there is none."""
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        raise StillwakeError("no browser: install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
+        yield browser
         browser.close()
-    _note()
 
 
 def _opened(browser: Browser, url: str, size: tuple[int, int], scheme: Scheme) -> Page:
@@ -84,7 +91,8 @@ def _until(page: Page, t: float) -> None:
         time.sleep(0.2)
 
 
-def _write(path: Path, png: bytes) -> None:
+def write(path: Path, png: bytes) -> None:
+    """A photograph as WebP; raises StillwakeError if it is too large for the documents."""
     with Image.open(io.BytesIO(png)) as image:
         image.convert("RGB").save(path, quality=QUALITY, method=6)
     if path.stat().st_size > MOST_BYTES:
@@ -109,15 +117,15 @@ def _server() -> Iterator[str]:
             process.wait()
 
 
-def _note() -> None:
-    """Add the pictures to what the other pictures of the release have said of themselves."""
+def note(pictures: Iterable[Path]) -> None:
+    """Add pictures to what the other pictures of the release have said of themselves."""
     content = json.loads(PROVENANCE.read_text(encoding="utf-8"))
     shipped = bundle.load(BUNDLE).digest
     if content["bundle"] != shipped:
         raise StillwakeError(
             f"{PROVENANCE.name}: of another bundle than is shipped; draw docs/release_pictures.py first"
         )
-    content["files"] |= {str(path.relative_to(DOCS.parent)): sha256(path) for path in PICTURES}
+    content["files"] |= {str(path.relative_to(DOCS.parent)): sha256(path) for path in pictures}
     PROVENANCE.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 

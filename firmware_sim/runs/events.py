@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.control import SKIPPED
+from firmware_sim.runs.disturbed import disturbed
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.reasons import BECAUSE
 from firmware_sim.runs.run_log import RunLog
@@ -49,21 +50,10 @@ def _set(log: RunLog) -> Iterator[Event]:
     last = len(log.series["t"]) - 1
     if log.enabled_at <= last:
         yield Event(log.enabled_at, "set", "control is requested")
-    for fault in log.metadata.faults:
-        what, _, span = fault.text.partition("@")
-        begin, _, end = span.partition("..")
-        yield Event(min(last, _period(log, begin) or 0), "set", f"disturbed by {what}")
-        ends = _period(log, end)
-        if ends is not None and ends <= last:
-            yield Event(ends, "set", f"no longer disturbed by {what}")
-
-
-def _period(log: RunLog, seconds: str) -> int | None:
-    """The first one at or after a time of the run; None where the text has none."""
-    try:
-        return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
-    except (ValueError, OverflowError):
-        return None
+    for what, first, after in disturbed(log):
+        yield Event(first, "set", f"disturbed by {what}")
+        if after <= last:
+            yield Event(after, "set", f"no longer disturbed by {what}")
 
 
 def _states(log: RunLog) -> Iterator[Event]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH
+from firmware_sim.runs.disturbed import disturbed
 from firmware_sim.runs.events import events
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.run_log import WALL, RunLog
@@ -39,6 +40,7 @@ def replay(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
         "columns": {column: _numbers(log.series[column]) for column in _COLUMNS},
         "spans": [[mode, first, after] for mode, first, after in mode_spans(log)],
         "events": [list(event) for event in events(log)],
+        "marks": [[*one.sensor, one.first, one.after] for one in disturbed(log) if one.sensor is not None],
         "latency": _latency(log),
         "sensors": list(log.metadata.sensors),
         "wall": _numbers(log.series[WALL].T) if WALL in log.series else None,

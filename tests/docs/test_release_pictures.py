@@ -18,8 +18,9 @@ def test_they_are_of_the_shipped_bundle():
     assert PROVENANCE["bundle"] == bundle.load(BUNDLE).digest, "another release is shipped: `make pictures`"
 
 
-PICTURES = ["docs/demo.png", "docs/pictures/closed_loop.webp"] + [
-    f"docs/pictures/live_page{kind}.webp" for kind in ("", "_light", "_phone")
+PICTURES = ["docs/demo.png"] + [
+    f"docs/pictures/{name}.webp"
+    for name in ("closed_loop", "run_page", "compare_page", "live_page", "live_page_light", "live_page_phone")
 ]
 
 

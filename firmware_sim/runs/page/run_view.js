@@ -30,12 +30,18 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return [...parts, `action ${format.signed(action[k], 3)}`].join(', ');
     }
 
+    /** What disturbed which sensor in a period. */
+    marks(k) {
+      const now = this.run.marks.filter(([, , first, after]) => first <= k && k < after);
+      return Object.fromEntries(now.map(([name, kind]) => [name, kind]));
+    }
+
     show(k) {
       if (!this.view) return;
       const {columns, wall, scene} = this.run;
       const cp = new Array(scene.sensors.length).fill(null);
       if (wall) this.columns.forEach((place, i) => (cp[place] = wall[i][k]));
-      this.view.state({action: columns.action[k], cp, t: columns.t[k], marks: {}});
+      this.view.state({action: columns.action[k], cp, t: columns.t[k], marks: this.marks(k)});
       this.recorded.show(k, (levels, width, height) => this.view.picture(levels, width, height));
       clearTimeout(this.waiting);
       this.waiting = setTimeout(() => this.view.describe(`Vorticity behind the body. ${this.words(k)}`), QUIET_MS);

@@ -1,6 +1,7 @@
 """Events of a run: what was asked for, what the ECU did, what disturbed it, and no more of them than can be read."""
 
 from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.disturbed import disturbed
 from firmware_sim.runs.events import MOST, events
 from firmware_sim.runs.metadata import InjectedFault
 
@@ -22,6 +23,18 @@ def test_request_states_and_disturbances_are_told_in_order(shedding):
         (64, "state", "HOLD to CONTROL: the jets follow the controller"),
         (65, "set", "no longer disturbed by ecu:drop:probability=1"),
     ]
+
+
+def test_the_sensor_that_a_disturbance_is_of_is_known(shedding):
+    texts = (
+        "dead:sensor=base_7@1.25..1.3",
+        "bias:level=2,sensor=upper_39",
+        "noise:level=1",
+        "swap:first=a,second=b@1..",
+    )
+    log = shedding(faults=tuple(InjectedFault(text=text, acted=1) for text in texts))
+    found = [(one.sensor, one.first, one.after) for one in disturbed(log)]
+    assert found == [(("base_7", "dead"), 63, 65), (("upper_39", "bias"), 0, 160), (None, 0, 160), (None, 50, 160)]
 
 
 def test_a_disturbance_at_no_time_begins_with_the_run(shedding):

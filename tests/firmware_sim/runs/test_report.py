@@ -36,7 +36,9 @@ def written(log, path) -> RunFolder:
 
 
 @pytest.fixture
-def folder(shedding, tmp_path) -> RunFolder:
+def folder(shedding, tmp_path, monkeypatch) -> RunFolder:
+    """Of a run whose page has its figures without their drawing, which is most of its time."""
+    monkeypatch.setattr(pages, "png_of", lambda figure: ONE_PIXEL)
     return written(shedding(), tmp_path)
 
 

@@ -9,15 +9,16 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.arrays import Array
-from firmware_sim.runs import wake_stills
+from firmware_sim.runs import pages, wake_stills
 from firmware_sim.runs.compare import write_comparison
+from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import WALL
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from tests.browser import PHONE, Visit, chromium, visit
 from tests.firmware_sim.runs.conftest import shedding_log
-from tests.firmware_sim.runs.test_report import written
+from tests.firmware_sim.runs.test_report import ONE_PIXEL, written
 
 pytestmark = pytest.mark.browser
 
@@ -34,11 +35,20 @@ def recorded(times: Array) -> WakeStills:
     return recorder.recorded()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _figures_without_their_drawing() -> Iterator[None]:
+    """Which is most of a page's time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "png_of", lambda figure: ONE_PIXEL)
+        yield
+
+
 @pytest.fixture(scope="module")
 def runs(run_metadata, tmp_path_factory) -> list[RunFolder]:
-    """One that held control; one that did not, with a hostile name of its bundle; one of an earlier version."""
+    """One that held control; one that did not, with a hostile name and a long word; one of an earlier version."""
     place, metadata = tmp_path_factory.mktemp("runs"), replace(run_metadata, sensors=tuple(PLACES))
-    hostile = replace(metadata, controller="</script><img src=x onerror=alert(1)>")
+    long = InjectedFault(text="ecu:drop:probability=0.4,at=receive,frame_ids=0x120@0.5..1.2", acted=3)
+    hostile = replace(metadata, controller="</script><img src=x onerror=alert(1)>", faults=(long,))
     logs = (shedding_log(metadata), shedding_log(hostile, modes={3: Mode.HOLD}), shedding_log(metadata, Cd=0.95))
     folders, stills = [], recorded(logs[0].series["t"])
     for name, log in zip(("held", "lost", "old"), logs, strict=True):

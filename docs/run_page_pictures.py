@@ -1,0 +1,58 @@
+"""Photograph the pages of runs for the documents: `make pictures`, after `docs/page_pictures.py`.
+
+    python -m docs.run_page_pictures RUN_FOLDER OTHER_FOLDER
+
+The page of the first run, and both runs compared, at a time at which control has calmed the wake.
+`docs/pictures/provenance.json` has their hashes.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from playwright.sync_api import Browser
+
+from contract.errors import StillwakeError
+from docs.page_pictures import Scheme, chromium, note, write
+from firmware_sim.runs.compare import write_comparison
+from firmware_sim.runs.report import write_report
+from firmware_sim.runs.run_folder import RunFolder
+
+DOCS: Final = Path(__file__).resolve().parent
+RUN: Final = DOCS / "pictures" / "run_page.webp"
+COMPARED: Final = DOCS / "pictures" / "compare_page.webp"
+WINDOW: Final = (1280, 1080)
+SHOWN: Final = 0.8
+"""Share of the run."""
+_DRAWN_MS: Final = 2000
+"""For stills to be decoded and canvases to be drawn."""
+
+
+def main(folders: list[RunFolder]) -> None:
+    """Write the pages elsewhere and take both; raises StillwakeError without a browser, or for what is no run."""
+    with tempfile.TemporaryDirectory() as place, chromium() as browser:
+        _take(browser, write_report(folders[0], Path(place) / "run.html"), "dark", RUN)
+        _take(browser, write_comparison(folders, Path(place) / "compare.html"), "light", COMPARED)
+    note((RUN, COMPARED))
+
+
+def _take(browser: Browser, page: Path, scheme: Scheme, target: Path) -> None:
+    shown = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]}, color_scheme=scheme)
+    shown.goto(page.as_uri())
+    slider = shown.get_by_role("slider", name="Time in the run")
+    slider.fill(str(round(SHOWN * float(slider.get_attribute("max") or 0))))
+    slider.blur()
+    shown.locator("section.replay").evaluate("section => section.scrollIntoView()")
+    shown.wait_for_timeout(_DRAWN_MS)
+    write(target, shown.screenshot())
+    shown.close()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: python -m docs.run_page_pictures RUN_FOLDER OTHER_FOLDER")
+    try:
+        main([RunFolder(Path(folder)) for folder in sys.argv[1:]])
+    except StillwakeError as error:
+        sys.exit(f"error: {error}")
