@@ -4,11 +4,13 @@ What `stillwake config` prints comes from the same list (`contract.config.listin
 """
 
 import sys
+from operator import attrgetter
 from pathlib import Path
 from typing import Final
 
 from contract.config.listing import Setting, sections, shown
 from contract.config.loading import load_config
+from contract.config.tree import Config
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "settings.md"
@@ -27,10 +29,16 @@ def page() -> str:
     """The whole page: a table for every section."""
     parts = [_HEAD]
     for section in sections(load_config()):
-        parts.append(f"\n## {section.name}\n\n{section.meaning}\n")
+        parts.append(f"\n## {section.name}\n\n{section.meaning} Defined in `{_home(section.name)}`.\n")
         parts.append("| setting | default | release | unit | bounds | meaning |\n|---|---|---|---|---|---|")
         parts += map(_row, section.settings)
     return "\n".join(parts) + "\n"
+
+
+def _home(section: str) -> str:
+    """Full name of the class that defines a section."""
+    kind = type(attrgetter(section)(Config()))
+    return f"{kind.__module__}.{kind.__qualname__}"
 
 
 def _row(one: Setting) -> str:
