@@ -19,13 +19,17 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
         *("jinja2", "llvmlite", "tornado"),
     ),
-    "train": ("torch", "shap", "onnx", "safetensors", "optuna"),
+    "train": ("torch", "shap", "onnx", "safetensors", "optuna", "h5py", "scipy"),
     "bus": ("serial", "msgpack", "cantools"),
     "mf4": ("asammdf",),
     "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
+LEARNING: Final = ("train", "identify", "export", "mcu")
+"""Commands that need the extra `train` where a package comes with `sim` as well."""
+WITH_DATA: Final = ("sim", "train")
+"""Extras whose commands begin from stillwake-data unless they are told otherwise."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
 errors = make_console(stderr=True)
@@ -57,7 +61,7 @@ def _status_of(command: Callable[[], object]) -> int:
     except StillwakeError as error:
         return _fail(str(error), status=error.status)
     except ModuleNotFoundError as error:
-        return _fail(missing(error.name or str(error)))
+        return _fail(missing(error.name or str(error), sys.argv[1] if len(sys.argv) > 1 else ""))
     except MemoryError as error:
         return _fail(f"not enough memory{f': {error}' if str(error) else ''}")
     except OSError as error:
@@ -71,8 +75,8 @@ def _status_of(command: Callable[[], object]) -> int:
     return 0
 
 
-def missing(module: str) -> str:
-    """What to do about a module that could not be imported."""
+def missing(module: str, command: str = "") -> str:
+    """What to do about a module that this command could not import."""
     top = module.partition(".")[0]
     loaded = sys.modules.get(top)
     place = None if loaded is None else getattr(loaded, "__file__", None)
@@ -80,9 +84,9 @@ def missing(module: str) -> str:
         if top in ROOMS:
             return explain(top, Path(place or "?"))
         return f"{place or top} has no module {module!r}: is it another version, or a file of that name?"
-    for extra, packages in EXTRAS.items():
-        if top in packages:
-            data = " ./data" if extra == "sim" else ""
+    for extra in sorted(EXTRAS, key=lambda extra: extra != "train") if command in LEARNING else EXTRAS:
+        if top in EXTRAS[extra]:
+            data = " ./data" if extra in WITH_DATA else ""
             checkout = f"pip install '.[{extra}]'{data}"
             return f"this command needs {top}: pip install 'stillwake[{extra}]', or in a checkout {checkout}"
     return f"this command needs {top}, which is not installed"

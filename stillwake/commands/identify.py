@@ -59,13 +59,14 @@ def identify(
     as it does with a trained model.
     docs/how-to/identify-a-linear-controller.md says what it is good for.
     """
+    # Whoever installed no extra is told so before the data are missed.
+    from train.linear.pipeline import PHASES, Design, Identification, identify_all
+
     config = settings("identify", config_file, overrides, uses=USES).config
     recording = shipped_recording() if dataset is None else dataset
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
     check_json(json_file)
-
-    from train.linear.pipeline import PHASES, Design, Identification, identify_all
 
     how = Identification(
         episodes=_names(episodes),

@@ -26,7 +26,8 @@ from train.progress import Phase, Stopwatch
 from wake.shipped import recording as shipped_recording
 
 if TYPE_CHECKING:
-    # Loading torch takes seconds, which the other commands need not wait for.
+    # Loading torch takes seconds, HDF5 is no part of a vehicle: the other commands do without.
+    from contract.recording.dataset import Dataset
     from train.evaluate import ModelMetrics
 
 
@@ -60,6 +61,10 @@ def train(
     begins with them. docs/how-to/train.md describes the steps.
     """
     del resume  # It was needed to continue a training; now every call does.
+
+    # Whoever installed no extra is told so before the data are missed; a vehicle has no HDF5.
+    from contract.recording.dataset import read
+
     base = quick_settings() if quick else None
     config = settings("train", config_file, overrides, uses=USES, base=base).config
     recording = shipped_recording() if dataset is None else dataset
@@ -69,7 +74,7 @@ def train(
     check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
     check_writable(unfinished.folder_of(output), folder=True)
     check_json(json_file)
-    _check_recording(recording, config, chosen)
+    _check_recording(read(recording), recording, config, chosen)
     checkpoints = unfinished.folder_of(output)
     resumed = False
     if not restart:
@@ -130,13 +135,10 @@ def train(
     console.print(f"wrote {output}", soft_wrap=True, markup=False)
 
 
-def _check_recording(path: Path, config: Config, chosen: Sequence[str] | None) -> None:
+def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
     """Refuse what needs no torch to be seen, before that is loaded."""
-    # A vehicle's installation has no HDF5, and starts without.
-    from contract.recording.dataset import read
     from contract.recording.findings import findings, refuse_unfit
 
-    recording = read(path)
     if chosen is not None:
         recording.layout.indices(chosen)
     refuse_unfit(findings(recording, config, choosing=chosen is None), str(path))

@@ -37,7 +37,7 @@ def raising(error: BaseException) -> Callable[[], None]:
         (TimeoutError(), "TimeoutError"),
         (MemoryError(), "not enough memory"),
         (MemoryError("Unable to allocate 1 PiB"), "not enough memory: Unable to allocate 1 PiB"),
-        (ModuleNotFoundError("no torch", name="torch"), "this command needs torch: pip install 'stillwake[train]', or in a checkout pip install '.[train]'"),  # noqa: E501
+        (ModuleNotFoundError("no torch", name="torch"), "this command needs torch: pip install 'stillwake[train]', or in a checkout pip install '.[train]' ./data"),  # noqa: E501
         (SystemExit("as text"), "as text"),
     ],
 )  # fmt: skip
@@ -82,6 +82,12 @@ def test_an_extra_is_blamed_only_for_its_own_packages(monkeypatch, module, line)
     assert line in missing(module)
 
 
+@pytest.mark.parametrize(("command", "extra"), [("export", "train"), ("mcu", "train"), ("dataset", "sim"), ("", "sim")])
+def test_of_two_extras_the_one_that_the_command_needs_is_named(monkeypatch, command, extra):
+    monkeypatch.delitem(sys.modules, "h5py", raising=False)
+    assert f"pip install 'stillwake[{extra}]'" in missing("h5py.version", command)
+
+
 def test_a_package_without_that_module_is_named(tmp_path, monkeypatch):
     (tmp_path / "shapely_of_mine.py").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
@@ -94,13 +100,11 @@ def test_a_package_without_that_module_is_named(tmp_path, monkeypatch):
 
 
 def test_the_extras_are_the_projects():
-    imported_as = {"pillow": "PIL", "pyelftools": "elftools"}
+    imported_as = {"pillow": "PIL", "pyelftools": "elftools", "can-isotp": "isotp"}
     declared = PROJECT["project"]["optional-dependencies"]
-    for extra in ("sim", "train", "mcu"):
-        names = {re.split(r"[^\w-]", requirement)[0] for requirement in declared[extra]} - {"stillwake"}
-        # What another extra has too is blamed on the first.
-        known = {name for packages in EXTRAS.values() for name in packages}
-        assert {imported_as.get(name, name) for name in names} - {"stillwake-data"} <= known
+    for extra in EXTRAS.keys() - {"bus"}:
+        names = {re.split(r"[^\w-]", requirement)[0] for requirement in declared[extra]}
+        assert {imported_as.get(name, name) for name in names} <= set(EXTRAS[extra])
 
 
 def test_the_rooms_are_the_projects():

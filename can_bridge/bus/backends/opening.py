@@ -23,7 +23,8 @@ _SAMPLE_POINT: Final = 80.0
 """Percent, for both bit rates, where this adapter sets the bit timing."""
 _CLOCK_HZ: Final = 80_000_000
 
-_EXTRAS: Final = {"udp_multicast": "python-can[multicast]", "slcan": "python-can[serial]"}
+_OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
+"""Interfaces whose packages the base install leaves out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +57,8 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> Opened:
     except Exception as error:
         hint = ""
         missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)
-        if missing and config.interface in _EXTRAS:
-            hint = f"; try pip install '{_EXTRAS[config.interface]}'"
+        if missing and config.interface in _OF_EXTRA_BUS:
+            hint = "; pip install 'stillwake[bus]', or in a checkout pip install '.[bus]'"
         raise BusError(f"CAN bus {config.interface} {config.channel!r}: {one_line(error)}{hint}") from error
 
 
