@@ -5,7 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine c retrain release full openfoam tables generated docs pictures clean
+.PHONY: demo check test lint coverage pristine packages c retrain release full openfoam tables generated docs \
+	pictures clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
@@ -39,7 +40,8 @@ coverage: $(VENV)/dev.stamp
 		--cov-branch --cov-report=term-missing:skip-covered \
 		--cov-fail-under=100
 
-# What a vehicle installs, alone: every module of its rooms, and an ECU in control with the shipped release.
+# What a vehicle installs, alone: every module of its rooms, an ECU in control with the shipped release, and every
+# command, which works or names the extra it needs.
 pristine:
 	rm -rf build/pristine build/lib build/wheel
 	$(PYTHON) -m venv build/pristine
@@ -50,6 +52,23 @@ pristine:
 	build/pristine/bin/python -I tests/install/step_an_ecu.py
 	build/pristine/bin/stillwake bundle verify
 	build/pristine/bin/stillwake --help > build/pristine/help.txt
+	build/pristine/bin/python -I tests/install/walk_verbs.py
+
+# Both packages as they would be published, and every command in a laboratory's install of them. Some minutes; what of
+# it `pristine` does not have is no part of .ci/run.
+packages: $(VENV)/dev.stamp
+	rm -rf build/packages build/lib data/build *.egg-info data/*.egg-info
+	$(PYTHON) -m venv build/packages/env
+	$(BIN)/python -m build --outdir build/packages/sdist . > build/packages/log.txt
+	$(BIN)/python -m build --outdir build/packages/sdist data >> build/packages/log.txt
+	$(BIN)/python -m build --wheel --outdir build/packages/wheel . >> build/packages/log.txt
+	$(BIN)/python -m build --wheel --outdir build/packages/wheel data >> build/packages/log.txt
+	! grep -n -A 12 -E '^!!|WARNING' build/packages/log.txt
+	$(BIN)/python tests/install/check_sdist.py build/packages/sdist build/packages/wheel
+	build/packages/env/bin/python -I tests/install/check_wheel.py build/packages/sdist
+	build/packages/env/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+		"$$(echo build/packages/sdist/stillwake-*.whl)[sim]" build/packages/sdist/stillwake_data-*.whl
+	OMP_NUM_THREADS=1 build/packages/env/bin/python -I tests/install/walk_verbs.py sim
 
 # A sample of the C library in both precisions, for editors and debuggers.
 c: $(VENV)/dev.stamp

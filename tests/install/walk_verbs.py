@@ -1,0 +1,170 @@
+"""Every command of an install works, or says in one line which extra it needs: run by `make pristine`, `make packages`.
+
+    python -I tests/install/walk_verbs.py [EXTRA...]
+
+The extras are those that are installed; with `sim` and `train` it is stillwake-data, too. It works in an empty folder
+and refuses a stillwake that is not installed, so that no file of a checkout is used by accident. Ends with status 1 and
+one line for the first command that does neither.
+"""
+
+import io
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import typer.main
+
+from stillwake import __main__ as command_line
+from stillwake.shipped import BUNDLE
+from wake.shipped import RECORDING
+
+DBC = files("contract").joinpath("stillwake.dbc")
+VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=walk")
+UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.9")
+
+
+@dataclass(frozen=True)
+class Call:
+    """A command with arguments that are as small as they may be.
+
+    Attributes:
+        words: behind `stillwake`.
+        needs: the extras without which it may refuse. Where they are installed, it has to work.
+        status: with which it ends where it works; 3 where no ECU answers it.
+    """
+
+    words: tuple[str, ...]
+    needs: tuple[str, ...]
+    status: int
+
+
+def call(words: str, *more: object, needs: Sequence[str] = (), status: int = 0) -> Call:
+    """A call, from a text and what has no fixed text."""
+    return Call((*words.split(), *map(str, more)), tuple(needs), status)
+
+
+def write_inputs() -> None:
+    """What the calls read and no command writes, into the working folder."""
+    Path("drive.log").write_text("(1.0) can0 123#00\n(1.1) can0 130##1000102\n")
+    Path("sensors.csv").write_text("name,x,y\ntop,0.0,0.5\nbottom,0.0,-0.5\n")
+    rows = (f"{0.1 * (-1) ** (k // 9):g},1.{k % 7},0.{k % 5},-0.{k % 3},-0.{k % 4}\n" for k in range(60))
+    Path("sweep.csv").write_text("action,Cd,Cl,top,bottom\n" + "".join(rows))
+    Path("test.csv").write_text(Path("sweep.csv").read_text())
+
+
+# In an order in which each finds what another one wrote.
+CALLS = (
+    call("config mpc"),
+    call("can keygen access.key"),
+    call("bundle keygen keys"),
+    call("bundle keylist keys.list --root keys/release.key --version 1 --key keys/release.pub"),
+    call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key"),
+    call("bundle sign renewed --key keys/release.key"),
+    call("bundle verify renewed --trust keys/release.pub"),
+    call("bundle inspect"),
+    call("bundle diff", BUNDLE, BUNDLE),
+    call("ecu provision slots --root keys/release.pub --keys keys.list"),
+    call("ecu run --periods 3", *VIRTUAL),
+    call("ecu run --periods 3", *UDP, needs=["bus"]),
+    call("ecu info --bus virtual:walk", needs=["flash"]),
+    call("can send Pressure", *VIRTUAL),
+    call("can record frames.log --for 0.1", *VIRTUAL),
+    call("can record frames.mf4 --for 0.1", *VIRTUAL, needs=["mf4"]),
+    call("can replay drive.log", *VIRTUAL),
+    call("can decode drive.log"),
+    call("can decode drive.log --dbc", DBC, needs=["bus"]),
+    call("can monitor --log drive.log"),
+    call("can load"),
+    call("flash", BUNDLE, "--bus", "virtual:walk", "--access", "access.key", needs=["flash"]),
+    call("flash-keys keys.list --bus virtual:walk --access access.key", needs=["flash"]),
+    call("calibrate --bus virtual:walk --access access.key lift=0.2", needs=["flash"]),
+    call("run run --lead-in 6 --controlled 1 --no-averages", needs=["sim"]),
+    call("run run_in_c --ecu c", needs=["sim", "train"]),
+    call("report run --picture run.png", needs=["sim"]),
+    call("record made.h5 --training 5 --chirp 0 --uncontrolled 5 --workers 1", needs=["sim"]),
+    call("dataset show made.h5", needs=["sim"]),
+    call("dataset check", RECORDING, needs=["sim"]),
+    call(
+        "dataset import own.h5 --sensors sensors.csv --train sweep.csv --test test.csv --period 0.2 --limit 0.1",
+        needs=["sim"],
+    ),
+    call("picture vorticity vorticity.png", needs=["sim"]),
+    call("picture pressure pressure.pdf", needs=["sim"]),
+    call("picture mean mean.svg --duration 1", needs=["sim"]),
+    call("animate run.gif --run run --every 10", needs=["sim"]),
+    call("develop start.npz --duration 0.2", needs=["sim"]),
+    call("steady steady.npz --set flow.refinement=0.4", needs=["sim"]),
+    call("vehicle --periods 3", *VIRTUAL, needs=["sim"], status=3),
+    call("campaign --list", needs=["sim"]),
+    call("bench latency latency --periods 100", needs=["sim"]),
+    call("train model", needs=["train"]),
+    call("identify linear", needs=["train"]),
+    call("export --c library", needs=["train"]),
+    call("mcu", needs=["train", "mcu"]),
+    call("tune tuned --hours 0.01", needs=["sim", "train"]),
+)
+
+
+def verbs(command: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The names of every command in a group, and in the groups in it."""
+    for name, inner in command.commands.items():
+        if hasattr(inner, "commands"):
+            yield from verbs(inner, (*above, name))
+        else:
+            yield (*above, name)
+
+
+def ended(words: Sequence[str]) -> tuple[int, str]:
+    """Exit status and stderr of `stillwake` with these words, in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    sys.argv = ["stillwake", *words]
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            command_line.main()
+        except SystemExit as stop:
+            return int(stop.code or 0), err.getvalue()
+    raise AssertionError("a command line that does not exit")
+
+
+def wrong(one: Call, installed: Sequence[str], status: int, err: str) -> str | None:
+    """What is wrong with how a call ended."""
+    lacking = [extra for extra in one.needs if extra not in installed]
+    # What an extra brings may have come with another one.
+    if status == one.status or not lacking:
+        return None if status == one.status else f"status {status}: {err.strip()}"
+    named = [extra for extra in lacking if f"pip install 'stillwake[{extra}]'" in err]
+    if status == 1 and err.startswith("error: ") and err.count("\n") == 1 and named:
+        return None
+    return f"status {status}, and no single line that names {' or '.join(lacking)}: {err.strip()}"
+
+
+def main(installed: Sequence[str]) -> None:
+    """Call every command; exits with the first one that ends otherwise than it should."""
+    if "site-packages" not in Path(command_line.__file__).parts:
+        sys.exit(f"{command_line.__file__}: a checkout; this is for an install")
+    known = set(verbs(typer.main.get_command(command_line.app)))
+    called = {one.words[:size] for one in CALLS for size in (1, 2)} & known
+    if known != called:
+        sys.exit(f"no call of {', '.join(sorted(' '.join(verb) for verb in known - called))}")
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        write_inputs()
+        for one in CALLS:
+            before = time.monotonic()
+            status, err = ended(one.words)
+            trouble = wrong(one, installed, status, err)
+            if trouble is not None:
+                sys.exit(f"stillwake {' '.join(one.words)}: {trouble}")
+            sys.stderr.write(f"{time.monotonic() - before:6.1f} s  {' '.join(one.words)}\n")
+    extras = ", ".join(installed) or "no extra"
+    sys.stdout.write(f"{len(CALLS)} calls of {len(known)} commands with {extras}: {time.monotonic() - began:.0f} s\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
