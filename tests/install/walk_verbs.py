@@ -8,14 +8,18 @@ one line for the first command that does neither.
 """
 
 import io
+import os
+import signal
 import sys
 import tempfile
 import time
+import urllib.request
 from collections.abc import Iterator, Sequence
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import typer.main
@@ -27,6 +31,9 @@ from wake.shipped import RECORDING
 DBC = files("contract").joinpath("stillwake.dbc")
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=walk")
 UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.9")
+
+
+PAGE = "http://127.0.0.1:8769/"
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,7 @@ CALLS = (
     call("export --c library", needs=["train"]),
     call("mcu", needs=["train", "mcu"]),
     call("tune tuned --hours 0.01", needs=["sim", "train"]),
+    call("bench serve --port 8769 --plant recording", needs=["sim"]),
 )
 
 
@@ -120,15 +128,29 @@ def verbs(command: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]
             yield (*above, name)
 
 
+def stop_when_answered(called: Event) -> None:
+    """Send this process SIGTERM, once the page of `bench serve` and its script are there."""
+    while not called.wait(0.2):
+        with suppress(OSError):
+            for name in ("", "static/live.js"):
+                urllib.request.urlopen(PAGE + name, timeout=5.0).read()
+            os.kill(os.getpid(), signal.SIGTERM)
+            return
+
+
 def ended(words: Sequence[str]) -> tuple[int, str]:
     """Exit status and stderr of `stillwake` with these words, in this process."""
-    out, err = io.StringIO(), io.StringIO()
+    out, err, over = io.StringIO(), io.StringIO(), Event()
     sys.argv = ["stillwake", *words]
+    if words[:2] == ("bench", "serve"):
+        Thread(target=stop_when_answered, args=(over,), daemon=True).start()
     with redirect_stdout(out), redirect_stderr(err):
         try:
             command_line.main()
         except SystemExit as stop:
             return int(stop.code or 0), err.getvalue()
+        finally:
+            over.set()
     raise AssertionError("a command line that does not exit")
 
 
