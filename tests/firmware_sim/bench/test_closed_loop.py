@@ -27,7 +27,8 @@ from firmware_sim.runs.tables import service_rows
 from wake.pictures.level_picture import LevelPicture
 from wake.truck.state import developed_state
 
-pytestmark = pytest.mark.slow  # whole runs of the loop
+# Whole runs of the loop; the one that is shared has its pictures, since it is made before.
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_pictures")]
 
 CONFIG = Config(bus=BusConfig(channel="closed-loop"))
 SHORT: dict[str, Any] = {"lead_in": 1.0, "controlled": 1.0, "settle": 0.0, "averages": False}

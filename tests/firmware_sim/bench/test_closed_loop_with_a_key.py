@@ -19,7 +19,7 @@ from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 
-pytestmark = pytest.mark.slow  # whole runs of the loop
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_pictures")]  # whole runs of the loop
 
 PERIODS = 20
 

@@ -27,7 +27,7 @@ from tests.firmware_sim.bench.harness import LiveOscillator
 from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
 from wake.plants import open_plant
 
-pytestmark = pytest.mark.compiler
+pytestmark = [pytest.mark.compiler, pytest.mark.usefixtures("no_pictures")]
 pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
 SPANS = Spans(lead_in=1.0, controlled=4.0, settle=0.0, averages=False)

@@ -171,6 +171,7 @@ def test_in_int8_the_loop_stays_within_the_int8_gate(small):
 
 
 @pytest.mark.slow  # a whole run with its report
+@pytest.mark.usefixtures("no_pictures")
 def test_the_command_runs_it_and_says_so(whole, monkeypatch, capsys, tmp_path):
     arguments = ["run", tmp_path / "run", "--bundle", whole.bundle_path, "--library", whole.folder]
     spans = ["--lead-in", "0.2", "--controlled", "0.2", "--no-averages"]

@@ -84,6 +84,7 @@ def same_forces(episode: dataset.Episode, first: int = 0) -> None:
 
 
 @pytest.mark.slow  # whole runs of the loop
+@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize(("frames", "load"), [("fd", 0.0), ("fd", 0.6), ("classic", 0.0)])
 def test_the_loops_own_capture_is_the_run_within_half_a_step(
     frames: Any, load: float, cli: Cli, tmp_path: Path, short_release: Path

@@ -97,6 +97,7 @@ def test_another_recording_must_be_named(cli, folder, tmp_path):
 
 @pytest.mark.compiler
 @pytest.mark.slow  # two runs of the loop, and builds
+@pytest.mark.usefixtures("no_pictures")
 def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path):
     """The bundle round trip, graph and library beside the reference, and the ECU in Python and in C over the bus."""
     try:

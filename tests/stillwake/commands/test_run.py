@@ -21,6 +21,7 @@ from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
 from stillwake.commands.run import cost_weights, run
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
 QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
 """Long enough for a window of four rows."""
 
