@@ -6,14 +6,14 @@ from typing import NamedTuple
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from firmware_sim.runs import pages, run_log, wake_stills
-from firmware_sim.runs.bus_messages import HEADS, bus_rows
 from firmware_sim.runs.control import trouble
-from firmware_sim.runs.inlined import as_json, inlined
 from firmware_sim.runs.pictures import NARROW, latency_figure, overview_figure, series_figure
-from firmware_sim.runs.replay import replay
+from firmware_sim.runs.replay.bus_messages import HEADS, bus_rows
+from firmware_sim.runs.replay.inlined import as_json, inlined
+from firmware_sim.runs.replay.run_data import run_data
+from firmware_sim.runs.replay.settings_list import settings_lines
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.settings_list import settings_lines
 from firmware_sim.runs.statistics import NoAverages, averages
 from firmware_sim.runs.tables import drag_rows, headline, service_rows
 from firmware_sim.runs.wake_stills import WakeStills
@@ -68,7 +68,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
         uncontrolled_picture=pages.data_uri(run.uncontrolled),
         controlled_picture=pages.data_uri(run.controlled),
         settings=settings_lines(log.metadata),
-        replay=as_json(replay(log, wake, "")),
+        replay=as_json(run_data(log, wake, "")),
     )
     path = folder.report if target is None else target
     with replacing(path) as temporary:

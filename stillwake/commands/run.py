@@ -244,7 +244,7 @@ def report(
 
     The page needs no other file and no network. Its slider moves through the recorded wake.
     """
-    from firmware_sim.runs.compare import write_comparison
+    from firmware_sim.runs.replay.compare import write_comparison
     from firmware_sim.runs.report import write_picture, write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load

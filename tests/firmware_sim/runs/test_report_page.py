@@ -10,8 +10,8 @@ import pytest
 from can_bridge.wire.messages import Mode
 from contract.arrays import Array
 from firmware_sim.runs import pages, wake_stills
-from firmware_sim.runs.compare import write_comparison
 from firmware_sim.runs.metadata import InjectedFault
+from firmware_sim.runs.replay.compare import write_comparison
 from firmware_sim.runs.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import WALL

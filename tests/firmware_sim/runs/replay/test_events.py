@@ -1,9 +1,9 @@
 """Events of a run: what was asked for, what the ECU did, what disturbed it, and no more of them than can be read."""
 
 from can_bridge.wire.messages import Mode, Reason
-from firmware_sim.runs.disturbed import disturbed
-from firmware_sim.runs.events import MOST, events
 from firmware_sim.runs.metadata import InjectedFault
+from firmware_sim.runs.replay.disturbed import disturbed
+from firmware_sim.runs.replay.events import MOST, events
 
 
 def test_request_states_and_disturbances_are_told_in_order(shedding):
@@ -43,7 +43,7 @@ def test_a_disturbance_at_no_time_begins_with_the_run(shedding):
 
 
 def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):
-    monkeypatch.setattr("firmware_sim.runs.events.MOST", 10)
+    monkeypatch.setattr("firmware_sim.runs.replay.events.MOST", 10)
     found = events(shedding(modes=dict.fromkeys(range(1, 99, 2), Mode.HOLD)))
     assert len(found) == 10 < MOST
     # 1 request, and OFF, CONTROL, then 49 times HOLD and back.

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from contract.errors import StillwakeError
-from firmware_sim.runs.comparison import differing, figure_rows, names_of
 from firmware_sim.runs.metadata import InjectedFault
+from firmware_sim.runs.replay.comparison import differing, figure_rows, names_of
 
 
 def test_names_are_as_long_as_it_takes():

@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.control import SKIPPED
-from firmware_sim.runs.disturbed import disturbed
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.reasons import BECAUSE
+from firmware_sim.runs.replay.disturbed import disturbed
 from firmware_sim.runs.run_log import RunLog
 
 MOST: Final = 400

@@ -7,9 +7,9 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH
-from firmware_sim.runs.disturbed import disturbed
-from firmware_sim.runs.events import events
 from firmware_sim.runs.pictures import mode_spans
+from firmware_sim.runs.replay.disturbed import disturbed
+from firmware_sim.runs.replay.events import events
 from firmware_sim.runs.run_log import WALL, RunLog
 from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, sample_to_jets_ms
 from firmware_sim.runs.wake_stills import WakeStills
@@ -21,8 +21,8 @@ _DIGITS: Final = 5
 _BINS: Final = 60
 
 
-def replay(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """For `firmware_sim/runs/page`: JSON without NaN.
+def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
+    """For `firmware_sim/runs/replay/page`: JSON without NaN.
 
     Args:
         log: the run.

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from contract.atomic import replacing
 from firmware_sim.runs import pages
-from firmware_sim.runs.comparison import differing, figure_rows, names_of
-from firmware_sim.runs.comparison_picture import comparison_figure
 from firmware_sim.runs.control import trouble
-from firmware_sim.runs.inlined import as_json, inlined
-from firmware_sim.runs.replay import replay
+from firmware_sim.runs.replay.comparison import differing, figure_rows, names_of
+from firmware_sim.runs.replay.comparison_picture import comparison_figure
+from firmware_sim.runs.replay.inlined import as_json, inlined
+from firmware_sim.runs.replay.run_data import run_data
 from firmware_sim.runs.report import read_run, wake_of
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.tables import headline
@@ -43,7 +43,7 @@ def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
         figure_rows=figure_rows(logs),
         differing=differing(logs),
         curves_picture=pages.data_uri(pages.png_of(comparison_figure(logs, names))),
-        replays=as_json([replay(log, wake, name) for log, wake, name in zip(logs, wakes, names, strict=True)]),
+        replays=as_json([run_data(log, wake, name) for log, wake, name in zip(logs, wakes, names, strict=True)]),
     )
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")

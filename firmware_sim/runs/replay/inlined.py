@@ -11,7 +11,7 @@ from typing import Any, Final
 from markupsafe import Markup
 
 _LIVE: Final = ("firmware_sim.live", "page")
-_OWN: Final = ("firmware_sim.runs", "page")
+_OWN: Final = ("firmware_sim.runs.replay", "page")
 _STYLES: Final = (
     (*_LIVE, "vendor/uPlot.min.css"),
     (*_LIVE, "widgets/theme.css"),
@@ -43,7 +43,7 @@ class Inlined:
 
 
 def inlined(main: str) -> Inlined:
-    """The widgets of the live page, and the script `main` of `firmware_sim/runs/page` that puts them together."""
+    """The widgets of the live page, and the script of the folder `page` here that puts them together."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     return Inlined(
