@@ -17,7 +17,6 @@ from stillwake.endings import missing
 from stillwake.releases import open_release
 
 if TYPE_CHECKING:
-    from firmware_sim.ecu.ecu_state import EcuState
     from firmware_sim.ecu.stepped import LoopEcu
     from firmware_sim.live.messages import Choice, Request
     from firmware_sim.live.session import LiveSession
@@ -105,7 +104,7 @@ class LiveParts:
 
 
 class LiveLoop:
-    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.stepping.Prepares`.
+    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.serving.stepping.Prepares`.
 
     Args:
         session: as it is.
@@ -137,10 +136,10 @@ class Ecus:
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell
-        self._in_c: dict[str, tuple[LoopEcu, EcuState]] = {}
+        self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str, weights: CostWeights | None) -> "LoopEcu":
-        """Just powered on. An ECU in C is the same object each time: the one before is no longer of use.
+        """Just powered on; of an ECU in C there is one, which the session keeps (`firmware_sim.live.ecu_shelf`).
 
         Raises:
             StillwakeError: it cannot be had.
@@ -150,10 +149,9 @@ class Ecus:
 
         if name in COMPILING:
             self.prepare(name)
-            found, at_power_on = self._in_c[name]
-            found.ecu.restore(at_power_on)
-            if found.weigh is not None:
-                found.weigh(weights or self._release.manifest.mpc.weights)
+            found = self._in_c[name]
+            if weights is not None and found.weigh is not None:
+                found.weigh(weights)
             return found
         ecu = Ecu(self._release, self._graph, self._config, weights=weights)
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
@@ -173,8 +171,7 @@ class Ecus:
         if not self.has(name):
             sources = self._sources
             self._tell(COMPILING[name])
-            made = loop_ecu(name, sources)
-            self._in_c[name] = made, made.ecu.state
+            self._in_c[name] = loop_ecu(name, sources)
 
     @cached_property
     def _graph(self) -> OnnxController:

@@ -46,7 +46,7 @@ BEGINNINGS = (
     "firmware_sim.ecu.daemon.service.serve",
     "firmware_sim.ecu.daemon.store_service.serve_store",
     "firmware_sim.latency.running.recorded",
-    "firmware_sim.live.server.serve",
+    "firmware_sim.live.serving.server.serve",
 )
 """Where the work of a command begins."""
 

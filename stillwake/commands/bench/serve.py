@@ -68,7 +68,7 @@ def serve(
     Ctrl-C or SIGTERM ends it. If the loop fails it is started again; if it fails within 20 s of its start, the command
     ends with exit status 1.
     """
-    from firmware_sim.live import server
+    from firmware_sim.live.serving import server
     from firmware_sim.live.settings import LiveSettings
     from stillwake.live_parts import LiveParts
 

@@ -62,14 +62,10 @@ def test_without_compiler_there_is_no_ecu_in_c_on_this_machine(monkeypatch):
 
 
 @dataclass
-class Powered:
-    """An ECU in C as far as it is used here: its state, and the weights that it was given."""
+class Weighed:
+    """An ECU in C as far as it is used here: the weights that it was given."""
 
-    state: str = "power-on"
     weights: object = None
-
-    def restore(self, state: str) -> None:
-        self.state = state
 
 
 @pytest.fixture
@@ -81,7 +77,7 @@ def told(monkeypatch) -> list[str]:
         yield given
 
     def loop_ecu(name, sources):
-        ecu = Powered()
+        ecu = Weighed()
         return LoopEcu(ecu=ecu, kind=name, computed_by="", weigh=partial(setattr, ecu, "weights"))  # type: ignore[arg-type]
 
     monkeypatch.setattr(live_parts, "library_folder", library_folder)
@@ -90,15 +86,13 @@ def told(monkeypatch) -> list[str]:
     return []
 
 
-def test_an_ecu_in_c_is_made_once_and_powered_on_each_time(told):
+def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(told):
     release = open_release(None, None)
     ecus = Ecus(release, load_config(), None, told.append)
-    own = release.manifest.mpc.weights
-    heavy = replace(own, effort=40.0)
-    for weights, wanted in ((heavy, heavy), (None, own)):
-        made: Any = ecus("c", weights)
-        assert made.ecu == Powered(weights=wanted)
-        made.ecu.restore("under way")
+    heavy = replace(release.manifest.mpc.weights, effort=40.0)
+    made: Any = ecus("c", heavy)
+    assert made.ecu.weights == heavy
+    assert ecus("c", heavy) is made
     ecus("cortex-m7", None)
     assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from firmware_sim.live.control import as_json, check
+from firmware_sim.live.serving.control import as_json, check
 
 
 @pytest.mark.parametrize(

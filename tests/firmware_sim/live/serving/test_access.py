@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_sim.live.access import Access
+from firmware_sim.live.serving.access import Access
 
 HERE = Access(token=None)
 FAR = Access(token="right")

@@ -19,12 +19,12 @@ from tornado.testing import bind_unused_port
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
-from firmware_sim.live.access import Access
-from firmware_sim.live.control import LONGEST_REQUEST
-from firmware_sim.live.handlers import SEND_BUFFER
-from firmware_sim.live.server import PAGE, application, serve
-from firmware_sim.live.supervisor import Supervisor
-from tests.firmware_sim.live.fake_session import PICTURE_BYTES, MakeFake
+from firmware_sim.live.serving.access import Access
+from firmware_sim.live.serving.control import LONGEST_REQUEST
+from firmware_sim.live.serving.handlers import SEND_BUFFER
+from firmware_sim.live.serving.server import PAGE, application, serve
+from firmware_sim.live.serving.supervisor import Supervisor
+from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
 
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""

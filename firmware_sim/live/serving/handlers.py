@@ -14,13 +14,13 @@ from typing import Any, Final
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from firmware_sim.live.access import Access
-from firmware_sim.live.control import as_json, check
-from firmware_sim.live.hub import STREAMS
 from firmware_sim.live.messages import Answer
-from firmware_sim.live.saved import write_zip
-from firmware_sim.live.supervisor import Supervisor
-from firmware_sim.live.viewer import Viewer
+from firmware_sim.live.serving.access import Access
+from firmware_sim.live.serving.control import as_json, check
+from firmware_sim.live.serving.hub import STREAMS
+from firmware_sim.live.serving.saved import write_zip
+from firmware_sim.live.serving.supervisor import Supervisor
+from firmware_sim.live.serving.viewer import Viewer
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0

@@ -9,10 +9,10 @@ from itertools import count
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.hub import Hub
 from firmware_sim.live.messages import Answer, EventItem, Events, LoopNow, Message
-from firmware_sim.live.process import LoopProcess
-from firmware_sim.live.stepping import MakeSession
+from firmware_sim.live.serving.hub import Hub
+from firmware_sim.live.serving.process import LoopProcess
+from firmware_sim.live.serving.stepping import MakeSession
 
 SHORT_LIFE_S: Final = 20.0
 """A loop that ends sooner after its start is not started again: it would end again."""

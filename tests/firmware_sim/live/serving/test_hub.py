@@ -5,11 +5,11 @@ from typing import cast
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.live.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub
 from firmware_sim.live.messages import Events, Message
-from firmware_sim.live.viewer import Viewer
+from firmware_sim.live.serving.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub
+from firmware_sim.live.serving.viewer import Viewer
 from tests.examples import examples
-from tests.firmware_sim.live.fake_session import hello, periods
+from tests.firmware_sim.live.serving.fake_session import hello, periods
 
 
 def rows_of(message: Message | bytes | None) -> list[float]:

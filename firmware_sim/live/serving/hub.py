@@ -1,6 +1,6 @@
 """The newest value of each stream, and rings of what a viewer must not miss: kept once for all viewers.
 
-A viewer holds how far it has come (`firmware_sim.live.viewer`), so a slow one costs as much as a quick one.
+A viewer holds how far it has come (`firmware_sim.live.serving.viewer`), so a slow one costs as much as a quick one.
 """
 
 from collections import deque

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from contract.errors import PlantError, StillwakeError
 from firmware_sim.live.messages import PERIOD_COLUMNS, Answer, Hello, Message, Periods, Request
-from firmware_sim.live.stepping import Session
+from firmware_sim.live.serving.stepping import Session
 
 KEPT = 50
 PICTURE_BYTES = 90_000

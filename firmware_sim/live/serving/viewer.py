@@ -1,7 +1,7 @@
 """How far one viewer has come: it holds counts and no messages, however long it does not read."""
 
-from firmware_sim.live.hub import STREAMS, Hub
 from firmware_sim.live.messages import Message
+from firmware_sim.live.serving.hub import STREAMS, Hub
 
 
 class Viewer:
@@ -18,7 +18,7 @@ class Viewer:
     def take(self, stream: str) -> Message | bytes | None:
         """What this viewer has not had of one of `STREAMS`; None if nothing.
 
-        Of latest values the newest. Of the others the oldest `firmware_sim.live.hub.MOST_ROWS` that the hub still has.
+        Of latest values the newest. Of the others the oldest `MOST_ROWS` that the hub still has.
         """
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:

@@ -12,7 +12,7 @@ from typing import Final
 
 from contract.errors import StillwakeError
 from firmware_sim.live.messages import Answer, Message
-from firmware_sim.live.stepping import MakeSession, run
+from firmware_sim.live.serving.stepping import MakeSession, run
 
 LONGEST_END_S: Final = 3.0
 """What the process is given to end by itself, before it is terminated and then killed."""

@@ -13,11 +13,11 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application
 
 from contract.errors import StillwakeError
-from firmware_sim.live.access import Access
-from firmware_sim.live.control import LONGEST_REQUEST
-from firmware_sim.live.handlers import STALLED_S, Control, Files, Guarded, SavedRun, Served, Stream
-from firmware_sim.live.stepping import MakeSession
-from firmware_sim.live.supervisor import Supervisor
+from firmware_sim.live.serving.access import Access
+from firmware_sim.live.serving.control import LONGEST_REQUEST
+from firmware_sim.live.serving.handlers import STALLED_S, Control, Files, Guarded, SavedRun, Served, Stream
+from firmware_sim.live.serving.stepping import MakeSession
+from firmware_sim.live.serving.supervisor import Supervisor
 
 PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
 LOCALHOST: Final = "127.0.0.1"
