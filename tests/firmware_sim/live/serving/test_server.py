@@ -21,7 +21,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from contract.errors import StillwakeError
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import SEND_BUFFER
+from firmware_sim.live.serving.handlers import SEND_BUFFER, TRY_AGAIN_LATER
 from firmware_sim.live.serving.server import PAGE, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
@@ -176,6 +176,32 @@ def test_no_other_page_can_use_the_sockets_of_this_machine(tmp_path, path):
             (await place.connect(path)).close()
 
     asyncio.run(look())
+
+
+def test_only_so_many_can_look(tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_sim.live.serving.handlers.MOST_VIEWERS", 2)
+
+    async def look() -> None:
+        async with placed(tmp_path) as place:
+            viewers = [await place.connect("/stream") for _ in range(3)]
+            async with asyncio.timeout(PATIENCE_S):
+                assert await viewers[2].read_message() is None
+            assert viewers[2].close_code == TRY_AGAIN_LATER
+            # A place that is given up can be had.
+            viewers[0].close()
+            async with asyncio.timeout(PATIENCE_S):
+                while (another := await place.connect("/stream")) and await refused(another):
+                    await asyncio.sleep(0.05)
+
+    asyncio.run(look())
+
+
+async def refused(viewer: WebSocketClientConnection) -> bool:
+    """Whether it is closed at once."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(0.2):
+            return await viewer.read_message() is None
+    return False
 
 
 @pytest.mark.processes
