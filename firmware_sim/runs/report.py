@@ -80,7 +80,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
     """What the folder has recorded of the wake; None in the folder of an earlier version.
 
     Raises:
-        StillwakeError: if the file is damaged, or of another run.
+        StillwakeError: if the file is damaged, or its times are not the series'.
     """
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
 

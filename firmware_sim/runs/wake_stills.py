@@ -132,7 +132,7 @@ def load(path: Path, log: RunLog) -> WakeStills:
     """Read what `save` wrote, of this run.
 
     Raises:
-        StillwakeError: if the file is damaged, of another schema or of another run.
+        StillwakeError: if the file is damaged, of another schema, or its times are not the series'.
     """
     try:
         with np.load(path) as data:
