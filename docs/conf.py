@@ -40,6 +40,7 @@ html_theme = "furo"
 html_title = f"stillwake {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["scrolling.js"]
 html_math_renderer = "mathml"
 html_search_scorer = str(Path(__file__).parent / "site" / "scorer.js")
 html_copy_source = False

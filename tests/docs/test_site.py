@@ -54,7 +54,7 @@ def test_formulas_and_links_to_the_code_show(browser):
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("page", ["index.html", API])
+@pytest.mark.parametrize("page", ["index.html", API, "reference/results.html"])
 def test_everyone_can_read_it(browser, page, dark):
     found = _open(browser, page, dark=dark)
     assert found.troubles == []
