@@ -22,6 +22,10 @@ GENERATED: Final = DOCS / "generated"
 INDEX: Final = DOCS / "index.markdown"
 
 _LINK: Final = re.compile(r"(\]\()([^)#\s]+)")
+_PICTURE: Final = re.compile(
+    r'<picture>\s*<source media="\(prefers-color-scheme: light\)" srcset="([^"]+)">\s*'
+    r'<img src="([^"]+)" alt="([^"]+)">\s*</picture>'
+)
 
 
 def outside() -> dict[Path, str]:
@@ -39,15 +43,25 @@ def docname(path: Path) -> str:
 
 
 def moved(text: str, source: Path, target: Path) -> str:
-    """Text of one file for another place: relative links lead to where they led."""
+    """Text of one file for another place: relative links lead to where they led.
+
+    A picture in HTML with one file for light and one for dark becomes two, of which the theme shows one.
+    """
+
+    def path(link: str) -> str:
+        return os.path.relpath(os.path.normpath(source.parent / link), target.parent).replace(os.sep, "/")
 
     def lead(found: re.Match[str]) -> str:
-        if ":" in found[2]:
-            return found[0]
-        path = os.path.normpath(source.parent / found[2])
-        return found[1] + os.path.relpath(path, target.parent).replace(os.sep, "/")
+        return found[0] if ":" in found[2] else found[1] + path(found[2])
 
-    return _LINK.sub(lead, text)
+    def both(found: re.Match[str]) -> str:
+        files = {"light": found[1], "dark": found[2]}
+        images = (
+            f"```{{image}} {path(file)}\n:class: only-{mode}\n:alt: {found[3]}\n```" for mode, file in files.items()
+        )
+        return "\n\n".join(images)
+
+    return _PICTURE.sub(both, _LINK.sub(lead, text))
 
 
 def pages() -> dict[Path, str]:
