@@ -134,8 +134,9 @@ class Supervisor:
             if message["type"] == "loop" and message["text"]:
                 self._tell(message["text"])
             if message["type"] == "hello" and self._why:
-                # What is kept begins with this `hello`; that the loop had ended is to be seen later, too.
-                item = EventItem(n=0, time_s=0.0, t=0.0, kind="loop", text=self._why)
+                # What is kept begins with this `hello`; that the loop had ended is to be seen later, too. The number is
+                # below those of the session, which a page takes to go up.
+                item = EventItem(n=-1, time_s=0.0, t=0.0, kind="loop", text=self._why)
                 self.hub.put([Events(type="events", run=message["run"], items=[item])])
                 self._why = ""
         # One call at a time waits for the event loop, however much is said meanwhile.

@@ -12,7 +12,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     constructor(element, {kept = 200, live = false, onPick = null} = {}) {
       this.kept = kept;
       this.onPick = onPick;
-      this.latest = -1;
+      this.latest = -Infinity;
       this.live = live;
       this.list = make('ol', {class: 'event-list'});
       this.none = make('p', {class: 'note'}, 'Nothing yet.');
@@ -21,7 +21,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     clear() {
-      this.latest = -1;
+      this.latest = -Infinity;
       this.list.replaceChildren();
       this.none.hidden = false;
     }
