@@ -59,10 +59,10 @@ pristine:
 packages: $(VENV)/dev.stamp
 	rm -rf build/packages build/lib data/build *.egg-info data/*.egg-info
 	$(PYTHON) -m venv build/packages/env
-	$(BIN)/python -m build --outdir build/packages/sdist . > build/packages/log.txt
-	$(BIN)/python -m build --outdir build/packages/sdist data >> build/packages/log.txt
-	$(BIN)/python -m build --wheel --outdir build/packages/wheel . >> build/packages/log.txt
-	$(BIN)/python -m build --wheel --outdir build/packages/wheel data >> build/packages/log.txt
+	$(BIN)/python -m build --outdir build/packages/sdist . > build/packages/log.txt 2>&1
+	$(BIN)/python -m build --outdir build/packages/sdist data >> build/packages/log.txt 2>&1
+	$(BIN)/python -m build --wheel --outdir build/packages/wheel . >> build/packages/log.txt 2>&1
+	$(BIN)/python -m build --wheel --outdir build/packages/wheel data >> build/packages/log.txt 2>&1
 	! grep -n -A 12 -E '^!!|WARNING' build/packages/log.txt
 	$(BIN)/python tests/install/check_sdist.py build/packages/sdist build/packages/wheel
 	build/packages/env/bin/python -I tests/install/check_wheel.py build/packages/sdist

@@ -25,7 +25,7 @@ def of_sdist(path: Path) -> set[str]:
     """The names of an sdist's files below its one folder, without its metadata."""
     with tarfile.open(path) as archive:
         names = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
-    return {name for name in names if ".egg-info/" not in name}
+    return {name for name in names if ".egg-info/" not in name and name != "MANIFEST.in"}
 
 
 def refuse(what: str, found: set[str], wanted: set[str]) -> None:
