@@ -9,6 +9,8 @@ it takes how long.
 The core is emulated, and its time is a model. The last section says what that means.
 """
 
+# sphinx_gallery_thumbnail_number = 2
+
 # %%
 # From the bundle to C
 # --------------------

@@ -10,6 +10,8 @@ The model is the shipped one, and few windows are drawn, so that this page is ma
 says what the full procedure does beyond it.
 """
 
+# sphinx_gallery_thumbnail_number = 2
+
 # %%
 # The recording
 # -------------

@@ -1,4 +1,9 @@
-"""The lines that other tests run, and those that no test can."""
+"""The lines that other tests run, and those that no test can.
+
+Flashing, calibration, the fleet, the C folder and the signature are run line by line there. The other tests run the
+same command with arguments of their own, because the line as it stands takes minutes, two processes or real time;
+`tests/docs/test_pages.py` sees that the line's options exist.
+"""
 
 from typing import Final
 
