@@ -3,7 +3,7 @@
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -12,6 +12,7 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.secoc.key import write_key
+from contract.recording import dataset
 from contract.release import bundle as bundles
 from contract.release.signing import read_private_key, write_key_pair
 from tests.can_bridge.drives.drive_log import drive, log_of, write
@@ -19,7 +20,7 @@ from tests.conftest import SIGNING_KEY
 from tests.docs.blocks.lines import Line
 from tests.docs.blocks.pages import ROOT
 from tests.firmware_sim.ecu_in_c import exported
-from wake.shipped import MODEL
+from wake.shipped import MODEL, RECORDING
 
 CHECKOUT: Final = ("contract", "firmware_sim", "data", "examples")
 """Folders of the checkout that the pages' commands read."""
@@ -92,6 +93,17 @@ def _series(path: Path, shared: Shared) -> None:
     np.savetxt(path, table, delimiter=",", header=",".join(["t", "action", "Cd", "Cl", *names]), comments="")
 
 
+def _recording(path: Path, shared: Shared) -> None:
+    """The beginnings of three episodes of the shipped one."""
+    whole = dataset.read(RECORDING)
+    parts = [
+        replace(one, series={name: values[:_ROWS] for name, values in one.series.items()})
+        for one in whole.episodes
+        if one.name in ("training_1", "none_0", "chirp_0")
+    ]
+    dataset.write(path, replace(whole, episodes=tuple(parts)))
+
+
 def _forces(path: Path, shared: Shared) -> None:
     t = 0.05 * np.arange(-4, 4 * _ROWS + 4)
     table = np.column_stack([t, 1.0 + 0.1 * np.sin(t), np.cos(t)])
@@ -122,7 +134,9 @@ MAKERS: Final[dict[str, Maker]] = {
 
 GIVEN: Final[tuple[tuple[str, Maker], ...]] = (
     (r"runs/(demo|a|b)", MAKERS["run"]),
-    (r"runs/bundle|bundle|A|B|my_bundle", MAKERS["bundle"]),
+    (r"runs/(bundle|long)|bundle|A|B|my_bundle", MAKERS["bundle"]),
+    (r"runs/model", MAKERS["model"]),
+    (r"(my|data)\.h5", _recording),
     (r"(my_|)vehicle\.dbc|engine\.dbc", lambda path, shared: path.write_text(_DBC, encoding="utf-8")),
     (r"(frames|drive|other|monday|tuesday)\.blf", MAKERS["drive"]),
     (r"(drive|other|monday|tuesday)\.csv", _forces),

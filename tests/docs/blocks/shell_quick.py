@@ -41,7 +41,7 @@ QUICK: Final = (
     # A plan of one's own is read, and its runs are not made.
     Run(form=r"stillwake campaign runs/mine --scenarios .*", added="--list"),
     # A page that shows two ways to one data set: here one after the other.
-    Run(form=r"stillwake dataset import drives\.h5 .*--train runs/a/frames\.log .*", added="--overwrite"),
+    Run(form=r"stillwake dataset import .*--train (runs/a/frames\.log|a\.csv) .*", added="--overwrite"),
     Run(form=r"stillwake dataset (import|show) .*"),
     # The three sensors that the page shows are one too few for the release's encoder.
     Run(form=r"stillwake dataset check my\.h5", added="--set train.sensors=3"),

@@ -33,7 +33,7 @@ REMOVED: Final = tuple(
 
 SLOW: Final = (
     Run(
-        form=r"stillwake run \S+ .*--require-reduction 20",
+        form=r"stillwake run \S+ .*--require-reduction 20.*",
         shortened=SPANS,
         added="--lead-in 10 --controlled 10 --settle 0 --set flow.refinement=0.4",
         slow=True,
@@ -61,7 +61,8 @@ SLOW: Final = (
     ),
     Run(
         form=r"stillwake train .*",
-        shortened=(*REMOVED, (r"--quick", "")),
+        # A shell puts in the names that a script prints.
+        shortened=(*REMOVED, (r"--quick", ""), (r"\$\(.*\)", "upper_39,lower_39,base_0,base_9")),
         added=NETWORKS,
         slow=True,
         instead=("model", 2),
@@ -83,11 +84,16 @@ SLOW: Final = (
     Run(
         form=r"stillwake record \S+ .*|stillwake record \S+",
         shortened=tuple((rf"--{name}\n\d+", "") for name in ("training", "chirp", "uncontrolled")),
-        added="--training 150 --chirp 150 --uncontrolled 150 --workers 1 --set flow.refinement=0.4",
+        # As long as training needs.
+        added="--training 100 --chirp 85 --uncontrolled 40 --workers 1",
         slow=True,
     ),
-    Run(form=r"stillwake develop \S+ --set .*", added="--duration 1 --set flow.refinement=0.4", slow=True),
+    Run(form=r"stillwake develop re1000\.npz .*", added="--duration 1", slow=True),
+    # On the mesh of the runs here.
+    Run(form=r"stillwake develop start_re400\.npz .*", added="--duration 1 --set flow.refinement=0.4", slow=True),
     Run(form=r"stillwake picture mean .*", shortened=((r"--duration\n50", ""),), added="--duration 1", slow=True),
+    # Control begins at 7 t_c.
+    Run(form=r"stillwake animate .*--film", added="--duration 8", slow=True),
     Run(
         form=r"stillwake animate .*",
         shortened=((r"--duration\n25", ""), (r"--every\n3", "")),
