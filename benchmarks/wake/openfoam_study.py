@@ -34,6 +34,7 @@ from stillwake.shipped import BUNDLE
 from stillwake.terminal import progress_bar
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
+from wake.openfoam.interpolation import CellInterpolation
 from wake.openfoam.measurements import Instruments, read_all
 from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.plant import OpenFoamWake
@@ -108,10 +109,8 @@ def _uncontrolled(index: int, show: Bar) -> list[dict[str, Any]]:
             return start.from_own_solver(developed_state(), mesh)
         coarser = UNCONTROLLED[index - 1]
         source, last = truck_mesh(coarser[0]), state.written(_case(coarser[0]), dt=config.control_period / coarser[1])
-        return (
-            start.between(source, last.velocity, mesh.centres),
-            start.between(source, last.pressure, mesh.centres),
-        )
+        between = CellInterpolation(source, mesh.centres)
+        return between(last.velocity), between(last.pressure)
 
     settle(folder, mesh, begin, config, substeps=substeps, until=left_out + average, progress=show)
     times, readings = read_all(folder)
