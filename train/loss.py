@@ -1,4 +1,4 @@
-"""The joint loss (paper, equation 4) and its terms.
+"""The joint loss (paper, equation 5) and its terms.
 
     L = L_pred + lambda_force L_force + lambda_var L_var + lambda_cov L_cov [+ lambda_decode L_decode, ours]
 

@@ -41,7 +41,7 @@ def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
 
 
 def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tensor:
-    """Derivatives of the cost's terms in the forces (paper, equations 8-11), (H, B, 2), by standardised forces.
+    """Derivatives of the cost's terms in the forces (paper, equations 12-15), (H, B, 2), by standardised forces.
 
     Args:
         forces: (H, B, 2) at t+1 .. t+H, standardised.
