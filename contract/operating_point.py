@@ -8,16 +8,22 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from contract.config.rules import Positive, Settings
+from contract.config.sources import ours
 from contract.config.units import Unit
 
 
 @dataclass(frozen=True, kw_only=True)
-class OperatingPoint(Settings, section="operating_point"):
+class OperatingPoint(
+    Settings, section="operating_point", source=ours("a full-size truck on a motorway", page="architecture.md")
+):
     """Width W, speed U_inf and density rho."""
 
     width: Annotated[Positive[float], Unit("m")] = 2.5
+    """W: the unit of lengths."""
     speed: Annotated[Positive[float], Unit("m/s")] = 25.0
-    density: Annotated[Positive[float], Unit("kg/m3")] = 1.2
+    """U_inf: the unit of speeds; W / U_inf is the unit of times."""
+    density: Annotated[Positive[float], Unit("kg/m3"), ours("air at 20 degrees C, at sea level")] = 1.2
+    """rho: scales pressures and forces."""
 
     @property
     def convective_time(self) -> float:

@@ -3,6 +3,7 @@
 What `stillwake config` prints comes from the same list (`contract.config.listing`).
 """
 
+import os
 import sys
 from operator import attrgetter
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Final
 
 from contract.config.listing import Setting, sections, shown
 from contract.config.loading import load_config
+from contract.config.sources import Source
 from contract.config.tree import Config
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -19,9 +21,12 @@ _HEAD: Final = """# Settings
 
 For everyone who sets something: every setting of the tree, by the name that `--set NAME=VALUE` and a TOML file
 (`--config FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
-`stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one; the
-release's is given where it differs. Lengths are in W, times in t_c, actions a = jet flow rate in U_inf W. A number
-without a unit is a ratio, or counts what its name says. A value outside its bounds is refused by name.
+`stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one, and
+its source says where: a section, table, equation or appendix. "Ours" is what the paper does not give, with the reason
+or the page that has it. The release's value is given where it differs; [training](../explanation/training.md),
+[the cost](../explanation/cost.md) and [small networks](../explanation/small-networks.md) have its reasons. Lengths are
+in W, times in t_c, actions a = jet flow rate in U_inf W. A number without a unit is a ratio, or counts what its name
+says. A value outside its bounds is refused by name.
 `make generated` writes this page from `contract/config/`."""
 
 
@@ -30,7 +35,9 @@ def page() -> str:
     parts = [_HEAD]
     for section in sections(load_config()):
         parts.append(f"\n## {section.name}\n\n{section.meaning} Defined in `{_home(section.name)}`.\n")
-        parts.append("| setting | default | release | unit | bounds | meaning |\n|---|---|---|---|---|---|")
+        parts.append(
+            "| setting | default | release | unit | bounds | source | meaning |\n|---|---|---|---|---|---|---|"
+        )
         parts += map(_row, section.settings)
     return "\n".join(parts) + "\n"
 
@@ -43,8 +50,14 @@ def _home(section: str) -> str:
 
 def _row(one: Setting) -> str:
     release = shown(one.value) if one.is_changed else ""
-    cells = (f"`{one.name}`", shown(one.paper), release, one.unit, one.bounds, one.meaning)
+    cells = (f"`{one.name}`", shown(one.paper), release, one.unit, one.bounds, _source(one.source), one.meaning)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _source(source: Source) -> str:
+    """Where a default comes from; the reason leads to the page that says more."""
+    note = f"[{source.note}]({os.path.relpath(source.page, PAGE.parent.name)})" if source.page else source.note
+    return f"{source.name}: {note}" if note else source.name
 
 
 if __name__ == "__main__":

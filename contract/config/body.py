@@ -1,12 +1,10 @@
-"""The body in the project's own solver, and the sensors on it.
-
-Not in the paper: every value but the truck's.
-"""
+"""The body in the project's own solver, and the sensors on it."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
 
 from contract.config.rules import AtLeastOne, Rule, Settings, require
+from contract.config.sources import paper
 from contract.config.units import WIDTHS
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 
@@ -22,7 +20,7 @@ _RADIUS: Final = Rule(
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodyConfig(Settings):
+class BodyConfig(Settings, source=paper("section 2.1")):
     """The body: a box of width 1 with its front at x = 0, two jets at the edges of its base, and pressure sensors.
 
     The defaults are the truck's. Every other body is for the project's own solver, and needs a start of its own from

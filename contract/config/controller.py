@@ -1,28 +1,31 @@
-"""Settings of the model predictive controller.
-
-Not in the paper: `CostWeights.lift_mean`.
-"""
+"""Settings of the model predictive controller."""
 
 from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Settings, at_least
+from contract.config.sources import paper
 from contract.config.units import STEPS
 
 
 @dataclass(frozen=True, kw_only=True)
-class CostWeights(Settings, section="mpc.weights"):
-    """Weights of the MPC cost J (paper, equations 9-11); forces and actions in physical units."""
+class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")):
+    """Weights of the MPC cost J (paper, section 2.4.1); forces and actions in physical units."""
 
-    drag_mean: NonNegative[float] = 1.0
+    drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
+    """On the horizon's mean C_d, less `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
+    """On the largest C_d of the horizon less the smallest."""
     lift: NonNegative[float] = 0.01
-    lift_mean: NonNegative[float] = 0.0
+    """On the horizon's mean |C_l|."""
+    lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
     """On the square of the horizon's mean C_l. The horizon is one shedding cycle, so this mean is the steady
     deflection of the wake, which the paper's terms let the optimiser trade for drag."""
     smoothness: NonNegative[float] = 8.0
-    effort: NonNegative[float] = 0.0
-    rate: NonNegative[float] = 0.0
+    """On the mean squared step between the plan's consecutive actions."""
+    effort: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
+    """On the plan's mean squared action."""
+    rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
     """On the squared step from the action in force to the first planned one."""
 
     def as_tuple(self) -> tuple[float, ...]:
@@ -31,11 +34,15 @@ class CostWeights(Settings, section="mpc.weights"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MpcConfig(Settings):
+class MpcConfig(Settings, source=paper("section 2.4.2")):
     """The fixed-iteration optimiser (paper, section 2.4)."""
 
-    horizon: Annotated[int, at_least(2), STEPS] = 25
+    horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
+    """H: how far the optimiser looks ahead; about one shedding cycle."""
     iterations: AtLeastOne[int] = 5
+    """Steps of Adam on the plan in each control step."""
     learning_rate: Positive[float] = 1e-3
-    drag_reference: Finite[float] = 1.051
+    """Of these steps of Adam."""
+    drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
+    """C_d,ref: mean drag without control. It shifts the cost, and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

@@ -1,11 +1,7 @@
-"""Settings of the networks and of their training.
-
-Not in the paper: the slim widths, `FinishConfig`, `decode_weight`, `stream_epochs`, `predictor_epochs`,
-`predictor_lessons`, `slope_weight`, `sensor_noise` in training, `shap_samples`, and every `selection` but "shap".
-"""
+"""Settings of the networks and of their training."""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from contract.config.rules import (
     AtLeastOne,
@@ -17,26 +13,35 @@ from contract.config.rules import (
     at_least,
     require,
 )
+from contract.config.sources import ours, paper
 from contract.config.units import PASSES, STEPS, WINDOWS
 
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 """How the slim encoder's sensors are chosen (`train.selection`)."""
 
+_ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/small-networks.md")
+_SLIMMED: Final = paper("section 2.3.2", "only the encoder is slimmed")
+
 
 @dataclass(frozen=True, kw_only=True)
-class ModelConfig(Settings):
+class ModelConfig(Settings, source=paper("table 1")):
     """Shapes of the three networks (paper, table 1)."""
 
-    window: Annotated[AtLeastOne[int], STEPS] = 32
+    window: Annotated[AtLeastOne[int], STEPS, paper("section 2.2.1")] = 32
+    """L: how many samples back the encoder reads."""
     latent: AtLeastOne[int] = 8
+    """Numbers in a latent state."""
     lstm_width: AtLeastOne[int] = 64
     dynamics_width: AtLeastOne[int] = 256
     decoder_width: AtLeastOne[int] = 128
     decoder_blocks: AtLeastOne[int] = 2
+    """Residual blocks of the decoder."""
     dropout: Fraction[float] = 0.25
-    slim_dynamics_width: AtLeastOneOrNone = None
+    """Probability, between the decoder's layers, in the joint fit."""
+    slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
     """Of the dynamics that the controller rolls out, distilled from the trained ones; None deploys those."""
-    slim_decoder_width: AtLeastOneOrNone = None
+    slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
+    """The same of the decoder."""
 
     @property
     def slim(self) -> "ModelConfig":
@@ -55,14 +60,17 @@ class ModelConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FinishConfig(Settings, section="train.finish"):
+class FinishConfig(
+    Settings, section="train.finish", source=ours("the paper has no finish", page="explanation/training.md")
+):
     """Last passes of the joint fit, with a longer unroll. Started with it, training stalls on the mean forces; from
     a model that already predicts 5 steps it brings the error at the controller's horizon down.
 
     A field replaces that of the same name in `train`.
     """
 
-    epochs: Annotated[NonNegative[float], PASSES] = 0.0
+    epochs: Annotated[NonNegative[float], PASSES, paper("section 2.2.4", "without a finish")] = 0.0
+    """0 leaves the finish out."""
     unroll: Annotated[AtLeastOne[int], STEPS] = 20
     learning_rate: Positive[float] = 5e-4
     force_weight: NonNegative[float] = 2.0
@@ -70,50 +78,67 @@ class FinishConfig(Settings, section="train.finish"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig(Settings):
+class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
 
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
+    """k: steps that the dynamics predict from each encoded state, in the loss."""
     force_weight: NonNegative[float] = 0.25
-    decode_weight: NonNegative[float] = 0.0
+    """On the error of the forces read from predicted latents."""
+    decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
     """On the forces read from the encoded latents themselves; the paper's loss sees predicted ones only."""
     variance_weight: NonNegative[float] = 0.02
+    """On how far a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
+    """On the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
+    """Of Adam, in every phase but the finish."""
     epochs: Annotated[Positive[float], PASSES] = 300.0
     """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
-    segment: Annotated[AtLeastOne[int], WINDOWS] = 1
-    """Consecutive windows drawn together; 1 draws each on its own, as the paper does. Neighbours share most of
-    their work, so 8 makes an iteration several times cheaper for a batch of the same size."""
-    streamed: bool = False
+    segment: Annotated[
+        AtLeastOne[int],
+        WINDOWS,
+        ours("the plain way; the paper does not say how windows are drawn", page="explanation/training.md"),
+    ] = 1
+    """Consecutive windows drawn together; 1 draws each on its own. Neighbours share most of their work, so 8 makes an
+    iteration several times cheaper for a batch of the same size."""
+    streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False
     """Whether the joint fit reads each drawn stretch once, with the LSTM's state carried on, instead of window by
     window; the passes of `finish` read windows in any case."""
-    schedule: Literal["constant", "one_cycle"] = "constant"
+    schedule: Annotated[Literal["constant", "one_cycle"], paper("section 2.2.4", "one learning rate")] = "constant"
+    """Of the learning rate over a phase's steps; `one_cycle` raises it to `train.learning_rate`, then
+    lowers it to zero."""
     finish: FinishConfig = field(default_factory=FinishConfig)
-    stream_epochs: Annotated[NonNegative[float], PASSES] = 0.0
+    stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
     """Passes of the distillation that read the recording as a stream, before those that read windows: they cost a
     small part of them and leave them little to do."""
-    distil_epochs: Annotated[Positive[float], PASSES] = 300.0
-    predictor_epochs: Annotated[Positive[float], PASSES] = 10.0
+    distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper does not say")] = 300.0
+    """Passes of the distillation of the slim encoder that read windows."""
+    predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on."""
-    predictor_lessons: AtLeastOne[int] = 65536
+    predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
     """Roll-outs of the trained networks that these learn from (`train.lessons`), at least."""
-    slope_weight: NonNegative[float] = 0.0
+    slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
     """Of the slope of the cost along the plan when these are distilled, beside their latents and forces."""
-    sensor_noise: NonNegative[float] = 0.0
+    sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Of the slim encoder's inputs while it is distilled, and of the sensors compared by greedy and random selection:
     standard deviation in global deviations of pressure (paper, appendix B). Noise-free, a sensor far upstream that
     barely moves counts as much as one on the base."""
-    sensors: AtLeastOne[int] = 4
-    selection: SelectionMethod = "shap"
+    sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
+    """How many sensors the slim encoder reads."""
+    selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
     """How they are chosen; the others are what the paper's method is measured against."""
-    shap_background: Annotated[AtLeastOne[int], WINDOWS] = 100
-    shap_explained: Annotated[AtLeastOne[int], WINDOWS] = 500
-    shap_repeats: AtLeastOne[int] = 10
-    shap_samples: AtLeastOne[int] = 200
-    """Points on the paths from the background to each explained window; shap's default."""
-    seed: NonNegative[int] = 0
+    shap_background: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 100
+    """Drawn as the reference for a typical input."""
+    shap_explained: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 500
+    """Drawn to score the sensors on."""
+    shap_repeats: Annotated[AtLeastOne[int], paper("section 2.3.1")] = 10
+    """Rankings with draws of their own."""
+    shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper does not say")] = 200
+    """Points on the paths from the background to each explained window."""
+    seed: Annotated[NonNegative[int], ours("any would do; the paper does not say")] = 0
+    """Of initial weights, batches, draws and noise."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

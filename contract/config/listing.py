@@ -1,6 +1,6 @@
-"""Every setting as one line of a table: its value, the paper's, its unit, bounds and meaning, all from the dataclasses.
+"""Every setting as one line of a table: its value, default, unit, bounds, source and meaning, all from the dataclasses.
 
-A default is the paper's number, a bound and a unit are in the field's type, and a meaning is the text below the field.
+A bound, a unit and the default's source are in the field's type, and a meaning is the text below the field.
 """
 
 import ast
@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from contract.config.rules import Rule
+from contract.config.sources import Source
 from contract.config.tree import Config
 from contract.config.units import Unit
 
@@ -27,6 +28,7 @@ class Setting:
         paper: the default.
         unit: what numbers are counted in; "" for a ratio, a count that the name says, or text.
         bounds: what a value must be; for text the words to choose from.
+        source: where the default comes from.
         meaning: one paragraph; "" where the name says it.
     """
 
@@ -35,6 +37,7 @@ class Setting:
     paper: Any
     unit: str
     bounds: str
+    source: Source
     meaning: str
 
     @property
@@ -113,16 +116,19 @@ def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
                 paper=getattr(paper, item.name),
                 unit=next((part.name for part in get_args(hints[item.name]) if isinstance(part, Unit)), ""),
                 bounds=_bounds(hints[item.name]),
+                source=next((part for part in get_args(hints[item.name]) if isinstance(part, Source)), group.source),
                 meaning=meanings.get(item.name, ""),
             )
 
 
 def _bounds(hint: Any) -> str:
     """What a type allows: a rule's wording, or the words to choose from."""
-    for part in get_args(hint):
+    for part in (hint, *get_args(hint)):
         if isinstance(part, Rule):
             return part.wording
-    return ", ".join(map(str, get_args(hint))) if get_origin(hint) is Literal else ""
+        if get_origin(part) is Literal:
+            return ", ".join(map(str, get_args(part)))
+    return ""
 
 
 @cache

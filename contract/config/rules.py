@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Annotated, Any, ClassVar, Final, TypeVar, get_args, get_type_hints
 
+from contract.config.sources import Source
 from contract.errors import ConfigError
 
 T = TypeVar("T", int, float)
@@ -68,13 +69,16 @@ class Settings:
 
     Attributes:
         section: the dotted name of the section in the tree. Without one it is the name of the class without "Config".
+        source: where the defaults of fields come from whose types do not say so; None if all do.
     """
 
     section: ClassVar[str]
+    source: ClassVar[Source | None]
     _rules: ClassVar[Mapping[str, Rule]] = {}
 
-    def __init_subclass__(cls, section: str | None = None) -> None:
+    def __init_subclass__(cls, section: str | None = None, source: Source | None = None) -> None:
         cls.section = cls.__name__.removesuffix("Config").lower() if section is None else section
+        cls.source = source
         hints: Mapping[str, Any] = get_type_hints(cls, include_extras=True)
         cls._rules = {name: rule for name, hint in hints.items() for rule in get_args(hint) if isinstance(rule, Rule)}
 

@@ -1,21 +1,32 @@
-"""Settings of the bus, the ECU and the vehicle around it. The paper has the actuator's delay alone (appendix B)."""
+"""Settings of the bus, the ECU and the vehicle around it."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
 from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
+from contract.config.sources import ours, paper, standard
 from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
 """Of arbitration and of CAN FD's data phase: ISO 11898-2:2016 and CiA 601-4 specify transceivers up to these."""
 
+_CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
+_GATE: Final = "explanation/command-gate.md"
+_LIES: Final = "explanation/sensors-that-lie.md"
+
 
 @dataclass(frozen=True, kw_only=True)
-class E2eConfig(Settings, section="bus.e2e"):
+class E2eConfig(
+    Settings,
+    section="bus.e2e",
+    source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
+):
     """When a receiver of an E2E-protected message trusts the stream."""
 
-    max_delta: Annotated[int, within(1, 127, "half the counter's period"), FRAMES] = 4
+    max_delta: Annotated[
+        int, within(1, 127, "half the counter's period"), FRAMES, ours("as many lost as the ECU rides out", page=_GATE)
+    ] = 4
     """Largest step of the counter that still counts as the next frame: with 4, three may be lost in a row, as
     many as the ECU's fail-safe rides out."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
@@ -32,7 +43,9 @@ class E2eConfig(Settings, section="bus.e2e"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BackgroundConfig(Settings, section="bus.background"):
+class BackgroundConfig(
+    Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
+):
     """Other nodes' traffic on the simulated bus; without it arbitration hardly shows."""
 
     load: Fraction[float] = 0.0
@@ -40,7 +53,7 @@ class BackgroundConfig(Settings, section="bus.background"):
     dbc: str = ""
     """File with messages to send at their cycle times (`GenMsgCycleTime`), in place of made-up ones; their contents
     are random."""
-    seed: NonNegative[int] = 0
+    seed: Annotated[NonNegative[int], ours("any would do")] = 0
     """Of identifiers, phases and contents."""
 
     def __post_init__(self) -> None:
@@ -49,21 +62,23 @@ class BackgroundConfig(Settings, section="bus.background"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BusConfig(Settings):
+class BusConfig(Settings, source=ours("needs no hardware", page="explanation/simulated-bus.md")):
     """The CAN bus. Bit rates in bit/s."""
 
     interface: str = "simulated"
     """`simulated` is stillwake's own, in virtual time. The others are in real time: `virtual`, `udp_multicast`,
     `slcan`, `socketcan` or another one that python-can knows; `python-can` takes its own configuration, section
     `channel`."""
-    channel: str = "stillwake"
+    channel: Annotated[str, ours("a name of our own")] = "stillwake"
     """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
     device (socketcan, e.g. can0). The simulated bus has none."""
-    nominal_bitrate: Annotated[Positive[int], BIT_RATE] = 500_000
-    data_bitrate: Annotated[Positive[int], BIT_RATE] = 2_000_000
-    frames: Literal["fd", "classic"] = "fd"
+    nominal_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 500_000
+    """Of arbitration, and of whole frames of classic CAN."""
+    data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
+    """Of the data phase of CAN FD."""
+    frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
     """CAN FD, or the set of messages for classic CAN: eight bytes, coarser pressures, a weaker check."""
-    key: str = ""
+    key: Annotated[str, ours("a key is the user's to make", page="explanation/protection.md")] = ""
     """File with a 128-bit key. With one, both nodes authenticate every frame (AUTOSAR SecOC) and refuse others; CAN FD
     alone has room for it."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
@@ -107,11 +122,15 @@ class BusConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorCheckConfig(Settings, section="ecu.sensor_check"):
+class SensorCheckConfig(
+    Settings,
+    section="ecu.sensor_check",
+    source=ours("above what sound sensors reach", page=_LIES),
+):
     """When the ECU no longer believes a pressure sensor. Levels are ratios of variances; what sound sensors reach is
     over the whole shipped recording (docs/explanation/sensors-that-lie.md)."""
 
-    enabled: bool = True
+    enabled: Annotated[bool, ours("a liar costs most of the gain", page=_LIES)] = True
     """Check the pressures against each other, with the bundle's estimator, and go on without a sensor that lies."""
     liar_level: Positive[float] = 14.0
     """How much further a sensor is from the estimate by the others than these are from each other, from which on it is
@@ -124,31 +143,31 @@ class SensorCheckConfig(Settings, section="ecu.sensor_check"):
     doubt_level: Positive[float] = 16.0
     """Disagreement among the pressures that no single sensor explains, from which on they are in doubt. Sound sensors
     reach 12, under forcing beyond what the model has seen."""
-    doubt_periods: Annotated[AtLeastOne[int], PERIODS] = 25
+    doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Periods in doubt, less those out of it, from which on the jets go to zero and the fault latches."""
-    flat_periods: Annotated[AtLeastOne[int], PERIODS] = 10
+    flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than a sound reading rests", page=_LIES)] = 10
     """Periods in a row in which a reading is the same to the last bit, from which on the sensor is stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class EcuConfig(Settings):
+class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
-    compute_time_ms: Annotated[NonNegative[float], MILLISECONDS] = 8.0
+    compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
     """Time between frame and command that the virtual ECU charges for its control step. It is a stated
     budget share, not a measurement; measured latency is reported next to it."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
     """Missed periods during which the last command is held."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
     """Missed periods after that during which the command is halved each period, before zero and latch."""
-    rearm_frames: Annotated[AtLeastOne[int], FRAMES] = 5
+    rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
     """Consecutive good frames, together with an enable edge, that end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Oldest pressures, from sampling to control step, that may be planned on: one period of waiting for the step, and
     half a one for the way. Pressures 20 ms late cost the loop little; with 40 ms the side force grows."""
-    loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Latest periods under control that are judged together by `ecu.loss_limit`: a second."""
-    loss_limit: Annotated[int, PERIODS] = 25
+    loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
+    """Latest periods under control that are judged together by `ecu.loss_limit`."""
+    loss_limit: Annotated[int, PERIODS, ours("four deviations above a quarter lost at random", page=_GATE)] = 25
     """Periods without usable pressures among them, in a row or not, from which on the jets go to zero and the fault
     latches: a controller that sees every other pressure at best is not in control."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
@@ -156,19 +175,23 @@ class EcuConfig(Settings):
     which on the ECU switches itself off. More than the window: never."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Latest steps that are judged together by `ecu.deadline_misses`."""
-    plan_ahead: bool = True
+    plan_ahead: Annotated[bool, ours("takes off more drag", page="reference/results.md#what-limits-the-reduction")] = (
+        True
+    )
     """Plan for the next control period: the jets begin to move at its start, wherever in this one the command arrives,
     and computing may take all of this one. Without, they move as soon as the command is there."""
-    step_offset_ms: Annotated[NonNegative[float], MILLISECONDS] = 4.0
+    step_offset_ms: Annotated[
+        NonNegative[float], MILLISECONDS, ours("a fifth of a period for jitter", page="how-to/run-on-an-ecu.md")
+    ] = 4.0
     """In real time, from the expected arrival of a pressure frame to the control step that uses it. Pressures that come
     later by less than this are still used in their own period; the plan is made a period ahead, so that the waiting
     costs nothing while the step is done before the period's end."""
-    delay_steps: Annotated[NonNegative[int], PERIODS] = 0
+    delay_steps: Annotated[NonNegative[int], PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
-    command_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: half the full
-    range, three times what the training waveform does at full amplitude."""
+    command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
+    """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: three times what
+    the training waveform does at full amplitude."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -181,10 +204,10 @@ class EcuConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleConfig(Settings):
+class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """The simulated vehicle."""
 
-    actuator_delay: Annotated[NonNegative[int], PERIODS] = 0
+    actuator_delay: Annotated[NonNegative[int], PERIODS, paper("appendix B", "the case without delay")] = 0
     """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller assumes."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jets' action in one period that their driver makes, in U_inf W, shutting apart: the same as

@@ -9,6 +9,7 @@ import typer
 
 from contract.config.listing import Section, Setting, as_toml, sections, shown
 from contract.config.loading import PAPER, Loaded, load
+from contract.config.sources import Source
 from contract.errors import ConfigError
 from stillwake.terminal import ConfigFile, Overrides, console
 
@@ -27,9 +28,9 @@ def config(
 ) -> None:
     """Show the settings: values, units, and where each value comes from.
 
-    Sources: "paper" is a default, "release" a setting of the shipped release, "file" the file of --config, and "--set"
-    the command line. The same --config and --set give the same settings to every other command but
-    `export`, which begins with its model's own.
+    The last column says from where: the "default", the shipped "release", the "file" of --config, or the command line's
+    "--set". With a prefix, the default's own source is given too. The same --config and --set give the same settings to
+    every other command but `export`, which begins with its model's own.
     """
     loaded = load(config_file, overrides)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)
@@ -60,7 +61,7 @@ def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tup
 
 
 def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
-    """Lines of text, the columns as wide as their content; bounds and meanings stand below if asked for."""
+    """Lines of text, the columns as wide as their content; bounds, meaning and default's source below if asked for."""
     rows = [cells(one, loaded) for section in listed for one in section.settings]
     widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
     yield _line(HEAD, widths)
@@ -72,9 +73,11 @@ def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterat
             yield _line(cells(one, loaded), widths)
             if explain:
                 bounds = f"Must be {_bounds(one)}." if one.bounds else ""
-                yield from wrap(
-                    f"{bounds} {one.meaning}".strip(), WIDTH, initial_indent="    ", subsequent_indent="    "
-                )
+                text = f"{bounds} {one.meaning}".strip()
+                for part in filter(None, (text, _origin(one.source))):
+                    yield from wrap(
+                        part, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
+                    )
 
 
 def cells(one: Setting, loaded: Loaded) -> tuple[str, ...]:
@@ -88,7 +91,7 @@ def source(one: Setting, loaded: Loaded) -> str:
         return "--set"
     if one.name in loaded.in_file:
         return "file"
-    return "release" if one.is_changed else "paper"
+    return "release" if one.is_changed else "default"
 
 
 def _is_kept(one: Setting, prefix: str, only_changed: bool) -> bool:
@@ -97,6 +100,13 @@ def _is_kept(one: Setting, prefix: str, only_changed: bool) -> bool:
 
 def _bounds(one: Setting) -> str:
     return f"one of {one.bounds}" if isinstance(one.paper, str) else one.bounds
+
+
+def _origin(source: Source) -> str:
+    """A sentence on where a default comes from."""
+    note = f": {source.note}" if source.note else ""
+    page = f" (docs/{source.page})" if source.page else ""
+    return f"Default ({source.name}){note}{page}."
 
 
 def _line(row: Sequence[str], widths: Sequence[int]) -> str:

@@ -22,9 +22,10 @@ def test_every_setting_has_a_line():
     assert sorted(lines) == sorted(leaves("", to_tree(load_config())))
 
 
-def test_a_line_has_default_release_unit_bounds_and_meaning():
+def test_a_line_has_default_release_unit_bounds_source_and_meaning():
     rows = [line for line in settings.page().splitlines() if line.startswith("| `")]
     lines = {row.split("`")[1]: [cell.strip() for cell in row.split(" | ")] for row in rows}
-    assert lines["train.epochs"][1:5] == ["300", "40", "passes", "positive"]
+    assert lines["train.epochs"][1:6] == ["300", "40", "passes", "positive", "paper, section 2.2.4"]
     assert lines["train.selection"][4] == "shap, qr, greedy, random, hand"
-    assert lines["bus.e2e.window"][5] == "Latest checks that are judged together. |"
+    assert lines["bus.e2e.window"][6] == "Latest checks that are judged together. |"
+    assert lines["flow.refinement"][5] == "ours: [the grid of the mesh study](../explanation/mesh-study.md)"

@@ -13,7 +13,7 @@ from contract.config.tree import Config
 
 def rows(text: str) -> dict[str, list[str]]:
     """The words of each setting's line, by its name."""
-    lines = (line.split() for line in text.splitlines())
+    lines = (line.split() for line in text.splitlines() if not line.startswith(" "))
     return {words[0]: words[1:] for words in lines if words and "." in words[0] and not words[0].startswith("[")}
 
 
@@ -40,15 +40,17 @@ def test_a_value_comes_with_its_unit_and_its_source(cli, tmp_path):
     found = rows(outcome.out)
     assert found["ecu.hold_periods"] == ["2", "1", "periods", "file"]
     assert found["ecu.compute_time_ms"] == ["4.5", "8", "ms", "--set"]
-    assert found["ecu.decay_periods"] == ["2", "periods", "paper"]
+    assert found["ecu.decay_periods"] == ["2", "periods", "default"]
     assert found["mpc.weights.lift"] == ["0.1", "0.01", "release"]
-    assert found["flow.control_period"] == ["0.2", "t_c", "paper"]
+    assert found["flow.control_period"] == ["0.2", "t_c", "default"]
 
 
 def test_a_prefix_selects_and_explains(cli):
     outcome = cli("config", "bus.e2e")
     assert set(rows(outcome.out)) == {"bus.e2e.max_delta", "bus.e2e.window", "bus.e2e.min_ok", "bus.e2e.max_errors"}
     assert "Must be at least 1. Latest checks that are judged together." in outcome.out
+    assert "Default (ours): AUTOSAR E2E leaves these numbers to the project" in outcome.out
+    assert "Default (paper, section 2.4)." in cli("config", "mpc.horizon").out
 
 
 def test_an_unknown_prefix_is_refused(cli):
