@@ -14,9 +14,17 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     bias: {label: 'Bias', help: 'Of the biased sensor.'},
     loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY flash up; FAULT when too many are lost.'},
     delay_ms: {label: 'Late jet commands', help: 'Watch the drag rise; what comes too late shuts the jets.'},
-    babble: {label: 'Babbling node', help: 'It fills the bus at the highest priority. Watch the load, and the ECU’s FAULT.'},
-    controller: {label: 'Controller', help: 'The same release on another machine; “off” cuts the ECU’s supply. Watch the time of a step.'},
+    babble: {
+      label: 'Babbling node',
+      help: 'It fills the bus at the highest priority. Watch the load, and the ECU’s FAULT.',
+    },
+    controller: {
+      label: 'Controller',
+      help: 'The same release on another machine; “off” cuts the ECU’s supply. Watch the time of a step.',
+    },
   };
+  const GOAL =
+    'What the controller minimises. More weight on side force costs drag; more on jet effort spares the jets.';
   const WEIGHTS = {
     drag_mean: 'Mean drag',
     drag_fluctuation: 'Drag swings',
@@ -39,9 +47,24 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.weights = new Map();
       const sensors = [{name: '', label: 'none'}, ...hello.used.map((name) => ({name, label: name}))];
       element.replaceChildren(
-        this.group('Vehicle', this.switch('enable'), this.choice('plant', hello.plants), this.buttons(['restart', 'Restart the plant'])),
-        this.group('ECU', this.choice('controller', hello.controllers), this.buttons(['power_cycle', 'Power cycle the ECU'])),
-        this.group('Sensors', this.slider('noise'), this.choice('dead', sensors), this.choice('biased', sensors), this.slider('bias')),
+        this.group(
+          'Vehicle',
+          this.switch('enable'),
+          this.choice('plant', hello.plants),
+          this.button('restart', 'Restart the plant', 'From its start, with the settings as they are.'),
+        ),
+        this.group(
+          'ECU',
+          this.choice('controller', hello.controllers),
+          this.button('power_cycle', 'Power cycle the ECU', 'Watch it boot, and wait for a new request in STANDBY.'),
+        ),
+        this.group(
+          'Sensors',
+          this.slider('noise'),
+          this.choice('dead', sensors),
+          this.choice('biased', sensors),
+          this.slider('bias'),
+        ),
         this.group('Bus', this.slider('loss'), this.slider('delay_ms'), this.switch('babble')),
         this.goal(),
       );
@@ -92,12 +115,10 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return field.element;
     }
 
-    buttons(...list) {
-      return make('p', {class: 'buttons'}, ...list.map(([request, label]) => {
-        const button = make('button', {type: 'button', 'data-request': request}, label);
-        button.addEventListener('click', () => this.ask({[request]: true}));
-        return button;
-      }));
+    button(request, label, help) {
+      const button = make('button', {type: 'button', 'data-request': request}, label);
+      button.addEventListener('click', () => this.ask({[request]: true}));
+      return make('div', {class: 'act'}, button, make('p', {class: 'note'}, help));
     }
 
     /** Weights of the cost, a calibration of the release. */
@@ -118,9 +139,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.own.addEventListener('click', () => this.ask({set: {weights: null}}));
       return this.group(
         'Goal',
-        make('p', {class: 'note'}, 'What the controller minimises. More weight on side force costs drag; more on jet effort spares the jets.'),
+        make('p', {class: 'note'}, GOAL),
         make('div', {class: 'weights'}, ...fields),
-        make('p', {class: 'buttons'}, this.own),
+        make('div', {class: 'act'}, this.own),
       );
     }
   };

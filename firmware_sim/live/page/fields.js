@@ -10,7 +10,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const block = (kind, {label, help}, control, ...more) => {
     control.id = `field-${(count += 1)}`;
     const lines = [make('label', {for: control.id}, label)];
-    const element = make('div', {class: `field ${kind}`}, ...(kind === 'switch' ? [control, ...lines] : [...lines, ...more, control]));
+    const parts = kind === 'switch' ? [control, ...lines] : [...lines, ...more, control];
+    const element = make('div', {class: `field ${kind}`}, ...parts);
     if (help) {
       const note = make('p', {class: 'note', id: `${control.id}-help`}, help);
       control.setAttribute('aria-describedby', note.id);
@@ -37,7 +38,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     constructor(words, choices, set) {
       this.input = make('select', {name: words.name});
       for (const {name, label, missing} of choices) {
-        this.input.append(make('option', {value: name, disabled: Boolean(missing)}, missing ? `${label} (not here)` : label));
+        const text = missing ? `${label} (not here)` : label;
+        this.input.append(make('option', {value: name, disabled: Boolean(missing)}, text));
       }
       this.element = block('choice', words, this.input);
       const missing = choices.filter((choice) => choice.missing).map((choice) => `${choice.label}: ${choice.missing}`);

@@ -5,17 +5,23 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 (() => {
   const {make, say, format} = stillwake;
 
+  /** The drag in words; null where it is not known. */
+  const drag = (percent) => {
+    if (!format.is(percent)) return null;
+    const size = format.number(Math.abs(percent), 0);
+    if (size === '0') return 'Drag is as without control';
+    return `Drag is ${size} % ${percent > 0 ? 'below' : 'above'} the uncontrolled wake`;
+  };
+
   /** {kind, text}: the kind stays while only numbers change. */
   const sentence = (hello, now) => {
     const count = hello.used.length;
     const reason = stillwake.reasonOf(hello, now);
     const because = reason ? `: ${reason}` : '';
-    const percent = now.reduction_percent;
-    const less = format.is(percent)
-      ? `Drag is ${format.number(Math.abs(percent), 0)} % ${percent >= 0 ? 'below' : 'above'} the uncontrolled wake`
-      : null;
+    const less = drag(now.reduction_percent);
     if (!hello.answers_jets && now.state === 'ACTIVE') {
-      return {kind: 'recording', text: `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`};
+      const text = `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`;
+      return {kind: 'recording', text};
     }
     const withheld = now.given_up ? ' The vehicle has withdrawn its request: “Clear all” renews it.' : '';
     switch (now.state) {
@@ -27,12 +33,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         }
         return less
           ? {kind: 'control', text: `${less}; the ECU controls with ${count} sensors.`}
-          : {kind: 'begun', text: `The ECU controls with ${count} wall-pressure sensors; the wake begins to calm down.`};
+          : {kind: 'begun', text: `The ECU controls with ${count} wall-pressure sensors; the wake calms down.`};
       case 'HOLD':
       case 'DECAY':
         return {kind: 'missing', text: `Pressures are missing${because}. The ECU bridges a few periods.`};
       case 'FAULT':
         return {kind: `fault ${now.reason}`, text: `The ECU has shut the jets${because}.${withheld}`};
+      case 'STANDBY':
+        return {kind: 'standby', text: 'The ECU has started and waits for a new request: “Clear all” makes one.'};
       case 'WARMUP':
         return {kind: 'warmup', text: 'Control is requested; the ECU fills its window of past pressures.'};
       case 'OFF':

@@ -74,16 +74,23 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     begin(hello) {
       this.events.clear();
-      const scene = {...hello, empty: hello.raster.length ? 'waiting for the flow' : 'this plant has no picture of the flow'};
+      const empty = hello.raster.length ? 'waiting for the flow' : 'this plant has no picture of the flow';
+      const scene = {...hello, empty};
       if (this.wake) this.wake.show(scene);
       else this.wake = new stillwake.WakeView(at('wake'), scene);
       if (!this.curves || this.shaped !== `${hello.control_period} ${hello.action_limit}`) {
         this.shaped = `${hello.control_period} ${hello.action_limit}`;
-        this.curves = new stillwake.Curves(at('curves'), {action_limit: hello.action_limit, period: hello.control_period, height: innerWidth < 1700 ? 116 : 150});
+        this.curves = new stillwake.Curves(at('curves'), {
+          action_limit: hello.action_limit,
+          period: hello.control_period,
+          height: innerWidth < 1700 ? 116 : 150,
+        });
       }
       this.controls = new stillwake.Controls(at('controls'), hello, (request) => this.ask(request));
       const {name, digest, precision, signer} = hello.bundle;
-      say(at('about'), `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'}) on ${hello.plant}, Re = ${format.count(hello.reynolds)}. stillwake ${hello.version}.`);
+      const release = `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'})`;
+      const plant = `${hello.plant}, Re = ${format.count(hello.reynolds)}`;
+      say(at('about'), `${release} on ${plant}. stillwake ${hello.version}.`);
       this.follow({settings: hello.settings, query: this.query || ''});
       this.toolbar.openLink();
     }
@@ -113,7 +120,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.wake.state({action: this.last('action'), cp: now.cp, marks: this.marks(now), t: now.t});
       const ahead = (hello.horizon + hello.delay_steps + 1) * hello.control_period;
       this.curves.data(periods.columns.t ? periods.columns : {t: []});
-      this.curves.ahead({plan: now.plan, forecast: now.forecast, from_t: now.t + (now.plan_from - now.k) * hello.control_period});
+      const from_t = now.t + (now.plan_from - now.k) * hello.control_period;
+      this.curves.ahead({plan: now.plan, forecast: now.forecast, from_t});
       const from = Math.max(0, now.t - this.span);
       this.curves.window(from, Math.max(now.t, from + this.span) + ahead);
       this.curves.truth(now);
@@ -134,7 +142,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     tell(now) {
-      const speed = now.paused ? 'paused' : `${format.number(now.fps, 0)} periods/s, ${format.number(now.real_time, 2)} × real time`;
+      const pace = `${format.number(now.fps, 0)} periods/s, ${format.number(now.real_time, 2)} × real time`;
+      const speed = now.paused ? 'paused' : pace;
       say(at('connection'), 'connected');
       say(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(now.k), 0)}/s`);
       say(at('clock'), `t = ${format.number(now.t, 1)}`);
@@ -146,8 +155,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       action.tell(format.signed(this.last('action'), 3));
       if (performance.now() - this.spoken < SPEAK_MS) return;
       this.spoken = performance.now();
-      this.wake.describe(`Vorticity behind the truck at time ${format.number(now.t, 0)}. ${this.headline.text.textContent}`);
-      drag.describe(`Drag over time: now ${format.number(this.last('Cd'), 2)}, without control ${format.number(now.uncontrolled_Cd, 2)}`);
+      const [t, Cd, free] = [format.number(now.t, 0), this.last('Cd'), now.uncontrolled_Cd];
+      this.wake.describe(`Vorticity behind the truck at time ${t}. ${this.headline.text.textContent}`);
+      drag.describe(`Drag over time: now ${format.number(Cd, 2)}, without control ${format.number(free, 2)}`);
       pressure.describe(`Base pressure over time: now ${format.number(this.last('base_Cp'), 2)}`);
       action.describe(`Action of the jets over time: now ${format.signed(this.last('action'), 3)}`);
     }

@@ -41,6 +41,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   stillwake.unpackField = (buffer) => {
     const head = new DataView(buffer);
     const [width, height] = [head.getUint16(8, true), head.getUint16(10, true)];
-    return {k: head.getUint32(0, true), t: head.getFloat32(4, true), width, height, levels: new Int8Array(buffer, HEAD, width * height)};
+    const levels = new Int8Array(buffer, HEAD, width * height);
+    return {k: head.getUint32(0, true), t: head.getFloat32(4, true), width, height, levels};
   };
 })();

@@ -23,7 +23,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.page = page;
       this.link = location.hash.slice(1);
       at('clear').addEventListener('click', () => page.ask({clear: true}));
-      at('pause').addEventListener('click', () => page.ask({pause: at('pause').getAttribute('aria-pressed') !== 'true'}));
+      at('pause').addEventListener('click', () => {
+        page.ask({pause: at('pause').getAttribute('aria-pressed') !== 'true'});
+      });
       at('save').addEventListener('click', () => this.save());
       at('copy').addEventListener('click', () => this.copy());
       at('theme').addEventListener('click', () => this.turn());
@@ -50,7 +52,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       if (error) this.toast([`Not done: ${error}`], 'bad');
       else if (saved) {
         const zip = `saved/${encodeURIComponent(saved)}.zip${stillwake.tokenQuery()}`;
-        this.toast(['Saved the run as ', make('code', {}, saved), '. ', make('a', {href: zip, download: ''}, 'Download the folder')]);
+        const link = make('a', {href: zip, download: ''}, 'Download the folder');
+        this.toast(['Saved the run as ', make('code', {}, saved), '. ', link]);
       } else at('toast').hidden = true;
     }
 
@@ -77,7 +80,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     async copy() {
-      const link = `${location.origin}${location.pathname}${location.search}${this.page.query ? `#${this.page.query}` : ''}`;
+      const {origin, pathname, search} = location;
+      const link = `${origin}${pathname}${search}${this.page.query ? `#${this.page.query}` : ''}`;
       const warning = stillwake.tokenQuery() ? ' It has the token: who has the link can act on the loop.' : '';
       try {
         await navigator.clipboard.writeText(link);

@@ -13,8 +13,10 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.rows = new Map();
       this.body = make('tbody');
       const heads = HEADS.map((head, i) => make('th', {scope: 'col', class: WORDS.includes(i) ? 'word' : null}, head));
-      const table = make('table', {}, make('caption', {class: 'heard'}, 'Frames on the bus, by identifier'), make('thead', {}, make('tr', {}, ...heads)), this.body);
-      this.frame = make('div', {class: 'scrolls', tabindex: '0', role: 'region', 'aria-label': 'Table of the bus'}, table);
+      const caption = make('caption', {class: 'heard'}, 'Frames on the bus, by identifier');
+      const table = make('table', {}, caption, make('thead', {}, make('tr', {}, ...heads)), this.body);
+      const scrolls = {class: 'scrolls', tabindex: '0', role: 'region', 'aria-label': 'Table of the bus'};
+      this.frame = make('div', scrolls, table);
       this.load = make('p', {class: 'bus-load'});
       this.meter = make('meter', {min: 0, max: 1, high: 0.8, low: 0.6, optimum: 0.2, 'aria-label': 'Bus load'});
       this.percent = make('span');
@@ -37,12 +39,16 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.rows.delete(key);
       }
       this.meter.value = bus.load ?? 0;
-      say(this.percent, `${format.number(100 * (bus.load ?? NaN), 0)} %, error frames ${format.count(bus.error_frames)}`);
+      const load = format.number(100 * (bus.load ?? NaN), 0);
+      say(this.percent, `${load} %, error frames ${format.count(bus.error_frames)}`);
       say(this.nodes, (bus.nodes || []).map((node) => this.node(node)).join(' · '));
     }
 
     add(key) {
-      const cells = HEADS.map((_, i) => make(i === 1 ? 'th' : 'td', {class: WORDS.includes(i) ? 'word' : null, scope: i === 1 ? 'row' : null}));
+      const cells = HEADS.map((_, i) => {
+        const look = {class: WORDS.includes(i) ? 'word' : null};
+        return i === 1 ? make('th', {...look, scope: 'row'}) : make('td', look);
+      });
       this.body.append(make('tr', {}, ...cells));
       this.rows.set(key, cells);
       return cells;

@@ -82,11 +82,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
           mark.style.borderTopColor = `var(${item.colour})`;
           return make('span', {class: 'key'}, mark, item.label);
         });
-      return make('p', {class: 'chart-head'}, make('strong', {}, this.what.title), this.readout, make('span', {class: 'keys note'}, ...keys));
+      const title = make('strong', {}, this.what.title);
+      return make('p', {class: 'chart-head'}, title, this.readout, make('span', {class: 'keys note'}, ...keys));
     }
 
     options() {
-      const {series, height, sync, x} = this.what;
+      const {series, height, sync, x, digits} = this.what;
+      const times = (t) => format.short(t);
+      const levels = (y) => format.number(y, digits);
       const axis = {
         stroke: () => stillwake.colour('--dim'),
         font: FONT,
@@ -99,10 +102,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         padding: [6, 8, x ? 0 : 4, 0],
         legend: {show: false},
         cursor: {y: false, drag: {x: false, y: false}, points: {size: 6}, sync: sync ? {key: sync} : undefined},
-        scales: {x: {time: false, range: () => this.range}, y: {range: (_, least, greatest) => this.fit(least, greatest)}},
+        scales: {
+          x: {time: false, range: () => this.range},
+          y: {range: (_, least, greatest) => this.fit(least, greatest)},
+        },
         axes: [
-          {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks.map((t) => format.short(t)) : [])},
-          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map((y) => format.number(y, this.what.digits))},
+          {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks.map(times) : [])},
+          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map(levels)},
         ],
         series: [
           {},

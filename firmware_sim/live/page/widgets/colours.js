@@ -59,6 +59,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     });
   };
 
+  const inCss = (stops) => stops.map(([at, rgb]) => `#${rgb.toString(16).padStart(6, '0')} ${100 * at}%`).join(', ');
+
   const fieldOf = (stops) => {
     const bytes = new Uint8Array(4 * 256);
     for (let level = -128; level < 128; level += 1) {
@@ -73,7 +75,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   /** The same as CSS colours, for a legend. */
   stillwake.fieldGradient = () =>
-    (stillwake.isDark() ? NIGHT : DAY).map(([at, rgb]) => `#${rgb.toString(16).padStart(6, '0')} ${100 * at}%`).join(', ');
+    inCss(stillwake.isDark() ? NIGHT : DAY);
 
   /** Ends of the colours of wall Cp: the range of the sensors on the uncontrolled truck. */
   stillwake.PRESSURE_RANGE = [-0.9, 0.1];
@@ -81,5 +83,5 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     const [least, greatest] = stillwake.PRESSURE_RANGE;
     return `rgb(${between(PRESSURE, (cp - least) / (greatest - least)).join(' ')})`;
   };
-  stillwake.pressureGradient = () => PRESSURE.map(([at, rgb]) => `#${rgb.toString(16).padStart(6, '0')} ${100 * at}%`).join(', ');
+  stillwake.pressureGradient = () => inCss(PRESSURE);
 })();

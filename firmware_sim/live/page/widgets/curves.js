@@ -27,7 +27,10 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const common = {sync: `curves-${(stillwake.Curves.count = (stillwake.Curves.count || 0) + 1)}`, onPick, height};
       this.drag = new stillwake.Chart(places[0], {
         ...common, title: 'Drag Cd', x: false,
-        series: [{label: 'measured', colour: '--curve'}, {label: planned ? 'forecast' : '', colour: '--ahead', dash: [3, 3]}],
+        series: [
+          {label: 'measured', colour: '--curve'},
+          {label: planned ? 'forecast' : '', colour: '--ahead', dash: [3, 3]},
+        ],
       });
       this.pressure = new stillwake.Chart(places[1], {
         ...common, title: 'Base pressure Cp', x: false, height: Math.round(0.75 * height),
@@ -35,7 +38,10 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
       this.action = new stillwake.Chart(places[2], {
         ...common, title: 'Action / (U∞ W)', digits: 3, least: -1.25 * action_limit, greatest: 1.25 * action_limit,
-        series: [{label: 'of the jets', colour: '--blow'}, {label: planned ? 'planned' : '', colour: '--ahead', dash: [3, 3]}],
+        series: [
+          {label: 'of the jets', colour: '--blow'},
+          {label: planned ? 'planned' : '', colour: '--ahead', dash: [3, 3]},
+        ],
         lines: [{value: action_limit, label: 'bound'}, {value: -action_limit}],
       });
       this.charts = [this.drag, this.pressure, this.action];
@@ -54,7 +60,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     /** {uncontrolled_Cd}: mean without control, or null. */
     truth({uncontrolled_Cd}) {
       const known = format.is(uncontrolled_Cd);
-      this.drag.lines(known ? [{value: uncontrolled_Cd, label: `mean without control ${format.number(uncontrolled_Cd, 3)}`}] : []);
+      const label = `mean without control ${format.number(uncontrolled_Cd, 3)}`;
+      this.drag.lines(known ? [{value: uncontrolled_Cd, label}] : []);
     }
 
     /** {plan, forecast ([Cd, Cl] each), from_t: when the first one is reached}; null for none. */

@@ -16,7 +16,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.live = live;
       this.list = make('ol', {class: 'event-list'});
       this.none = make('p', {class: 'note'}, 'Nothing yet.');
-      this.frame = make('div', {class: 'event-frame', tabindex: '0', role: live ? 'log' : 'region', 'aria-label': 'Events, the latest first'}, this.list);
+      const role = live ? 'log' : 'region';
+      const frame = {class: 'event-frame', tabindex: '0', role, 'aria-label': 'Events, the latest first'};
+      this.frame = make('div', frame, this.list);
       element.replaceChildren(this.none, this.frame);
     }
 
@@ -40,9 +42,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     line({t, kind, text}) {
       const time = `${format.number(t, 1)}`;
-      const stamp = this.onPick ? make('button', {type: 'button', class: 'plain'}, time) : make('span', {class: 'time'}, time);
-      if (this.onPick) stamp.addEventListener('click', () => this.onPick(t));
-      return make('li', {'data-kind': kind}, stamp, make('span', {class: 'kind'}, KINDS[kind] || kind), make('span', {}, text));
+      const word = make('span', {class: 'kind'}, KINDS[kind] || kind);
+      if (!this.onPick) {
+        return make('li', {'data-kind': kind}, make('span', {class: 'time'}, time), word, make('span', {}, text));
+      }
+      const button = make('button', {type: 'button', class: 'plain'}, time);
+      button.addEventListener('click', () => this.onPick(t));
+      return make('li', {'data-kind': kind}, button, word, make('span', {}, text));
     }
   };
 })();

@@ -13,7 +13,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.values = Object.fromEntries(['p50', 'p99', 'max', 'over', 'jets'].map((name) => [name, make('dd')]));
       const terms = {p50: 'median', p99: '99 %', max: 'longest', over: 'over budget', jets: 'sample to jets'};
       const list = make('dl', {class: 'figures'});
-      for (const [name, value] of Object.entries(this.values)) list.append(make('div', {}, make('dt', {}, terms[name]), value));
+      for (const [name, value] of Object.entries(this.values)) {
+        list.append(make('div', {}, make('dt', {}, terms[name]), value));
+      }
       this.of = make('p', {class: 'note'});
       element.replaceChildren(make('div', {class: 'stage'}, this.canvas), list, this.of);
       this.canvas.style.height = `${HEIGHT}px`;
@@ -30,7 +32,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.latency = latency;
       const {p50, p99, max, over_budget: over, budget_ms: budget} = latency;
       const ms = (value) => (format.is(value) ? `${format.number(value, 2)} ms` : format.NONE);
-      const texts = {p50: ms(p50), p99: ms(p99), max: ms(max), over: format.count(over), jets: ms(latency.sample_to_jets_ms)};
+      const jets = ms(latency.sample_to_jets_ms);
+      const texts = {p50: ms(p50), p99: ms(p99), max: ms(max), over: format.count(over), jets};
       for (const [name, text] of Object.entries(texts)) say(this.values[name], text);
       const beyond = max > latency.edges.at(-1) ? '; the last bar: that or longer' : '';
       say(this.of, latency.of ? `${latency.of}; budget ${format.short(budget)} ms${beyond}` : '');
@@ -71,7 +74,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     describe() {
       const {p50, p99, budget_ms: budget} = this.latency;
-      const label = `Control step: median ${format.number(p50, 1)} ms, 99 % within ${format.number(p99, 1)} ms, budget ${format.short(budget)} ms`;
+      const [half, most, limit] = [format.number(p50, 1), format.number(p99, 1), format.short(budget)];
+      const label = `Control step: median ${half} ms, 99 % within ${most} ms, budget ${limit} ms`;
       if (this.canvas.getAttribute('aria-label') !== label) this.canvas.setAttribute('aria-label', label);
     }
   };

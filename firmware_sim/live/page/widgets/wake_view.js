@@ -85,10 +85,11 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     keys() {
       const limits = stillwake.PRESSURE_RANGE.map((value) => format.number(value, 1));
-      const jets = (kind, words) => make('span', {class: 'key'}, make('i', {class: kind, 'aria-hidden': 'true'}), words);
+      const key = (...parts) => make('span', {class: 'key'}, ...parts);
+      const jets = (kind, words) => key(make('i', {class: kind, 'aria-hidden': 'true'}), words);
       this.legend.replaceChildren(
-        make('span', {class: 'key'}, ...gradient(['vorticity: clockwise', 'counter-clockwise'], stillwake.fieldGradient())),
-        make('span', {class: 'key'}, ...gradient([`sensors: Cp ${limits[0]}`, limits[1]], stillwake.pressureGradient())),
+        key(...gradient(['vorticity: clockwise', 'counter-clockwise'], stillwake.fieldGradient())),
+        key(...gradient([`sensors: Cp ${limits[0]}`, limits[1]], stillwake.pressureGradient())),
         jets('blows', 'jet blows'),
         jets('sucks', 'jet sucks'),
       );
