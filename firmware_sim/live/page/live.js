@@ -117,7 +117,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       if (!hello || !now) return;
       this.headline.show(hello, now);
       this.states.show(now.state, stillwake.reasonOf(hello, now));
-      this.wake.state({action: this.last('action'), cp: now.cp, marks: this.marks(now), t: now.t});
+      this.wake.state({action: this.last('action'), cp: now.cp, read: now.read, marks: this.marks(now), t: now.t});
       const ahead = (hello.horizon + hello.delay_steps + 1) * hello.control_period;
       this.curves.data(periods.columns.t ? periods.columns : {t: []});
       const from_t = now.t + (now.plan_from - now.k) * hello.control_period;

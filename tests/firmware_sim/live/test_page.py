@@ -195,6 +195,12 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     assert live.page.locator("[data-setting=loss]").input_value() == "0"
 
 
+def test_a_dead_sensor_is_marked_where_it_sits_and_reads_nothing(live):
+    live.page.locator("[data-setting=dead]").select_option(NAMES[2])
+    wait_for(live, f".event-list >> text={NAMES[2]} is dead")
+    wait_for(live, f'#wake .sensors li:has-text("{NAMES[2]}") >> text=dead, reads 0.00')
+
+
 def test_a_power_cycle_and_a_restart_are_seen(live):
     live.page.locator("[data-request=power_cycle]").click()
     wait_for(live, ".event-list >> text=to BOOT")

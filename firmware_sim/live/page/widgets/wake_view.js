@@ -44,7 +44,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const end = Math.max(...scene.body.map(([x]) => x));
       this.scene = {...scene, view: scene.view.length ? scene.view : [end - 3, end + 9, -2.25, 2.25]};
       this.levels = null;
-      this.now = {action: null, cp: null, marks: {}, t: null};
+      this.now = {action: null, cp: null, read: null, marks: {}, t: null};
       this.places = new Map(scene.sensors.map((sensor, i) => [sensor.name, i]));
       this.rows = scene.used.map((name) => {
         const [dot, value, mark] = ['dot', 'value', 'mark'].map((kind) => make('span', {class: kind}));
@@ -72,7 +72,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request();
     }
 
-    /** What the vehicle and its sensors do: action, cp of all sensors, marks by sensor name, t. */
+    /** What the vehicle and its sensors do: action, cp of all sensors, read by the used ones, marks by name, t. */
     state(now) {
       Object.assign(this.now, now);
       this.request();
@@ -253,13 +253,19 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.textBaseline = 'alphabetic';
     }
 
+    /** What the transducer of a used sensor says, where it is not what it should. */
+    misread(i, cp) {
+      const read = this.now.read ? this.now.read[i] : null;
+      return format.is(read) && format.is(cp) && Math.abs(read - cp) > 0.005 ? `reads ${format.number(read)}` : '';
+    }
+
     tell() {
-      for (const {name, dot, value, mark} of this.rows) {
+      for (const [i, {name, dot, value, mark}] of this.rows.entries()) {
         const cp = this.now.cp ? this.now.cp[this.places.get(name)] : null;
         const colour = format.is(cp) ? stillwake.pressureColour(cp) : '';
         if (dot.style.background !== colour) dot.style.background = colour;
         say(value, format.number(cp, 2));
-        say(mark, this.now.marks[name] || '');
+        say(mark, [this.now.marks[name], this.misread(i, cp)].filter(Boolean).join(', '));
       }
     }
   };
