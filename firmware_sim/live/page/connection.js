@@ -6,6 +6,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   // An ECU in C takes a minute to be made. A connection that ends answers at once.
   const [SHORTEST_MS, LONGEST_MS, ANSWER_MS] = [500, 8000, 300000];
 
+  const OPEN_MS = 10000;
+  const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
   /** The address of a channel beside this page, with the page's token. */
   stillwake.channelUrl = (name) => {
     const url = new URL(name, location.href);
@@ -57,15 +60,19 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     constructor(url) {
       this.next = 1;
       this.waiting = new Map();
+      /** Resolves when requests can be asked for the first time. */
+      this.opened = new Promise((resolve) => (this.isOpen = resolve));
       this.channel = new stillwake.Channel(url, (what, data) => {
+        if (what === 'open') this.isOpen();
         if (what === 'message') this.answered(JSON.parse(data));
         if (what === 'closed') this.failAll('the server has closed the connection');
       });
     }
 
-    /** Resolves to the answer; an answer with `error` where there is none. */
-    ask(request) {
-      if (!this.channel.ready) return Promise.resolve({error: 'not connected to the loop'});
+    /** Resolves to the answer; an answer with `error` where there is none. A page that has just come waits a little. */
+    async ask(request) {
+      if (!this.channel.ready) await Promise.race([this.opened, pause(OPEN_MS)]);
+      if (!this.channel.ready) return {error: 'not connected to the loop'};
       const id = this.next;
       this.next += 1;
       return new Promise((resolve) => {

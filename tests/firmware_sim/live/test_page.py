@@ -198,6 +198,8 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
 def test_a_dead_sensor_is_marked_where_it_sits_and_reads_nothing(live):
     live.page.locator("[data-setting=dead]").select_option(NAMES[2])
     wait_for(live, f".event-list >> text={NAMES[2]} is dead")
+    # What is out of sight is not drawn.
+    live.page.locator("#wake").scroll_into_view_if_needed()
     wait_for(live, f'#wake .sensors li:has-text("{NAMES[2]}") >> text=dead, reads 0.00')
 
 
@@ -242,6 +244,7 @@ def test_a_link_gives_another_viewer_the_same_settings_once(live, opened):
     live.page.locator('body[data-settings*="effort=2.5"]').wait_for()
     settings = live.page.evaluate("stillwake.page.settings")
     live.page.locator("#copy").click()
+    wait_for(live, "#link")
     link = live.page.locator("#link").input_value()
     live.page.locator("#toast-done").click()
     ask(live, clear=True)
