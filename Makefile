@@ -107,7 +107,7 @@ full: test
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json
-	$(BIN)/stillwake export data/stillwake_data/model runs/long --set mpc.iterations=15 --overwrite
+	$(BIN)/stillwake export data/stillwake_data/model runs/long --set mpc.iterations=15 --precision float32 --overwrite
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --bundle runs/long --json results/limit_iterations.json
 	$(BIN)/python -m benchmarks controller --json results/controller.json
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 --iterations 5 \

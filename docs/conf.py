@@ -55,7 +55,7 @@ if has_gallery():
         # Every script runs when it has changed, and one that fails fails the build.
         "filename_pattern": r"\.py$",
         "abort_on_example_error": True,
-        "within_subsection_order": "FileNameSortKey",
+        "within_subsection_order": "docs.site.pages.place_in_gallery",
         "notebook_extensions": set(),
         "download_all_examples": False,
         "write_computation_times": False,

@@ -104,6 +104,15 @@ def has_gallery() -> bool:
     return any((ROOT / "examples" / "gallery").glob("*.py"))
 
 
+STORIES: Final = ("recording_to_sensors.py", "fault_in_the_loop.py", "bundle_to_cortex_m7.py")
+"""Of the gallery, in the order in which they are told."""
+
+
+def place_in_gallery(name: str) -> tuple[int, str]:
+    """Sorts the scripts of the gallery; one that is not in `STORIES` comes after them."""
+    return (STORIES.index(name) if name in STORIES else len(STORIES), name)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Write the pages as soon as the configuration is read."""
     app.connect("config-inited", _write)

@@ -113,10 +113,6 @@ CANNOT: Final = (
     Cannot(form=r"make .*", why="sets up an environment, and each target calls what other lines call"),
     Cannot(form=r"pip install .*|\. \.venv/bin/activate", why="an environment of the reader's, from a package index"),
     Cannot(form=r"sudo .*|printf .* \| sudo .*|journalctl .*", why="needs root, and systemd"),
-    Cannot(
-        form=r"stillwake export data/stillwake_data/model runs/long --set mpc\.iterations=15",
-        why="refused: int8 misses its gate with 15 iterations of the shipped model, 0.0016 where 0.001 is allowed",
-    ),
     Cannot(form=r"ssh .*", why="needs another computer"),
     Cannot(form=r"(cantools monitor|python -m can\.(logger|player)) .*socketcan.*", why="needs a CAN interface"),
     Cannot(form=r"cantools decode .*", why="another project's command"),

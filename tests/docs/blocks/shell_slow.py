@@ -63,8 +63,7 @@ SLOW: Final = (
         form=r"stillwake train .*",
         # A shell puts in the names that a script prints.
         shortened=(*REMOVED, (r"--quick", ""), (r"\$\(.*\)", "upper_39,lower_39,base_0,base_9")),
-        # The tour shows two ways to one model.
-        added=f"{NETWORKS} --overwrite",
+        added=NETWORKS,
         slow=True,
         instead=("model", 2),
         # Export refuses what was trained for seconds.
