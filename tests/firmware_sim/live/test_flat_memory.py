@@ -6,6 +6,7 @@ import numpy as np
 
 from contract.recording.episode import Episode
 from contract.sensors import TRUCK
+from firmware_sim.live import event_log
 from tests.firmware_sim.bench.harness import NAMES
 from tests.firmware_sim.live.harness import CONFIG, Live
 from wake.plant import LoopPlant
@@ -50,7 +51,7 @@ def clicks(live: Live) -> None:
 
 def test_rounds_of_clicks_leave_what_one_left(tmp_path, monkeypatch):
     """Counted in objects: tracing the memory itself takes a minute."""
-    monkeypatch.setattr("firmware_sim.live.event_log.KEPT", 10)
+    monkeypatch.setattr(event_log, "KEPT", 10)
     live = Live(tmp_path, wake=recording, kept=KEPT)
     counts = []
     for rounds in (2, 3):

@@ -19,6 +19,7 @@ from tornado.testing import bind_unused_port
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
+from firmware_sim.live.serving import handlers
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import LONGEST_REQUEST
 from firmware_sim.live.serving.handlers import SEND_BUFFER, TRY_AGAIN_LATER
@@ -179,7 +180,7 @@ def test_no_other_page_can_use_the_sockets_of_this_machine(tmp_path, path):
 
 
 def test_only_so_many_can_look(tmp_path, monkeypatch):
-    monkeypatch.setattr("firmware_sim.live.serving.handlers.MOST_VIEWERS", 2)
+    monkeypatch.setattr(handlers, "MOST_VIEWERS", 2)
 
     async def look() -> None:
         async with placed(tmp_path) as place:
