@@ -13,6 +13,7 @@ from can_bridge.wire.frame import Frame
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
+from firmware_sim.live import saving
 from firmware_sim.live.requests import ACTIONS
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
@@ -27,7 +28,7 @@ from tests.firmware_sim.live.harness import CONFIG, ENABLE_AFTER, Live
 def live(tmp_path, monkeypatch) -> Live:
     """Its saved runs have no pictures and no report, which take seconds."""
     for name in ("draw", "write_report"):
-        monkeypatch.setattr(f"firmware_sim.live.saving.{name}", lambda *arguments: None)
+        monkeypatch.setattr(saving, name, lambda *arguments: None)
     return Live(tmp_path)
 
 

@@ -2,6 +2,7 @@
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.metadata import InjectedFault
+from firmware_sim.runs.replay import events as listing
 from firmware_sim.runs.replay.disturbed import disturbed
 from firmware_sim.runs.replay.events import MOST, events
 
@@ -43,7 +44,7 @@ def test_a_disturbance_at_no_time_begins_with_the_run(shedding):
 
 
 def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):
-    monkeypatch.setattr("firmware_sim.runs.replay.events.MOST", 10)
+    monkeypatch.setattr(listing, "MOST", 10)
     found = events(shedding(modes=dict.fromkeys(range(1, 99, 2), Mode.HOLD)))
     assert len(found) == 10 < MOST
     # 1 request, and OFF, CONTROL, then 49 times HOLD and back.
