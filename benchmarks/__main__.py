@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from contract.errors import StillwakeError
-from stillwake.endings import status_of
-from stillwake.stopping import ends_like_ctrl_c
+from stillwake.console.endings import status_of
+from stillwake.console.stopping import ends_like_ctrl_c
 
 
 @dataclass(frozen=True)

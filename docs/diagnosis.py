@@ -12,14 +12,15 @@ from typing import Final
 from can_bridge.calibration import xcp
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
 from can_bridge.uds.access_key import ANSWER_LENGTH, SEED_LENGTH
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.security import DELAY_NS, MAX_ATTEMPTS
 from can_bridge.uds.server import MAX_DIDS
-from can_bridge.uds.services import Did, Level, Nrc, Routine, Service, Session
-from contract.calibration import PACKED_BYTES
+from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from contract.controller.calibration import PACKED_BYTES
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "diagnosis.md"

@@ -24,8 +24,8 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from contract.errors import StillwakeError
 from contract.release import bundle
+from contract.shipped import BUNDLE
 from docs.release_pictures import PROVENANCE, sha256
-from stillwake.shipped import BUNDLE
 
 DOCS: Final = Path(__file__).resolve().parent
 WIDE: Final = (1440, 1180)

@@ -4,7 +4,7 @@ Commands import the rooms where they need them, so that `run` on a vehicle needs
 compiler, and a missing extra is one clear line.
 """
 
-from stillwake import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)
+from stillwake.console import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)
 
 # isort: split
 
@@ -18,15 +18,15 @@ import typer
 
 from stillwake.commands.bench import bench
 from stillwake.commands.bundle import bundle
-from stillwake.commands.calibrate import calibrate
 from stillwake.commands.campaign import campaign
 from stillwake.commands.can import can
 from stillwake.commands.config import config
 from stillwake.commands.dataset import dataset
+from stillwake.commands.diagnosis.calibrate import calibrate
+from stillwake.commands.diagnosis.flash import flash
+from stillwake.commands.diagnosis.flash_keys import flash_keys
 from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
-from stillwake.commands.flash import flash
-from stillwake.commands.flash_keys import flash_keys
 from stillwake.commands.identify import identify
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
@@ -35,9 +35,9 @@ from stillwake.commands.run import report, run
 from stillwake.commands.train import train
 from stillwake.commands.tune import tune
 from stillwake.commands.vehicle import vehicle
-from stillwake.endings import status_of
-from stillwake.stopping import ends_like_ctrl_c
-from stillwake.terminal import console
+from stillwake.console.endings import status_of
+from stillwake.console.stopping import ends_like_ctrl_c
+from stillwake.console.terminal import console
 
 EPILOG: Final = (
     "Lengths are in W, the body's width; times in t_c = W / U_inf, the time in which the air passes one width. Cd and "

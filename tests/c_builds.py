@@ -15,12 +15,12 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from contract.controller import compiler as compilers
+from firmware_sim.in_c import compiler as compilers
 
 MODULES = (
-    "contract.controller.compiler",
-    "contract.controller.host_library",
-    "firmware_sim.ecu.c_ecu",
+    "firmware_sim.in_c.compiler",
+    "firmware_sim.in_c.host_library",
+    "firmware_sim.in_c.c_ecu",
     "firmware_sim.mcu.build",
 )
 """Where `compile_c` is called by its name."""
@@ -44,7 +44,7 @@ class SharedBuilds:
     def compile_c(
         self, contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]
     ) -> None:
-        """As `contract.controller.compiler.compile_c`."""
+        """As `firmware_sim.in_c.compiler.compile_c`."""
         built = self._folder / _key(contents, compiler, flags)
         with FileLock(f"{built}.lock"):
             if not built.exists():

@@ -87,7 +87,7 @@ def short_release(tmp_path_factory) -> Path:
 
 
 def _random_release(path: Path, window: int) -> Path:
-    from contract.model_folder import Provenance
+    from contract.model.model_folder import Provenance
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
     from export.program.random_program import random_program, random_windows

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from contract.body_sensors import layout_of
 from contract.config.body import BodyConfig
+from contract.config.body_sensors import layout_of
 from contract.config.loading import load_config
 from contract.recording.dataset import UNITS, Dataset, Episode, read, write
 from wake.truck.truck_wake import TruckWake

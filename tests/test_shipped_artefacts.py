@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from contract import model_folder
 from contract.config.loading import load_config
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.release import bundle, signing
 

@@ -1,4 +1,4 @@
-"""A trained model as networks: kept in a model folder (`contract.model_folder`) and rebuilt from one."""
+"""A trained model as networks: kept in a model folder (`contract.model.model_folder`) and rebuilt from one."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,15 +8,15 @@ import dacite
 import torch
 from torch import nn
 
-from contract import model_folder
 from contract.config.tree import Config
 from contract.errors import ModelError
-from contract.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
+from contract.model import model_folder
+from contract.model.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from train.evaluate import ModelMetrics
-from train.model import Encoder, Predictor, WakeModel
+from train.distillation.evaluate import ModelMetrics
+from train.networks.model import Encoder, Predictor, WakeModel
 from train.selection.choice import SensorChoice
 
 
@@ -30,7 +30,7 @@ class TrainedModel:
         predictor: narrower dynamics and decoder for the vehicle; None where the teacher's serve there.
         sensors: names, in the order of the slim encoder's inputs.
         scaling: of all pressures, the action and the forces.
-        dataset_sha256, versions: as in `contract.model_folder.Description`.
+        dataset_sha256, versions: as in `contract.model.model_folder.Description`.
         metrics: on the test episodes.
         ranking: how the sensors were chosen.
         layout: of all sensors, in the order of the scaling and of the teacher's inputs.
@@ -77,7 +77,7 @@ def load(path: Path) -> TrainedModel:
     """Read and verify a model folder.
 
     Raises:
-        ModelError: if the folder is not sound (`contract.model_folder.read`), or the weights are not those of the
+        ModelError: if the folder is not sound (`contract.model.model_folder.read`), or the weights are not those of the
             networks that the description configures; the message names it.
     """
     folder = model_folder.read(path)

@@ -10,30 +10,31 @@ from typing import Final
 
 import torch
 
-from contract import model_folder
 from contract.config.tree import Config
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.findings import findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
-from train import checkpoint, model_store, unfinished
-from train.distil import distil, encode_all
-from train.distil_predictor import distil_predictor
-from train.evaluate import evaluate_model
-from train.fit import Checkpoints, device_named, fit_joint
-from train.lessons import teach
-from train.model import Encoder
+from train import model_store
+from train.distillation.distil import distil, encode_all
+from train.distillation.distil_predictor import distil_predictor
+from train.distillation.evaluate import evaluate_model
+from train.distillation.lessons import teach
+from train.fitting import checkpoint, unfinished
+from train.fitting.fit import Checkpoints, device_named, fit_joint
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.threads import torch_threads
+from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
-from train.progress import Phase, Progress, silent
-from train.rows import Rows, prepare
-from train.scaling import fit_scaling
+from train.networks.model import Encoder
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import fit_scaling
 from train.selection.budget import check_count
 from train.selection.choice import GIVEN, SensorChoice
 from train.selection.hand_choice import select_by_hand
 from train.selection.methods import select
 from train.selection.ranking import Ranking
 from train.selection.shap_ranking import ShapRanker, rank
-from train.threads import torch_threads
-from train.unfinished import Identity
 
 THREADS: Final = "torch_threads"
 """Among a model's `versions`: how many threads torch had, or every number if it was continued with another one."""
@@ -59,7 +60,7 @@ def train_all(
     that is at `output` is replaced when the new one is whole.
 
     Args:
-        progress: called from every phase; see `train.progress.Progress`.
+        progress: called from every phase; see `train.fitting.progress.Progress`.
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.

@@ -18,7 +18,7 @@ from contract.controller.estimator import REACH, EstimatorNetwork, Hypotheses, v
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset, Episode
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
-from train.threads import torch_threads
+from train.fitting.threads import torch_threads
 
 WIDTHS: Final = (64, 64)
 """Of the hidden layers. With 192 the residuals are some percent smaller, and no microcontroller has room for it."""

@@ -7,20 +7,20 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from contract.body_sensors import layout_of
 from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from contract.ledger import LEDGER_FIELDS
 from wake.pictures.drawing import WakePicture
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 
 Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""What `info` holds of a `wake.truck.sample.Sample`: all but the pressures."""
+"""What `info` holds of a `wake.plant.sample.Sample`: all but the pressures."""
 
 
 class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -30,7 +30,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and stays
     truncated in every later step.
 
-    `info` holds at every step the drag ledger, by the names and in the units of `wake.truck.sample.Sample`: time,
+    `info` holds at every step the drag ledger, by the names and in the units of `wake.plant.sample.Sample`: time,
     wall force, slot force, jet momentum, jet power, their net, the wake probe and the action in force; and `clipped`,
     whether this step's action lay beyond the bound and was cut to it, with `clipped_count`, how often in this episode.
 

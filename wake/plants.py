@@ -8,7 +8,7 @@ from typing import Literal
 
 from contract.config.tree import Config
 from contract.errors import PlantError
-from wake.plant import LivePlant
+from wake.plant.protocol import LivePlant
 from wake.solver.grid import box_grid
 from wake.truck.regrid import SETTLE_TIME, moved
 from wake.truck.state import State, check_body, developed_state, develops, load_state, start_name

@@ -10,14 +10,14 @@ from contract.errors import PlantError
 from contract.ledger import LEDGER_FIELDS
 from contract.recording.episode import Episode
 from contract.sensor_layout import SensorLayout
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 _SAME_PERIOD: Final = 1e-6
 """t_c: rounding of the times in a recording."""
 
 
 class RecordedWake:
-    """A `wake.plant.LoopPlant` that does not answer.
+    """A `wake.plant.protocol.LoopPlant` that does not answer.
 
     After the last row comes the first one; all series jump then, and the time goes on. A force that was not recorded is
     NaN. The action is the jets' own, not the recorded one.
@@ -68,7 +68,7 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """See `wake.plant.Plant.advance_to`; the jets reach the action, and nothing comes of it.
+        """See `wake.plant.protocol.Plant.advance_to`; the jets reach the action, and nothing comes of it.
 
         Raises:
             PlantError: for a substep that is over, or of another period.

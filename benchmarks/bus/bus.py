@@ -15,7 +15,7 @@ from rich.table import Table
 from benchmarks.common.command_line import JsonFile, console, progress, save
 from contract.errors import ConfigError
 from contract.results import versions
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
 
 PARTS: Final[Mapping[str, str]] = {
     "codec": "messages written and read, beside cantools",

@@ -9,9 +9,9 @@ from typing import Final
 
 import can
 
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus
 from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
-from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.rejection import Rejection
 from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.secoc.key import KEY_LENGTH, Key

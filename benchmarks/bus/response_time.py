@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 
 from can_bridge.bus.simulated.attempt import INTERMISSION
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
-from can_bridge.bus.simulated.transmit_queue import Priority
+from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.timing.response_time import Response, nominal_bit_ns, response_times, timing, utilisation
-from can_bridge.timing.traffic import PeriodicMessage
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
+from can_bridge.wire.priority import Priority
 from contract.config.vehicle import BusConfig
 
 SETS: Final = 1000

@@ -26,7 +26,7 @@ from benchmarks.bus.garbage import garbage_datagram, garbage_line
 from benchmarks.bus.serial_wire import SerialWire
 from benchmarks.common.command_line import JsonFile, console, save
 from benchmarks.common.command_line import progress as progress_console
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check, E2eReceiver
 from can_bridge.e2e.sender import E2eSender
@@ -36,7 +36,7 @@ from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from contract.results import versions
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
 
 PATIENCE_S: Final = 30.0
 """For the other process to start, and to stop."""

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final, TypeVar
 import typer
 
 from contract.results import write_result
-from stillwake.terminal import make_console, progress_bar
-from wake.shipped import MODEL as SHIPPED
+from contract.shipped import MODEL as SHIPPED
+from stillwake.console.terminal import make_console, progress_bar
 
 T = TypeVar("T")
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
-from wake.shipped import RECORDING
+from contract.shipped import RECORDING
 
 
 def of_the_paper(episode: Episode) -> bool:

@@ -26,15 +26,14 @@ from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
 from benchmarks.controller.eager import EagerController
 from benchmarks.controller.floors import CoreLimits, Work, measure_core
 from benchmarks.controller.situations import choose_episode
-from contract import model_folder
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
-from contract.controller.compiler import OPTIMISED, compiler_version, host_compiler
-from contract.controller.host_library import CController
-from contract.controller.onnx_session import OnnxController
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.results import versions
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import RECORDING
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
@@ -44,7 +43,8 @@ from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
-from wake.shipped import RECORDING
+from firmware_sim.in_c.compiler import OPTIMISED, compiler_version, host_compiler
+from firmware_sim.in_c.host_library import CController
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5

@@ -19,9 +19,9 @@ from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Part
 from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
 from contract.errors import StillwakeError
-from contract.model_folder import DESCRIPTION
+from contract.model.model_folder import DESCRIPTION
 from contract.results import versions
-from wake.shipped import RECORDING
+from contract.shipped import RECORDING
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
 """Lowering and precision; the differences are to the first."""

@@ -21,16 +21,17 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
-from contract import model_folder
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.c_folder import Rows, read_recorded, read_sources
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.release.bundle import load as load_bundle
 from contract.results import versions
+from contract.shipped import BUNDLE, RECORDING
 from export.program.from_training import program_of
 from export.program.random_program import random_program, random_window
 from export.program.recorded_windows import recorded_windows
@@ -40,9 +41,7 @@ from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
 from firmware_sim.mcu.ecu_measure import measure_ecu
 from firmware_sim.mcu.instruction_spread import instruction_spread
 from firmware_sim.mcu.measure import measure
-from stillwake.c_release import library_folder
-from stillwake.shipped import BUNDLE
-from wake.shipped import RECORDING
+from stillwake.parts.c_release import library_folder
 
 # Dynamics' width, decoder's width, iterations, precision.
 CASES = (

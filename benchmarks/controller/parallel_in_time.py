@@ -26,12 +26,13 @@ from rich.table import Table
 
 from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, console, save, track
 from benchmarks.controller.situations import choose_episode, encode_windows, receding, snapshot_steps
-from contract import model_folder
 from contract.arrays import Array
 from contract.config.loading import load_config
-from contract.controller.onnx_session import OnnxController
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.results import versions
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import RECORDING
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
@@ -43,7 +44,6 @@ from export.to_onnx.control_step import build_controller
 from export.to_onnx.dynamics import Dynamics
 from export.to_onnx.graph_builder import Graph
 from export.to_onnx.weights import NormNames, store_for
-from wake.shipped import RECORDING
 
 SWEEPS: Final = 8
 TOLERANCE: Final = 1e-5

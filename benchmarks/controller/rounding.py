@@ -16,17 +16,17 @@ from rich.table import Table
 
 from benchmarks.common.command_line import Dataset, JsonFile, console, save
 from benchmarks.controller.situations import choose_episode
-from contract import model_folder
 from contract.config.loading import load_config
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.results import versions
+from contract.shipped import RECORDING
 from export.gates.quantisation import compare_quantised
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import rounded_to_nearest
 from export.program.from_training import program_of
 from export.program.recorded_windows import recorded_windows
 from export.release.pipeline import GATE_WINDOWS, calibration_windows
-from wake.shipped import RECORDING
 
 
 def main(

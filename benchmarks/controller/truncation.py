@@ -23,19 +23,19 @@ from rich.table import Table
 from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, console, save, track
 from benchmarks.controller.converged import EVALUATIONS, FALLING, Optimum, converged, valleys
 from benchmarks.controller.situations import LEAD, choose_episode, encode_windows, receding, snapshot_steps
-from contract import model_folder
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.loading import load_config
 from contract.errors import ExportError
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.dataset import Episode
 from contract.release import bundle as bundles
 from contract.results import versions
+from contract.shipped import RECORDING
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.reference.mpc import adam, plan_cost, shift
-from wake.shipped import RECORDING
 
 ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50)
 LEARNING_RATES: Final = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)

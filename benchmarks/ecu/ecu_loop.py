@@ -25,7 +25,6 @@ from benchmarks.common.command_line import JsonFile, Parts, console, progress, s
 from benchmarks.common.parts import part
 from contract.config.loading import load_config
 from contract.config.tree import Config
-from contract.controller.compiler import zig_compiler
 from contract.errors import McuError, StillwakeError
 from contract.release.bundle import Bundle
 from contract.results import versions
@@ -33,14 +32,15 @@ from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
 from firmware_sim.bench.lockstep import Lockstep
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.ecu.c_ecu import CEcu, ecu_sources
 from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import COMMON
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
-from stillwake.c_release import library_folder
-from stillwake.releases import open_release
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
+from stillwake.parts.c_release import library_folder
+from stillwake.parts.releases import open_release
 from wake.plants import open_plant
 
 ECUS: Final = (CORTEX_M7, C, "python")

@@ -2,11 +2,11 @@
 
 from contract.arrays import Array
 from contract.recording.episode import Episode
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 
 class ReplayedPlant:
-    """What the loop needs of a flow (`wake.plant.Plant`); the jets change nothing in it.
+    """What the loop needs of a flow (`wake.plant.protocol.Plant`); the jets change nothing in it.
 
     Args:
         episode: of the recording, at least two rows long.
@@ -33,7 +33,7 @@ class ReplayedPlant:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """See `wake.plant.Plant`: with an action, to the period's end."""
+        """See `wake.plant.protocol.Plant`: with an action, to the period's end."""
         del substep
         if action is not None:
             self._action = action

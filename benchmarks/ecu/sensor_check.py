@@ -34,12 +34,12 @@ from contract.recording import dataset
 from contract.release.bundle import Bundle
 from contract.results import versions
 from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Swapped, Zero
+from contract.shipped import RECORDING
 from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
 from firmware_sim.ecu.ecu import sensor_check_of
 from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
-from stillwake.releases import open_release
-from wake.shipped import RECORDING
+from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
 """Periods after a fault's begin in which it is to be found: ten shedding cycles."""

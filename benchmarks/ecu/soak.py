@@ -38,16 +38,16 @@ from can_bridge.wire.messages import Mode
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.interface import Controller
-from contract.controller.onnx_session import OnnxController
 from contract.errors import ConfigError
 from contract.recording.dataset import read
 from contract.release.bundle import Bundle
 from contract.results import versions
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import recording
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
-from stillwake.releases import open_release
-from wake.shipped import recording
+from stillwake.parts.releases import open_release
 
 EPISODE: Final = "chirp_0"
 """Of the shipped recording: 10,000 periods that no model was fitted to."""

@@ -5,8 +5,8 @@ from typing import Any, Final
 from benchmarks.flash import releases
 from can_bridge.bus.faults.loss import Drop
 from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.flash_backing import FlashBacking
-from can_bridge.flashing.simulated_flash import SimulatedFlash
+from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
+from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from can_bridge.flashing.store import Store
 from can_bridge.uds.access_key import AccessKey
 from contract.config.tree import Config

@@ -19,7 +19,7 @@ from benchmarks.flash.fuzz_witness import DELAY_NS, Witness
 from benchmarks.flash.quick_graphs import graphs_judged_once
 from can_bridge.uds.services import Nrc, Service
 from contract.results import versions
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
 
 MS: Final = 1_000_000
 NOISE: Final = (0.0, 0.02, 0.1, 0.4, 1.0)

@@ -15,7 +15,7 @@ from can_bridge.uds.programming import Programming
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc
-from contract.calibration import Calibration
+from contract.controller.calibration import Calibration
 from contract.errors import ConfigError
 from contract.release import signing
 from contract.release.bundle import Bundle

@@ -11,10 +11,11 @@ from typing import Final
 from benchmarks.flash.fuzz_ecu import KEY, FuzzedEcu
 from benchmarks.flash.fuzz_images import ROOT, Origin, pool
 from can_bridge.flashing import state
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.state import Phase, StoreState
-from can_bridge.uds.services import Level, Nrc, Session
+from can_bridge.uds.services import Nrc, Session
 from contract.errors import KeyFileError
 from contract.release import key_list, signing
 

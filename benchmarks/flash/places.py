@@ -10,10 +10,10 @@ from typing import Final, Protocol, Self
 
 from benchmarks.flash.lossy_files import LossyFiles
 from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.flash_backing import FlashBacking
+from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
+from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import PowerCut
-from can_bridge.flashing.simulated_flash import SimulatedFlash
 
 SECTORS: Final = 32
 SECTOR_SIZE: Final = 16 * 1024

@@ -13,7 +13,7 @@ from contract.release.bundle import Bundle
 from contract.release.container import read_files
 from contract.release.image import image_of
 from contract.release.key_list import KeyList
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 
 _ROOT_KEY: Final = Ed25519PrivateKey.from_private_bytes(b"root of the bench, secret to non")
 _RELEASE_KEY: Final = Ed25519PrivateKey.from_private_bytes(b"key of the bench, secret to none")

@@ -20,14 +20,15 @@ from rich.table import Table
 from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, save, track
 from benchmarks.common.commands import LOOP
 from benchmarks.common.parts import part
-from contract import model_folder
 from contract.config.controller import MpcConfig
 from contract.config.loading import load_config
 from contract.config.tree import Config
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.findings import trainable
 from contract.release import bundle as bundles
 from contract.results import versions
+from contract.shipped import RECORDING
 from export.release.pipeline import export_all
 from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
@@ -35,12 +36,11 @@ from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.starts import keep_states, starting_states
 from firmware_sim.runs.summary import summary
 from train import model_store
-from train.distil import encode_all
-from train.distil_predictor import distil_predictor
-from train.lessons import Lessons, teach
+from train.distillation.distil import encode_all
+from train.distillation.distil_predictor import distil_predictor
+from train.distillation.lessons import Lessons, teach
 from train.model_store import TrainedModel
-from train.rows import prepare
-from wake.shipped import RECORDING
+from train.samples.rows import prepare
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

@@ -20,13 +20,13 @@ from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
 from benchmarks.common.paper_data import paper_file
 from contract import sensors
-from contract.model_folder import DESCRIPTION
+from contract.model.model_folder import DESCRIPTION
 from contract.recording import dataset
 from contract.recording.dataset import Role
 from contract.results import versions
 from train import model_store
-from train.evaluate import evaluate
-from train.rows import prepare
+from train.distillation.evaluate import evaluate
+from train.samples.rows import prepare
 
 _COLUMNS: Final = ("steps", "chirp R2", "chirp h=25", "controlled R2", "controlled h=25", "Cd", "reduction_percent")
 

@@ -62,7 +62,7 @@ def training(results: Path) -> str:
     found = read(results / "training.json")["figures"]
     lines = [
         ("straightforward: every window read for itself by torch.nn.LSTM", found["straightforward_ms"]),
-        ("shared windows, own backward pass (`train.recurrence`)", found["shared_ms"]),
+        ("shared windows, own backward pass (`train.networks.recurrence`)", found["shared_ms"]),
         ("of it the LSTM", found["lstm_ms"]),
         ("arithmetic floor of the step", found["step_floor_ms"]),
         ("arithmetic floor of the LSTM", found["lstm_floor_ms"]),

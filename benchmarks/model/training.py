@@ -4,7 +4,8 @@
 
 Straightforward: every sample brings its k + 1 windows, `torch.nn.LSTM` reads each from its first row, autograd walks
 back. Ours: neighbouring samples are drawn together, so that windows are shared, rows are projected once, and the
-recurrence has its own backward pass (`train.recurrence`). Batch, networks and loss are the same; the losses agree.
+recurrence has its own backward pass (`train.networks.recurrence`). Batch, networks and loss are the same; the losses
+agree.
 The floor is the multiply-accumulates of our step at the speed of one large matrix product on the same thread.
 """
 
@@ -24,13 +25,13 @@ from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.recording import dataset
 from contract.results import versions
-from train.loss import joint_loss
-from train.model import Encoder, WakeModel
-from train.rows import Rows, prepare
-from train.sampler import SegmentSampler
-from train.scaling import fit_scaling
-from train.streaming import STRETCH
-from wake.shipped import RECORDING
+from contract.shipped import RECORDING
+from train.fitting.streaming import STRETCH
+from train.networks.loss import joint_loss
+from train.networks.model import Encoder, WakeModel
+from train.samples.rows import Rows, prepare
+from train.samples.sampler import SegmentSampler
+from train.samples.scaling import fit_scaling
 
 GEMM: Final = 1024
 """Size of the square product that sets the floor's speed."""

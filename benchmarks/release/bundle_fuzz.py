@@ -31,16 +31,16 @@ from benchmarks.release import damage
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import SETTINGS, Settings
-from contract.controller.onnx_session import OnnxController
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.bundle import CONTROLLER, Bundle
 from contract.release.manifest import MANIFEST, Manifest
 from contract.results import versions
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import BUNDLE
 from export.program.random_program import random_program
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
-from stillwake.shipped import BUNDLE
 
 KINDS: Final = {"zip": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
 """Shares of the cases."""

@@ -26,12 +26,12 @@ from benchmarks.release import release_drawings
 from contract.arrays import Array
 from contract.config.loading import load_config
 from contract.controller.interface import ControlStep, RunnableController
-from contract.controller.onnx_session import OnnxController
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
-from stillwake.releases import Trust, open_release
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
+from stillwake.parts.releases import Trust, open_release
 from wake.pictures.fields import TimeMean
 from wake.plants import open_plant
 from wake.solver.flow import Flow

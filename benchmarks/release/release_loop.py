@@ -22,12 +22,12 @@ from benchmarks.common.workers import process_pool
 from contract.config.loading import load_config
 from contract.release import bundle as bundles
 from contract.results import versions
+from contract.shipped import BUNDLE
 from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.starts import keep_states, phases_apart, starting_states
 from firmware_sim.runs.summary import summary
-from stillwake.shipped import BUNDLE
 from wake.truck.state import load_state
 from wake.truck.truck_wake import TruckWake
 

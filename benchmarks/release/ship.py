@@ -16,7 +16,7 @@ from typing import Final
 from benchmarks.common.commands import ROOT
 from contract.atomic import replacing
 from contract.errors import BundleError
-from contract.model_folder import DESCRIPTION, WEIGHTS, read
+from contract.model.model_folder import DESCRIPTION, WEIGHTS, read
 from contract.release import bundle as bundles
 from contract.release.signing import project_key
 

@@ -29,12 +29,11 @@ from benchmarks.roads.loop import (
 from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
 from contract.config.tree import Config
-from contract.controller.interface import Sizes
-from contract.controller.onnx_session import OnnxController
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import BUNDLE
 from firmware_sim.bench.spans import Spans
-from stillwake.shipped import BUNDLE
 from wake.truck.state import State
 
 TRIAL: Final = Spans(lead_in=10.0, controlled=40.0, settle=20.0)
@@ -143,7 +142,7 @@ def measure(road: str, setting: Setting) -> Row:
         controller = controller_of(formula, chosen, config, release)
         return through_can(bundle_for(formula, release), config, start, controller)
 
-    sizes = Sizes.of(bundle_for(formula, release).manifest)
+    sizes = bundle_for(formula, release).manifest.sizes
     (_, short), (_, long) = (spans.periods(config.flow.control_period) for spans in (TRIAL, SPANS))
     interactions = short * trials + (long * len(finals) if len(finals) > 1 else 0)
     if formula.own_sensors:

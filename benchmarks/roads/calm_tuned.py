@@ -18,21 +18,20 @@ from benchmarks.roads.calm_tuning import Tuning, tune
 from benchmarks.roads.loop import Setting, through_can
 from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
-from contract import model_folder
-from contract.body_sensors import layout_of
+from contract.config.body_sensors import layout_of
+from contract.model import model_folder
 from contract.recording.dataset import Episode, read
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
+from contract.shipped import BUNDLE, RECORDING
 from export.program.from_training import program_of
 from firmware_sim.ecu.bundle_policy import BundlePolicy
-from stillwake.settling import settle_into
-from stillwake.shipped import BUNDLE
+from stillwake.console.settling import settle_into
 from train import model_store
 from wake.recording.calm_plan import CalmRound
 from wake.recording.controlled_plan import ControlledRound
 from wake.recording.controlled_recording import record_round
 from wake.recording.feedback import NoFeedback
-from wake.shipped import RECORDING
 from wake.truck.state import State
 
 _BESIDE: Final = "training_3"

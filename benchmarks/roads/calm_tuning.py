@@ -1,8 +1,8 @@
 """The release's networks, tuned end to end on recordings that hold the steady wake.
 
 Encoder, dynamics and decoder of the vehicle learn together from the four sensors, on the joint loss of the training
-(`train.loss`), with what the training has not: every window weighs by 1 / (0.1 + mean |Cl| of the steps that are
-predicted from it), in deviations of Cl, so that small signals are heard beside shedding.
+(`train.networks.loss`), with what the training has not: every window weighs by 1 / (0.1 + mean |Cl| of the steps that
+are predicted from it), in deviations of Cl, so that small signals are heard beside shedding.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from contract.model_folder import SLIM, Tensors
+from contract.model.model_folder import SLIM, Tensors
 from contract.recording.dataset import Episode
-from train.loss import covariance_loss, variance_loss
-from train.model import WakeModel
 from train.model_store import TrainedModel
-from train.rows import prepare
-from train.sampler import Batch, SegmentSampler
+from train.networks.loss import covariance_loss, variance_loss
+from train.networks.model import WakeModel
+from train.samples.rows import prepare
+from train.samples.sampler import Batch, SegmentSampler
 
 SMALLEST: Final = 0.1
 """Deviations of Cl, below which windows weigh alike."""

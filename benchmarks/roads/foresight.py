@@ -25,12 +25,12 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.release import bundle as bundles
+from contract.shipped import BUNDLE
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.bundle_policy import BundlePolicy
-from stillwake.shipped import BUNDLE
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
+from wake.plant.sample import Sample
 from wake.recording.feedback import Policy
-from wake.truck.sample import Sample
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

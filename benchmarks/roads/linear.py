@@ -16,19 +16,17 @@ from benchmarks.roads.cost import median_step_ms
 from benchmarks.roads.loop import Setting, through_can
 from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
-from contract import linear_model_folder
-from contract.body_sensors import layout_of
-from contract.controller.interface import Sizes
-from contract.controller.onnx_session import OnnxController
+from contract.config.body_sensors import layout_of
+from contract.model import linear_model_folder
 from contract.release import bundle as bundles
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import BUNDLE, RECORDING
 from export.release.linear_pipeline import export_linear
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 from firmware_sim.mcu.measure import measure_folder
-from stillwake.shipped import BUNDLE
 from train.linear.pipeline import Design, Identification, identify_all
 from wake.recording.controlled_plan import ControlledRound
 from wake.recording.controlled_recording import record_round
-from wake.shipped import RECORDING
 from wake.truck.state import State
 
 UNDER_RELEASE: Final = "linear-under-release"
@@ -46,7 +44,7 @@ def measure(road: str, setting: Setting) -> Row:
     """Its row."""
     made = part(setting.folder / "identified.json", lambda: _made(road, setting))
     release = bundles.load(setting.folder / "bundle")
-    sizes = Sizes.of(release.manifest)
+    sizes = release.manifest.sizes
 
     def run(start: State) -> Outcome:
         return through_can(release, setting.config, start)

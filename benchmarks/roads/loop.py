@@ -21,8 +21,8 @@ from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.starts import keep_states, starting_states
+from wake.plant.sample import Sample
 from wake.solver.grid import box_grid
-from wake.truck.sample import Sample
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

@@ -9,15 +9,15 @@ from benchmarks.common.command_line import MODEL
 from benchmarks.roads.loop import Law, Setting, controller_law, plant_outcome
 from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
-from contract import model_folder
 from contract.arrays import Array
 from contract.controller.interface import ControlStep, Sizes
-from contract.model_folder import TEACHER
+from contract.model import model_folder
+from contract.model.model_folder import TEACHER
 from contract.release import bundle as bundles
+from contract.shipped import BUNDLE
 from export.program.controller_program import ControllerProgram
 from export.reference.mpc import control_step
-from stillwake.shipped import BUNDLE
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import State
 
 

@@ -17,7 +17,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.controller import MpcConfig
 from export.reference.cost import cost_terms
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import State
 
 Cost = Callable[[Array], float]

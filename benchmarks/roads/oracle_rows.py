@@ -18,10 +18,10 @@ from benchmarks.roads.row import Outcome, Row, outcome_of_series
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.release import bundle as bundles
+from contract.shipped import BUNDLE
 from firmware_sim.bench.spans import Spans
-from stillwake.shipped import BUNDLE
-from stillwake.terminal import progress_bar
-from wake.truck.sample import Sample
+from stillwake.console.terminal import progress_bar
+from wake.plant.sample import Sample
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

@@ -8,13 +8,11 @@ from benchmarks.common.parts import part
 from benchmarks.roads.cost import median_step_ms
 from benchmarks.roads.loop import SPANS, Setting
 from benchmarks.roads.row import Outcome, Row
-from contract.controller.interface import Sizes
-from contract.controller.onnx_session import OnnxController
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release import bundle as bundles
-from stillwake.shipped import BUNDLE
-from wake.shipped import RECORDING
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import BUNDLE, RECORDING
 from wake.solver.grid import box_grid
 
 LOOP: Final = ROOT / "results" / "release_loop.json"
@@ -23,7 +21,7 @@ LOOP: Final = ROOT / "results" / "release_loop.json"
 def measure(road: str, setting: Setting) -> Row:
     """Its row."""
     release = bundles.load(BUNDLE)
-    sizes = Sizes.of(release.manifest)
+    sizes = release.manifest.sizes
     return Row(
         road=road,
         title="release: MPC on a learned model",

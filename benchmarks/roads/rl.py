@@ -21,12 +21,11 @@ from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.rl_env import LIFT_PRICE, RemembersWake, observed
 from benchmarks.roads.row import Outcome, Row
 from contract.arrays import Array
-from contract.controller.interface import Sizes
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
-from stillwake.shipped import BUNDLE
-from stillwake.terminal import progress_bar
+from contract.shipped import BUNDLE
+from stillwake.console.terminal import progress_bar
 from wake.env import TruckWakeEnv
 from wake.truck.state import State
 
@@ -50,7 +49,7 @@ def measure(road: str, setting: Setting) -> Row:
     def run(start: State) -> Outcome:
         return through_can(release, setting.config, start, _controller(road, folder, release))
 
-    sizes = Sizes.of(release.manifest)
+    sizes = release.manifest.sizes
     inputs = sizes.window * (sizes.sensors + 1) + 1
     products = sum(a * b for a, b in zip((inputs, *WIDTHS), (*WIDTHS, 1), strict=True))
     return Row(

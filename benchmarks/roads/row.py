@@ -14,8 +14,8 @@ from contract.arrays import Array
 from contract.ledger import ledger_of
 from firmware_sim.runs.control import trouble
 from firmware_sim.runs.run_log import RunLog
+from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
-from wake.truck.sample import Sample
 
 Kind = Literal["bound", "baseline", "learned", "linear", "oracle"]
 """What the controller was made from: nothing (a flow that no controller made), a formula with tuned constants, a

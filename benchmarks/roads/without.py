@@ -8,7 +8,7 @@ from benchmarks.common.markdown import read
 from benchmarks.roads.loop import Setting, plant_outcome
 from benchmarks.roads.row import Outcome, Row
 from contract.errors import StillwakeError
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import State
 
 STEADY: Final = ROOT / "results" / "steady.json"

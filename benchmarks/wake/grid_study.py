@@ -24,10 +24,10 @@ from benchmarks.common.parts import part
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
+from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
-from wake.truck.sample import Sample
 from wake.truck.truck_wake import TruckWake
 
 CASES: Final = ("0.7:30", "1.0:30", "1.0:60", "1.4:42")

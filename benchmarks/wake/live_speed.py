@@ -26,12 +26,12 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.release import bundle as bundles
 from contract.results import versions
+from contract.shipped import BUNDLE
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_log import Row
 from firmware_sim.runs.summary import summary
-from stillwake.shipped import BUNDLE
-from stillwake.terminal import progress_bar
-from wake.plant import LivePlant
+from stillwake.console.terminal import progress_bar
+from wake.plant.protocol import LivePlant
 from wake.plants import open_plant
 from wake.truck.averages import over_cycles
 from wake.truck.state import State

@@ -17,8 +17,8 @@ from benchmarks.common.command_line import JsonFile, console, save, track
 from contract import sensors
 from contract.arrays import Array
 from contract.results import versions
+from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
-from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

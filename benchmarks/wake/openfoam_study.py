@@ -28,10 +28,10 @@ from contract.config.loading import load_config
 from contract.config.plant import FlowConfig
 from contract.release.bundle import load
 from contract.results import versions
+from contract.shipped import BUNDLE
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.summary import summary
-from stillwake.shipped import BUNDLE
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
 from wake.openfoam import start, state
 from wake.openfoam.develop import settle
 from wake.openfoam.interpolation import CellInterpolation
@@ -39,8 +39,8 @@ from wake.openfoam.measurements import Instruments, read_all
 from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.process import LOG
+from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles
-from wake.truck.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

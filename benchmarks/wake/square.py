@@ -23,7 +23,7 @@ from benchmarks.wake.grid_study import cycle_average
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.results import versions
-from stillwake.terminal import progress_bar
+from stillwake.console.terminal import progress_bar
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
 

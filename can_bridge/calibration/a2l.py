@@ -7,7 +7,7 @@ from typing import Final
 
 from can_bridge.calibration.a2l_interface import META_LANGUAGE, module_interface, segment_interface
 from can_bridge.calibration.segment import ADDRESS, DELAY_STEPS, VALUE_BYTES, Segment
-from contract.calibration import NAMES, PACKED_BYTES, WEIGHTS
+from contract.controller.calibration import NAMES, PACKED_BYTES, WEIGHTS
 
 _FLOW_UNIT: Final = "U_inf W"
 _DESCRIPTIONS: Final = {

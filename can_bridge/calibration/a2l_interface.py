@@ -9,7 +9,7 @@ from typing import Final
 from can_bridge.calibration import xcp
 from can_bridge.calibration.segment import Page
 from can_bridge.calibration.xcp import Command
-from contract.calibration import PACKED_BYTES
+from contract.controller.calibration import PACKED_BYTES
 
 _VERSION: Final = 0x0102
 """Of protocol layer and transport layer in the description: 1.2 is the first with CAN FD."""

@@ -8,8 +8,8 @@ import struct
 from enum import IntEnum
 from typing import Final
 
-from contract.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
 from contract.config.controller import CostWeights
+from contract.controller.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
 from contract.errors import ConfigError
 
 ADDRESS: Final = 0x2000_0000

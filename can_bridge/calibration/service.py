@@ -13,7 +13,7 @@ from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc
-from contract.calibration import PACKED_BYTES, Calibration
+from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 DIDS: Final = frozenset({Did.CALIBRATION, Did.CALIBRATION_LIMITS, Did.CALIBRATION_STORED})

@@ -9,7 +9,7 @@ from hmac import compare_digest
 from typing import Final, Protocol
 
 from can_bridge.calibration.xcp import CAL_PAG, MAX_CTO, Denied, Error
-from can_bridge.uds.services import Level
+from can_bridge.flashing.access_level import Level
 
 SEED_LENGTH: Final = 12
 """Bytes: two pieces. pyxcp's own unlocking fetches no third one (0.29), and no seed of UDS, which has 16 bytes, can be

@@ -13,7 +13,7 @@ from can_bridge.calibration import xcp
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
 from can_bridge.calibration.xcp import MAX_CTO, Command, Denied, Error
 from can_bridge.calibration.xcp_access import Access, WrongKey, XcpAccess
-from contract.calibration import PACKED_BYTES
+from contract.controller.calibration import PACKED_BYTES
 from contract.errors import ConfigError
 
 IDLE_NS: Final = 600_000_000_000

@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Final
 
 from can_bridge.flashing import calibrations, state
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work
 from can_bridge.flashing.checking import Fits, Rules, check
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level
 from contract.errors import ConfigError, KeyFileError
 from contract.release import key_list
 from contract.release.bundle import Bundle

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, TypeVar
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level
 from contract.errors import BusError
+from contract.printable import is_name, shown
 from contract.release import strict_json
 from contract.release.manifest import is_sha256
-from contract.release.printable import is_name, shown
 
 SCHEMA: Final = "stillwake-store/1"
 MAX_REPORT: Final = 2048

@@ -17,10 +17,10 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Final
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
-from can_bridge.uds.services import Level
+from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION, LARGEST_SECURITY_VERSION
-from contract.release.printable import is_name
 
 TRIAL_BOOTS: Final = 3
 """Boots of an activated image without a confirmation, before the store goes back to the confirmed one."""

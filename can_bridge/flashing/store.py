@@ -15,6 +15,7 @@ import hashlib
 from dataclasses import replace
 from typing import Final
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
 from can_bridge.flashing.boot import Boot, boot
 from can_bridge.flashing.checking import Fits
@@ -22,7 +23,6 @@ from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import PIECE, Remembered
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level
 from contract.errors import BusError, ConfigError
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.tester.messages import AccessError, NoAnswerError, NotNowError, RefusedError
-from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+from can_bridge.uds.services import Did, Nrc, Routine, Session
 
 if TYPE_CHECKING:
     from udsoncan.client import Client

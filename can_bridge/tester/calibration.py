@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import NotNowError, RefusedError
-from can_bridge.uds.services import Did, Level, Nrc, Session
-from contract.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
+from can_bridge.uds.services import Did, Nrc, Session
+from contract.controller.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
 from contract.errors import ConfigError, FlashError
 
 _STORE: Final = b"\x01"

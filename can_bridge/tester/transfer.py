@@ -10,11 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.blocks import BlockLength
 from can_bridge.tester.messages import ImageRefusedError, LostError, NoAnswerError, RefusedError
-from can_bridge.uds.services import Level, Nrc, Routine, Session
+from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError
 
 Progress = Callable[[int, int], None]

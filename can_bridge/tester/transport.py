@@ -14,7 +14,7 @@ from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
 import isotp
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.tester.direct_connection import silence
 from can_bridge.tester.matching import answers
 from can_bridge.uds.services import MAX_REQUEST, REQUEST_ID, RESPONSE_ID

@@ -20,7 +20,7 @@ from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import Final
 
-from can_bridge.timing.traffic import PeriodicMessage
+from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 LONGEST_BUSY_NS: Final = 60 * 10**9

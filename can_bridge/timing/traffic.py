@@ -1,4 +1,4 @@
-"""Periodic messages, and the background traffic that other nodes put on the bus: made up, or those of a DBC file.
+"""The background traffic that other nodes put on the bus: made up, or that of a DBC file.
 
 Made-up messages fill a share of the bus at their worst-case frame length, whatever they contain: a background of 0.9
 leaves a tenth of the bus free in every case, and no queue grows without end. Random contents need fewer stuff bits, so
@@ -6,19 +6,14 @@ a meter on the bus shows about 15 per cent less than the share.
 """
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import Final
 
-from can_bridge.bus.simulated.transmit_queue import Priority, priority
-from can_bridge.wire.bit_timing import worst_case_ns
-from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import SPECS
+from can_bridge.timing.dbc_traffic import read_traffic
+from can_bridge.timing.periodic_message import NS_PER_MS, OUR_IDS, PeriodicMessage
 from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import ConfigError
-
-NS_PER_MS: Final = 10**6
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
 """Of made-up messages: the usual ones in vehicles."""
@@ -28,59 +23,6 @@ _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
 """Of made-up messages: below lies network management of high priority, above diagnostics."""
-OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Of all sets, also those not in use: other nodes never have them."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PeriodicMessage:
-    """A message that a node sends again and again.
-
-    Attributes:
-        frame_id: of 11 bits, or 29 if it is extended.
-        length: bytes of data.
-        period_ns: time between two releases, at least.
-        offset_ns: of the first one.
-        jitter_ns: most by which the node queues a frame late.
-        deadline_ns: after its release a frame has to have arrived; 0 stands for the period.
-
-    Raises:
-        ValueError: for a frame that no controller could send, or a time that makes no sense.
-    """
-
-    name: str
-    frame_id: int
-    is_extended: bool = False
-    is_fd: bool
-    length: int
-    period_ns: int
-    offset_ns: int = 0
-    jitter_ns: int = 0
-    deadline_ns: int = 0
-
-    def __post_init__(self) -> None:
-        self.frame(bytes(self.length))
-        if self.period_ns <= 0:
-            raise ValueError(f"{self.name}: period {self.period_ns} ns: must be positive")
-        for what in ("offset", "jitter", "deadline"):
-            value = getattr(self, f"{what}_ns")
-            if value < 0:
-                raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
-
-    @property
-    def priority(self) -> Priority:
-        """The smaller wins arbitration."""
-        return priority(self.frame(bytes(self.length)))
-
-    def frame(self, data: bytes) -> Frame:
-        """One frame of it, `length` bytes long."""
-        return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
-
-    def worst_ns(self, bus: BusConfig) -> int:
-        """How long its frame occupies the bus at worst."""
-        return worst_case_ns(
-            self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
-        )
 
 
 def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> tuple[PeriodicMessage, ...]:
@@ -96,8 +38,6 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
         BusError: a file that cannot be read, or that does not go with this bus.
     """
     if config.dbc:
-        from can_bridge.timing.dbc_traffic import read_traffic
-
         return read_traffic(Path(config.dbc), bus, taken, seed=config.seed).messages
     return made_up(config.load, bus, taken, seed=config.seed) if config.load else ()
 

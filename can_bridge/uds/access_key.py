@@ -7,8 +7,8 @@ answer for one level is none for another. The answer to a seed is AES-CMAC of th
 from pathlib import Path
 from typing import Final, Self
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.secoc.key import Key, read_key
-from can_bridge.uds.services import Level
 
 SEED_LENGTH: Final = 16
 ANSWER_LENGTH: Final = 16

@@ -3,7 +3,8 @@
 from collections.abc import Generator
 from typing import Protocol, TypeVar
 
-from can_bridge.uds.services import Did, Level, Routine, Session
+from can_bridge.flashing.access_level import Level
+from can_bridge.uds.services import Did, Routine, Session
 
 T = TypeVar("T")
 

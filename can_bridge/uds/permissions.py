@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from can_bridge.uds.services import Did, Level, Routine, Service, Session
-from contract.calibration import PACKED_BYTES
+from can_bridge.flashing.access_level import Level
+from can_bridge.uds.services import Did, Routine, Service, Session
+from contract.controller.calibration import PACKED_BYTES
 
 _ALL: Final = frozenset(Session)
 _BEYOND_DEFAULT: Final = frozenset({Session.PROGRAMMING, Session.EXTENDED})

@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+from can_bridge.uds.services import Did, Nrc, Routine, Session
 from contract.errors import ConfigError, KeyFileError
 
 

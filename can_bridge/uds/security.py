@@ -9,9 +9,10 @@ from collections.abc import Callable
 from hmac import compare_digest
 from typing import Final, Protocol
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.uds.access_key import SEED_LENGTH, AccessKey
 from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Level, Nrc
+from can_bridge.uds.services import Nrc
 
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000

@@ -8,13 +8,14 @@ it may refuse for reasons of its own. One request is worked on at a time, in pie
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.uds.access_key import ANSWER_LENGTH, AccessKey
 from can_bridge.uds.diagnostics import Diagnostics, Long
 from can_bridge.uds.job import Job, negative
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.security import SecurityAccess
-from can_bridge.uds.services import MAX_BLOCK, MAX_REQUEST, Did, Level, Nrc, Routine, Service, Session
+from can_bridge.uds.services import MAX_BLOCK, MAX_REQUEST, Did, Nrc, Routine, Service, Session
 from can_bridge.uds.sessions import SessionTimer, timing_record
 from can_bridge.uds.transfer import Transfer
 

@@ -46,13 +46,6 @@ class Session(IntEnum):
     EXTENDED = 3
 
 
-class Level(IntEnum):
-    """Security levels, by the sub-function that asks for their seed."""
-
-    PROGRAMMING = 0x01
-    CALIBRATION = 0x03
-
-
 class Nrc(IntEnum):
     """Negative response codes (ISO 14229-1:2020, table A.1)."""
 
@@ -117,8 +110,8 @@ class Did(IntEnum):
     PERIOD_NS = 0xFD04
     """Control period (8)."""
     CALIBRATION = 0xFD10
-    """The whole calibration as `contract.calibration` packs it: reading gives the one in force; writing changes it at
-    the next control period, until reset."""
+    """The whole calibration as `contract.controller.calibration` packs it: reading gives the one in force; writing
+    changes it at the next control period, until reset."""
     CALIBRATION_LIMITS = 0xFD11
     """Least and greatest allowed value of each, then the release's own: three calibrations, packed."""
     CALIBRATION_STORED = 0xFD12

@@ -118,7 +118,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
-    """Roll-outs of the trained networks that these learn from (`train.lessons`), at least."""
+    """Roll-outs of the trained networks that these learn from (`train.distillation.lessons`), at least."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
     """Of the slope of the cost along the plan when these are distilled, beside their latents and forces."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from contract.config.body import BodyConfig
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig, TrainConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig, ForcingConfig, OpenFoamConfig
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
-from contract.operating_point import OperatingPoint
 
 
 @dataclass(frozen=True, kw_only=True)

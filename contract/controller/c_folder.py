@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from contract.atomic import replacing
 from contract.errors import LibraryError
-from contract.release.printable import quoted, shown
+from contract.printable import quoted, shown
 
 SETTINGS: Final = "sw_settings.h"
 """Sizes and settings of one program, and the hashes of the program and of the DBC it was built beside."""

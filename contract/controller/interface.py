@@ -22,13 +22,13 @@ cost       ()        J of `new_plan`
 =========  ========  =====================================================================================
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Final, Protocol
 
 from contract.arrays import Array
 from contract.config.controller import CostWeights
 from contract.errors import StillwakeError
-from contract.release.manifest import Manifest
 
 INPUTS: Final = ("window", "plan", "free", "weights")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
@@ -49,11 +49,6 @@ class Sizes:
     window: int
     sensors: int
     horizon: int
-
-    @classmethod
-    def of(cls, manifest: Manifest) -> "Sizes":
-        """Those of a bundle's controller."""
-        return cls(window=manifest.window, sensors=len(manifest.sensors), horizon=manifest.mpc.horizon)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of every input and output by its name."""
@@ -103,3 +98,17 @@ class RunnableController(Controller, Protocol):
     def warm_up(self, steps: int) -> None:
         """Run on zeros, so that the first real step does not pay for what happens once."""
         ...
+
+
+class CompiledLibrary(Controller, Protocol):
+    """A C library, compiled and loaded."""
+
+    @property
+    def workspace_bytes(self) -> int:
+        """Scratch memory that a caller has to own."""
+        ...
+
+
+CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
+"""(files by name, sizes) to the library on this machine; raises LibraryError. `firmware_sim.in_c` has one, and the
+command line hands it to `export`, which checks what it compiles without knowing a compiler."""

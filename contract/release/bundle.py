@@ -21,7 +21,6 @@ from typing import Any, Final, ParamSpec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.controller.estimator import ESTIMATOR
-from contract.controller.interface import Sizes
 from contract.errors import (
     BundleControllerError,
     BundleDbcError,
@@ -31,11 +30,11 @@ from contract.errors import (
     BundleSignatureError,
     BundleSignerError,
 )
+from contract.printable import shown
 from contract.release import signing
 from contract.release.container import is_plain_name, read_files, write_files
 from contract.release.manifest import MANIFEST, Manifest, Opened, SensorEstimator, encode, open_manifest, parse
 from contract.release.onnx_graph import check_estimator_graph, check_graph
-from contract.release.printable import shown
 from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
@@ -372,7 +371,7 @@ def _verify_dbc(path: Path, dbc: object) -> str:
 
 def _verify_graph(path: Path, content: bytes, manifest: Manifest) -> str:
     try:
-        nodes = check_graph(content, Sizes.of(manifest))
+        nodes = check_graph(content, manifest.sizes)
     except ValueError as error:
         raise BundleControllerError(f"bundle {path}: {CONTROLLER}: {shown(error)}") from error
     return f"{nodes} nodes, of a control step's operators alone"
@@ -387,7 +386,7 @@ def _verify_estimator(path: Path, contents: Mapping[str, bytes], manifest: Manif
     if content is None:
         raise BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
     try:
-        nodes = check_estimator_graph(content, Sizes.of(manifest))
+        nodes = check_estimator_graph(content, manifest.sizes)
     except ValueError as error:
         raise BundleControllerError(f"bundle {path}: {ESTIMATOR}: {shown(error)}") from error
     return f"{nodes} nodes"

@@ -18,7 +18,7 @@ from typing import IO, Any, Final, NamedTuple
 
 from contract.atomic import replacing
 from contract.errors import BundleContainerError
-from contract.release.printable import is_name, quoted, shown
+from contract.printable import is_name, quoted, shown
 
 MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from contract.printable import shown
 from contract.release import bundle as bundles
 from contract.release.container import read_files
 from contract.release.manifest import MANIFEST, open_manifest
-from contract.release.printable import shown
 from contract.release.signing import PublicKey
 
 MISSING: Final = "-"

@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from typing import Final
 
 from contract.errors import BundleContainerError
+from contract.printable import quoted
 from contract.release.bundle import SIGNATURE
 from contract.release.container import MAX_BYTES, MAX_FILES, is_plain_name
 from contract.release.manifest import MANIFEST
-from contract.release.printable import quoted
 
 MAGIC: Final = b"SWIMAGE1"
 HEADER: Final = struct.Struct(">8sII")

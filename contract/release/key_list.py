@@ -12,8 +12,8 @@ from typing import Final
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.errors import KeyFileError
+from contract.printable import quoted, shown
 from contract.release import signing, strict_json
-from contract.release.printable import quoted, shown
 from contract.release.signing import PublicKey
 
 SCHEMA: Final = "stillwake-keys/1"

@@ -14,11 +14,12 @@ import numpy as np
 
 from contract.config.controller import MpcConfig
 from contract.config.loading import as_float, describe_error
+from contract.config.operating_point import OperatingPoint
+from contract.controller.interface import Sizes
 from contract.errors import BundleManifestError, ConfigError
-from contract.operating_point import OperatingPoint
+from contract.printable import MAX_NAME, is_name, quoted, shown
 from contract.release import strict_json
 from contract.release.container import MAX_FILES, is_plain_name
-from contract.release.printable import MAX_NAME, is_name, quoted, shown
 from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 
@@ -140,6 +141,11 @@ class Manifest:
     sensor_estimator: SensorEstimator | None = None
     security_version: int = 0
     hardware: str | None = None
+
+    @property
+    def sizes(self) -> Sizes:
+        """Sizes of the controller, from which the shapes of its interface follow."""
+        return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
     @property
     def is_linear(self) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 
 from contract.controller.estimator import ESTIMATOR_INPUT, ESTIMATOR_OUTPUT, estimator_shapes
 from contract.controller.interface import INPUTS, OUTPUTS, Sizes
-from contract.release.printable import is_name, quoted
+from contract.printable import is_name, quoted
 from contract.release.protobuf import Field, Kind, Message, read
 
 MAX_BYTES: Final = 16 * 2**20

@@ -1,1 +1,1 @@
-"""Data of stillwake's laboratory: a recording and a developed flow; `wake.shipped` knows where they lie."""
+"""Data of stillwake's laboratory: a recording and a developed flow; `contract.shipped` knows where they lie."""

@@ -27,8 +27,8 @@ from rich import print
 
 from contract.config.loading import load_config
 from contract.controller.c_folder import EXPECTED, Settings, read_recorded, read_sources
-from stillwake.c_release import write_shipped_library
-from stillwake.releases import open_release
+from stillwake.parts.c_release import write_shipped_library
+from stillwake.parts.releases import open_release
 
 release = open_release(None, None)
 config = load_config()

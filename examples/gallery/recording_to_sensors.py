@@ -23,7 +23,7 @@ import matplotlib.pyplot as plt
 from rich import print
 
 from contract.recording.dataset import read
-from wake.shipped import recording
+from contract.shipped import recording
 
 dataset = read(recording())
 episodes = [episode for episode in dataset.episodes if episode.name in ("training_1", "training_2", "none_0")]
@@ -59,9 +59,9 @@ plt.show()
 # shipped one. ``stillwake train`` makes such a model in half an hour. Episode and mirror image both count, because
 # the truck is symmetric.
 
+from contract.shipped import model
 from train.model_store import load
-from train.rows import prepare
-from wake.shipped import model
+from train.samples.rows import prepare
 
 trained = load(model())
 rows = prepare(episodes, trained.scaling, mirrored=True, layout=layout)

@@ -13,8 +13,8 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.controller.interface import Controller
-from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
+from contract.runtime.onnx_session import OnnxController
 from export.program.linear_program import LinearProgram
 from export.program.random_program import random_window
 from export.reference.specification import AnyProgram, specified_step

@@ -10,7 +10,7 @@ import numpy as np
 
 from contract.arrays import Index
 from contract.config.controller import MpcConfig
-from contract.model_folder import SLIM, ModelFolder
+from contract.model.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
 

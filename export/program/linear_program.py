@@ -8,7 +8,7 @@ from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.controller.interface import Sizes
 from contract.errors import ExportError
-from contract.linear_model_folder import LinearModelFolder
+from contract.model.linear_model_folder import LinearModelFolder
 from contract.release.manifest import Scaling
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
-from contract.model_folder import Provenance
-from contract.operating_point import OperatingPoint
+from contract.model.model_folder import Provenance
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
 from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest

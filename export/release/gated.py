@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from contract.arrays import Array
-from contract.controller.host_library import CController
+from contract.controller.interface import CompileLibrary
 from export.gates.parity import ParityReport, check_lowering, check_parity
 from export.gates.quantisation import (
     QuantisationLimits,
@@ -59,12 +59,19 @@ class Gated:
     library: LibraryReport | None
 
 
-def gate(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits | None = None) -> Gated:
+def gate(
+    lowered: Lowered,
+    windows: Sequence[Array],
+    limits: QuantisationLimits | None = None,
+    *,
+    compiled: CompileLibrary | None = None,
+) -> Gated:
     """Run every lowering through its gates.
 
     Args:
         windows: consecutive recorded windows (L, S+1) that the gates replay.
         limits: what int8 weights may change; the default ones if None.
+        compiled: compiles the library; needed where there is one.
 
     Raises:
         ExportError: a lowering is further from the reference than its gate allows; the message names both figures.
@@ -74,7 +81,7 @@ def gate(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits 
     return Gated(
         lowered=lowered,
         graph=_gate_graph(lowered, windows, limits),
-        library=None if lowered.library is None else _gate_library(lowered, windows, limits),
+        library=None if lowered.library is None else _gate_library(lowered, windows, limits, compiled),
     )
 
 
@@ -87,9 +94,12 @@ def _gate_graph(lowered: Lowered, windows: Sequence[Array], limits: Quantisation
     return GraphReport(controller_bytes=len(lowered.graph), parity=parity, quantisation=quantisation)
 
 
-def _gate_library(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits) -> LibraryReport:
-    assert lowered.library is not None
-    controller = CController(lowered.library, lowered.effective.sizes)
+def _gate_library(
+    lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits, compiled: CompileLibrary | None
+) -> LibraryReport:
+    if lowered.library is None or compiled is None:
+        raise ValueError("a library without what compiles it: it cannot be checked")
+    controller = compiled(lowered.library, lowered.effective.sizes)
     parity, quantisation = None, None
     if isinstance(lowered.program, RoundedProgram):
         quantisation = compare_answers(lowered.program.source, controller.control_step, windows)

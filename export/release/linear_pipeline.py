@@ -8,12 +8,13 @@ from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import linear_model_folder
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
+from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
-from contract.linear_model_folder import LinearDescription
+from contract.model import linear_model_folder
+from contract.model.linear_model_folder import LinearDescription
 from contract.recording import dataset
 from contract.recording.episode import Episode
 from contract.release import bundle
@@ -43,6 +44,7 @@ def export_linear(
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    compiled: CompileLibrary | None = None,
     ecu: Callable[[Path, Array], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
@@ -53,7 +55,7 @@ def export_linear(
         model: directory written by `identify`.
         recording: data set whose rows the gates replay: of the model's own episodes, if it is the model's.
         config: its `mpc` has the horizon and the weights of the reported cost.
-        estimator, ecu, notice, phase and the others: as `export.release.pipeline.export_all` has them.
+        estimator, compiled, ecu, notice, phase and the others: as `export.release.pipeline.export_all` has them.
 
     Raises:
         ModelError: the model directory is not sound.
@@ -74,7 +76,7 @@ def export_linear(
     episodes, layout = _episodes(about, recording, named, notice)
     windows = gate_windows(program, episodes, layout)
     phase("make and check")
-    gated = gate(lower_linear(program, with_library=c_folder is not None), windows)
+    gated = gate(lower_linear(program, with_library=c_folder is not None), windows, compiled=compiled)
     phase("write")
     write_release(
         output,

@@ -12,12 +12,13 @@ from typing import Any, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract import model_folder
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
+from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
-from contract.model_folder import Description
+from contract.model import model_folder
+from contract.model.model_folder import Description
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
@@ -111,6 +112,7 @@ def export_all(
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    compiled: CompileLibrary | None = None,
     ecu: Callable[[Path, Array], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
@@ -126,6 +128,7 @@ def export_all(
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
+        compiled: compiles the C library for its gate; needed with a `c_folder`.
         ecu: from the bundle just written, and the rows (n, S+1) that go beside the C library, to the files of the ECU
             for its folder; without, it has none.
         notice: called with a line if the recording is not the model's.
@@ -151,7 +154,7 @@ def export_all(
     episodes = _recording_of(trained.description, recording, named, notice)
     program = program_of(trained, config.mpc)
     lowered, windows = _lowered(program, episodes, precision, with_library=c_folder is not None, phase=phase)
-    gated = gate(lowered, windows)
+    gated = gate(lowered, windows, compiled=compiled)
 
     phase("write")
     write_release(
@@ -176,6 +179,7 @@ def export_library(
     c_folder: Path,
     *,
     recording: Path,
+    compiled: CompileLibrary,
     ecu: Callable[[Array], Mapping[str, bytes]] | None = None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
@@ -185,6 +189,7 @@ def export_library(
         model: directory written by `train`.
         release: with the settings of its controller.
         recording: data set that the model was fitted to.
+        compiled: compiles the C library for its gate; needed with a `c_folder`.
         ecu: from the rows (n, S+1) that go beside the library to the files of the ECU for its folder; without, it has
             none.
         phase: called with each of `PHASES` when it begins.
@@ -210,7 +215,7 @@ def export_library(
             f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
             f"{lowered.program_sha256[:12]} here: export it anew, with a bundle"
         )
-    gated = gate(lowered, windows)
+    gated = gate(lowered, windows, compiled=compiled)
     phase("write")
     write_c_release(c_folder, gated, windows, None if ecu is None else ecu(rows_of(windows)))
     return gated

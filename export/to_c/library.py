@@ -70,7 +70,7 @@ def linear_sources() -> dict[str, bytes]:
 def ecu_sources() -> dict[str, bytes]:
     """The sources of the ECU around a control step, the same for every program and vehicle.
 
-    What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.ecu.c_settings`).
+    What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.in_c.c_settings`).
     """
     return _sources_in("ecu")
 
@@ -152,7 +152,7 @@ def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
 def example_sources() -> dict[str, bytes]:
     """Programs with a `main` of their own around the ECU, by their names in a folder.
 
-    What one of them plays is generated: `examples/pressures.h` (`firmware_sim.ecu.c_examples`).
+    What one of them plays is generated: `examples/pressures.h` (`firmware_sim.in_c.c_examples`).
     """
     root = files("export.to_c").joinpath("sources/examples")
     return {f"examples/{item.name}": item.read_bytes() for item in root.iterdir() if item.name.endswith((".c", ".ld"))}

@@ -184,7 +184,7 @@ class Reynolds(Span, section="reynolds"):
 class Gust(Span, section="gust"):
     """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
 
-    `wake.truck.gust` says of which frame that is. Forces and pressures stay in units of the mean U_inf, as the jets do.
+    `wake.plant.gust` says of which frame that is. Forces and pressures stay in units of the mean U_inf, as the jets do.
     It ends with the last whole period in the span.
     """
 

@@ -6,10 +6,10 @@ from typing import Final
 
 from contract.config.controller import CostWeights
 from contract.controller.c_folder import Settings
-from contract.controller.compiler import host_compiler
 from contract.errors import ConfigError
-from firmware_sim.ecu.c_ecu import CEcu
 from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.in_c.c_ecu import CEcu
+from firmware_sim.in_c.compiler import host_compiler
 
 C: Final = "c"
 CORTEX_M7: Final = "cortex-m7"
@@ -41,7 +41,7 @@ def loop_ecu(
 
     Args:
         kind: C or CORTEX_M7.
-        sources: `firmware_sim.ecu.c_ecu.ecu_sources`.
+        sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
         weights: of the cost, in place of the bundle's.
         clock_mhz: of the emulated core.
 

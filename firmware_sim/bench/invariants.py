@@ -42,7 +42,7 @@ from contract.config.tree import Config
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.observer import Seen
 from firmware_sim.bench.run_faults import NodeFault
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 T = TypeVar("T")
 

@@ -6,10 +6,10 @@ from typing import Final
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus
-from firmware_sim.ecu.c_structs import differing
 from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.stepped import SteppedEcu
+from firmware_sim.in_c.c_structs import differing
 
 KEPT: Final = 10
 """Differences that are told in full."""

@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 
 from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,9 +15,9 @@ from can_bridge.wire.message_sets import message_set
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import RunnableController
-from contract.controller.onnx_session import OnnxController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.observer import Observer
@@ -29,7 +29,7 @@ from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
 """Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""

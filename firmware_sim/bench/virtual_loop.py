@@ -35,8 +35,8 @@ from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.ecu.stepped import SteppedEcu
 from firmware_sim.runs.run_log import BusTotals, Row
-from wake.plant import Plant
-from wake.truck.sample import Sample
+from wake.plant.protocol import Plant
+from wake.plant.sample import Sample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

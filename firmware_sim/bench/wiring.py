@@ -20,7 +20,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors, WaitingTimes
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 
 
 class Disturbs(Protocol):

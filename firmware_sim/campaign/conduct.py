@@ -7,9 +7,9 @@ from typing import Any
 
 from contract.config import loading
 from contract.config.tree import Config
-from contract.controller.onnx_session import OnnxController
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.campaign import worst
 from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder

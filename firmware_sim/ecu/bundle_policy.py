@@ -4,8 +4,8 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.controller.interface import Controller
-from contract.controller.onnx_session import OnnxController
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from firmware_sim.ecu.controller_memory import ControllerMemory

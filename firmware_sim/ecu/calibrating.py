@@ -7,9 +7,9 @@ any that make sense; the delay any that leaves the controller an action to choos
 from dataclasses import replace
 from typing import Final
 
-from contract.calibration import LARGEST_WEIGHT, NAMES, WEIGHTS, Calibration, CalibrationLimits
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
+from contract.controller.calibration import LARGEST_WEIGHT, NAMES, WEIGHTS, Calibration, CalibrationLimits
 from contract.release.bundle import Bundle
 
 LEAST_SHARE: Final = 0.05

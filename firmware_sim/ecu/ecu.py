@@ -23,12 +23,12 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
-from contract.calibration import Calibration
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.controller.interface import Controller, ControllerError
-from contract.controller.onnx_estimator import OnnxEstimator
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_estimator import OnnxEstimator
 from firmware_sim.ecu.calibrating import checked, limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState

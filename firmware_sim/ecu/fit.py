@@ -4,10 +4,10 @@ import numpy as np
 
 from can_bridge.wire.messages import SENSORS
 from contract.arrays import Array
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import BundleError, ConfigError
-from contract.operating_point import OperatingPoint
 from contract.release.bundle import Bundle
 from contract.sensor_layout import SAME_PLACE, SensorLayout
 from contract.sensors import TRUCK

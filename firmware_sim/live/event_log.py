@@ -5,7 +5,7 @@ viewers have set.
 from collections import deque
 from typing import Final, NamedTuple
 
-from firmware_sim.live.messages import EventItem
+from firmware_sim.live.loop.messages import EventItem
 
 KEPT: Final = 500
 """Latest events."""

@@ -16,8 +16,8 @@ from contract.release.bundle import Bundle
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
-from firmware_sim.live.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods, SliderData
-from firmware_sim.live.noticing import OFF, Seen
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods, SliderData
+from firmware_sim.live.loop.noticing import OFF, Seen
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings, Slider
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline

@@ -22,13 +22,13 @@ from firmware_sim.live.ecu_shelf import EcuShelf, MakeEcu
 from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
-from firmware_sim.live.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
-from firmware_sim.live.noticing import START, noticed
+from firmware_sim.live.loop.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
+from firmware_sim.live.loop.noticing import START, noticed
 from firmware_sim.live.requests import Asked, asked, id_of
 from firmware_sim.live.saving import SavedAs, origin_of, save
 from firmware_sim.live.setting_words import changes, weights_text
 from firmware_sim.live.settings import CONTROLLERS, LiveSettings, from_query
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"
 """The controller that is none."""

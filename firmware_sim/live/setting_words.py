@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from contract.calibration import WEIGHTS
 from contract.config.controller import CostWeights
+from contract.controller.calibration import WEIGHTS
 from firmware_sim.live.settings import LiveSettings
 
 _CONTROLLERS: Final = {

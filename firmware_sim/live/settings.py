@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, Self
 from urllib.parse import parse_qsl, urlencode
 
-from contract.calibration import LARGEST_WEIGHT, WEIGHTS
 from contract.config.controller import CostWeights
+from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS
 from contract.errors import ConfigError
 
 CONTROLLERS: Final = ("int8", "c", "cortex-m7", "off")

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from contract.controller.c_folder import library_sources
-from contract.controller.compiler import compile_c, zig_compiler
 from contract.errors import LibraryError, McuError
+from firmware_sim.in_c.compiler import compile_c, zig_compiler
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"

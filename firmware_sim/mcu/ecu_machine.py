@@ -12,11 +12,11 @@ from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from contract.config.controller import CostWeights
-from contract.controller.compiler import zig_compiler
 from contract.errors import McuError
-from firmware_sim.ecu.c_ecu import CEcuState, bundle_hash_of
-from firmware_sim.ecu.c_structs import Structs, c_time
 from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.in_c.c_ecu import CEcuState, bundle_hash_of
+from firmware_sim.in_c.c_structs import Structs, c_time
+from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import ECU, MISSING, compile_for_cortex_m7
 from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.emulator import MESSAGES, MESSAGES_BYTES, Machine

@@ -18,7 +18,7 @@ from contract.ledger import LEDGER_FIELDS
 from contract.sensor_layout import SensorLayout
 from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.metadata import RunMetadata
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 SCHEMA: Final = "stillwake-run/3"
 

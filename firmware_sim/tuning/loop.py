@@ -14,7 +14,7 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import Row
 from firmware_sim.runs.summary import summary
 from firmware_sim.tuning.score import Goal, PhaseFigures
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 
 BLOCK: Final = 10.0
 """t_c of a block: two shedding cycles."""

@@ -20,11 +20,11 @@ from contract.release.difference import differences
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
 from contract.release.signing import PublicKey
-from stillwake.fitted_estimator import fitted_estimator
-from stillwake.outputs import Overwrite, check_output
-from stillwake.releases import Trust, describe, locate, open_release, signature
-from stillwake.settings import settings
-from stillwake.terminal import Overrides, console, progress_bar
+from stillwake.console.outputs import Overwrite, check_output
+from stillwake.console.settings import settings
+from stillwake.console.terminal import Overrides, console, progress_bar
+from stillwake.parts.fitted_estimator import fitted_estimator
+from stillwake.parts.releases import Trust, describe, locate, open_release, signature
 
 
 class NotComparedError(StillwakeError):

@@ -15,11 +15,11 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle
 from contract.results import versions, write_result
-from stillwake.outputs import check_json
-from stillwake.releases import Trust, describe, open_release
-from stillwake.settings import settings
-from stillwake.stopping import go_on_with
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.outputs import check_json
+from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.parts.releases import Trust, describe, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.campaign.conduct import Campaign, Result
@@ -128,7 +128,7 @@ def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
     """The campaign that was asked for, checked: whatever is wrong with it is said before anything runs."""
-    from contract.body_sensors import layout_of
+    from contract.config.body_sensors import layout_of
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
     from firmware_sim.campaign.scenario import COMBINED, Place, matches, selected

@@ -11,7 +11,7 @@ from contract.config.listing import Section, Setting, as_toml, sections, shown
 from contract.config.loading import PAPER, Loaded, load
 from contract.config.sources import Source
 from contract.errors import ConfigError
-from stillwake.terminal import ConfigFile, Overrides, console
+from stillwake.console.terminal import ConfigFile, Overrides, console
 
 HEAD: Final = ("setting", "value", "default", "unit", "from")
 WIDTH: Final = 80

@@ -13,12 +13,12 @@ from typer.core import TyperGroup
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
-from stillwake.bus_option import BusName, with_bus
 from stillwake.commands.run import cost_weights
-from stillwake.releases import Trust, open_release, signature
-from stillwake.settings import REAL_BUS, WEIGHTS, settings
-from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, Overrides, console, visible
+from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console.settings import REAL_BUS, WEIGHTS, settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import ConfigFile, Overrides, console, visible
+from stillwake.parts.releases import Trust, open_release, signature
 
 if TYPE_CHECKING:
     from can_bridge.flashing.report import Report
@@ -126,11 +126,11 @@ def run(
     stillwake ecu --slots slots --access access.key --set bus.interface=socketcan --set bus.channel=can0
     """
     from contract.controller.interface import RunnableController
-    from contract.controller.onnx_session import OnnxController
+    from contract.runtime.onnx_session import OnnxController
     from firmware_sim.ecu.daemon import service
     from firmware_sim.ecu.daemon.events import as_json, plain
-    from firmware_sim.ecu.library_controller import open_library
     from firmware_sim.ecu.real_time.privileges import Wanted
+    from firmware_sim.in_c.library_controller import open_library
 
     uses = _USES if slots is None else tuple(name for name in _USES if name != WEIGHTS)
     loaded = settings("ecu", config_file, overrides, uses=uses)
@@ -194,9 +194,9 @@ def provision(
     """
     from secrets import token_hex
 
-    from contract.controller.onnx_session import OnnxController
     from contract.release.container import read_files
     from contract.release.image import image_of
+    from contract.runtime.onnx_session import OnnxController
     from firmware_sim.ecu.flashable import ecu_folder
     from firmware_sim.ecu.flashable.fitting import Fitting
 

@@ -11,20 +11,20 @@ import typer
 from rich.table import Table
 
 from can_bridge.wire.messages import SENSORS
-from contract import linear_model_folder, model_folder
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
 from contract.errors import ConfigError, ExportError, ModelError, OutputError, StillwakeError
-from contract.linear_model_folder import is_linear
+from contract.model import linear_model_folder, model_folder
+from contract.model.linear_model_folder import is_linear
 from contract.release import bundle as bundles
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
-from stillwake.fitted_estimator import fitted_estimator
-from stillwake.outputs import Overwrite, check_json, check_output
-from stillwake.releases import open_release
-from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
-from wake.shipped import recording
+from contract.shipped import recording
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
+from stillwake.parts.fitted_estimator import fitted_estimator
+from stillwake.parts.releases import open_release
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings of a release that its model does not fix."""
@@ -87,7 +87,8 @@ def export(
 
     from export.release import linear_pipeline, pipeline
     from export.release.pipeline import gate_figures
-    from stillwake.c_release import ecu_files
+    from firmware_sim.in_c.host_library import CController
+    from stillwake.parts.c_release import ecu_files
 
     say = partial(console.print, soft_wrap=True, markup=False)
     used = recording() if dataset is None else dataset
@@ -110,6 +111,7 @@ def export(
             key=signing_key,
             named=dataset is not None,
             estimator=partial(fitted_estimator, used, bar, threads=threads) if sensors else None,
+            compiled=None if c_folder is None else CController,
             ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
             phase=lambda begun: bar.update(task, completed=phases.index(begun), note=begun),
@@ -136,7 +138,7 @@ def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> No
     config = settings("export --c", file, overrides, uses=USES_IN_C).config
 
     from export.release.pipeline import PHASES, gate_figures
-    from stillwake.c_release import write_shipped_library
+    from stillwake.parts.c_release import write_shipped_library
 
     release = open_release(None, None)
     with progress_bar("phases") as bar:
@@ -204,7 +206,7 @@ def mcu(
 
     from firmware_sim.mcu.measure import PHASES, measure_folder
     from firmware_sim.mcu.verdict import period_ms, verdicts
-    from stillwake.c_release import library_folder
+    from stillwake.parts.c_release import library_folder
 
     with progress_bar("phases") as bar:
         task = bar.add_task("Cortex-M7", total=len(PHASES), note="")

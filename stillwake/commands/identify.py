@@ -10,12 +10,12 @@ import typer
 from rich.table import Table
 
 from contract.config.loading import to_tree
-from contract.linear_model_folder import check_free
+from contract.model.linear_model_folder import check_free
 from contract.results import write_result
-from stillwake.outputs import Overwrite, check_json, check_output
-from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from wake.shipped import recording as shipped_recording
+from contract.shipped import recording as shipped_recording
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
     # Loading scipy takes time, which the other commands need not wait for.

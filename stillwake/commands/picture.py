@@ -11,9 +11,9 @@ import typer
 from contract.atomic import check_writable
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from stillwake.numbers import steps_of
-from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.numbers import steps_of
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
     from wake.pictures.film import Story

@@ -8,10 +8,10 @@ from typing import Annotated, Final
 import typer
 
 from contract.results import versions, write_result
-from stillwake.numbers import steps_of
-from stillwake.outputs import Overwrite, check_json, check_output
-from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.numbers import steps_of
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""
@@ -63,7 +63,7 @@ def steady(
     check_output(output, overwrite=overwrite)
     check_json(json_file)
 
-    from stillwake.settling import settle_into
+    from stillwake.console.settling import settle_into
 
     found, grid = settle_into(output, config)
     figures = found.figures()

@@ -12,15 +12,15 @@ import typer
 from rich.progress import TaskID
 
 from contract.atomic import check_writable
-from contract.body_sensors import layout_of
+from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle
-from stillwake.outputs import Overwrite, check_dataset_name, check_output
-from stillwake.releases import describe, open_release
-from stillwake.settings import settings
-from stillwake.stopping import go_on_with
-from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
+from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
+from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
     from wake.recording.calm_plan import CalmRound
@@ -214,7 +214,7 @@ def _record_calm(
     of_plan: Mapping[str, Any],
     recording: Mapping[str, Any],
 ) -> None:
-    from stillwake.settling import settle_into
+    from stillwake.console.settling import settle_into
     from wake.recording.calm_plan import CalmRound
     from wake.recording.episode_job import check_start
     from wake.recording.feedback import NoFeedback

@@ -19,10 +19,10 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, LibraryError, StillwakeError
 from contract.release.bundle import Bundle
 from contract.results import write_result
-from stillwake.outputs import check_json
-from stillwake.releases import Trust, describe, open_release
-from stillwake.settings import WEIGHTS, settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.outputs import check_json
+from stillwake.console.settings import WEIGHTS, settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.parts.releases import Trust, describe, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.ecu.stepped import LoopEcu
@@ -110,9 +110,9 @@ def run(
     from firmware_sim.bench.closed_loop import run_closed_loop
     from firmware_sim.bench.disturbances import parse_disturbance
     from firmware_sim.bench.run_faults import parse_node_fault
-    from firmware_sim.ecu.library_controller import open_library
+    from firmware_sim.in_c.library_controller import open_library
     from firmware_sim.runs.metadata import RunOrigin
-    from firmware_sim.runs.report import write_report
+    from firmware_sim.runs.replay.report import write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row
     from firmware_sim.runs.summary import summary
@@ -216,8 +216,8 @@ def _ecu_in_c(
         StillwakeError: it cannot be compiled, or the settings are not for an ECU in C.
     """
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
-    from firmware_sim.ecu.c_ecu import ecu_sources
-    from stillwake.c_release import library_folder
+    from firmware_sim.in_c.c_ecu import ecu_sources
+    from stillwake.parts.c_release import library_folder
 
     # What is refused is refused before the library is made.
     if config.bus.key:
@@ -245,7 +245,7 @@ def report(
     The page needs no other file and no network. Its slider moves through the recorded wake.
     """
     from firmware_sim.runs.replay.compare import write_comparison
-    from firmware_sim.runs.report import write_picture, write_report
+    from firmware_sim.runs.replay.report import write_picture, write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load
     from firmware_sim.runs.series_csv import write_csv

@@ -15,20 +15,20 @@ from contract.atomic import check_writable
 from contract.config.loading import quick as quick_settings
 from contract.config.loading import to_tree
 from contract.config.tree import Config
-from contract.model_folder import check_free
+from contract.model.model_folder import check_free
 from contract.results import write_result
-from stillwake.outputs import Overwrite, check_json, check_output
-from stillwake.settings import settings
-from stillwake.stopping import go_on_with
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
-from train import unfinished
-from train.progress import Phase, Stopwatch
-from wake.shipped import recording as shipped_recording
+from contract.shipped import recording as shipped_recording
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
+from train.fitting import unfinished
+from train.fitting.progress import Phase, Stopwatch
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, HDF5 is no part of a vehicle: the other commands do without.
     from contract.recording.dataset import Dataset
-    from train.evaluate import ModelMetrics
+    from train.distillation.evaluate import ModelMetrics
 
 
 USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_time_ms")

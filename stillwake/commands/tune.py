@@ -16,15 +16,14 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.bundle import Bundle
 from contract.results import versions, write_result
-from stillwake.outputs import check_json
-from stillwake.releases import Trust, describe, open_release
-from stillwake.settings import settings
-from stillwake.shipped import BUNDLE
-from stillwake.stopping import go_on_with
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
-from stillwake.tuning import SEARCH, TUNED, Place, coarse_flow, judged, searched, spans_of
-from wake.shipped import model as shipped_model
-from wake.shipped import recording
+from contract.shipped import BUNDLE, recording
+from contract.shipped import model as shipped_model
+from stillwake.console.outputs import check_json
+from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.parts.releases import Trust, describe, open_release
+from stillwake.parts.tuning import SEARCH, TUNED, Place, coarse_flow, judged, searched, spans_of
 
 if TYPE_CHECKING:
     import optuna
@@ -112,7 +111,7 @@ def tune(
         settings_of,
     )
     from firmware_sim.tuning.space import chosen, parsed, with_values
-    from stillwake.tuned_release import ModelOf
+    from stillwake.parts.tuned_release import ModelOf
 
     if not 0.0 < hours <= _LONGEST:
         raise ConfigError(f"--hours {hours}: must be above 0, at most {_LONGEST:g}")
@@ -172,7 +171,7 @@ def tune(
 
 def _check_vehicle(release: Bundle, config: Config) -> None:
     """What a run would refuse is refused before the search."""
-    from contract.body_sensors import layout_of
+    from contract.config.body_sensors import layout_of
     from firmware_sim.bench.simulation import Simulation
     from firmware_sim.ecu.fit import check_flow, check_sensors
 

@@ -16,11 +16,11 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.bundle import Bundle
 from contract.results import versions, write_result
-from stillwake.outputs import check_json
-from stillwake.releases import Trust, open_release
-from stillwake.settings import REAL_BUS, settings
-from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.outputs import check_json
+from stillwake.console.settings import REAL_BUS, settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.parts.releases import Trust, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.bench.real_time.figures import Figures
@@ -97,7 +97,7 @@ def vehicle(
         raise ConfigError(f"--enable-after {enable_after}: must be a number of seconds")
     release = open_release(bundle, trust)
 
-    from can_bridge.bus.python_can import PythonCanBus
+    from can_bridge.bus.backends.python_can import PythonCanBus
     from firmware_sim.bench.real_time.running import Course, run_vehicle
     from firmware_sim.ecu.fit import check_sensors
     from firmware_sim.ecu.real_time.privileges import Wanted
@@ -201,8 +201,8 @@ def _say_what_it_is(config: Config, release: Bundle) -> None:
 
 def _replay(config: Config, dataset: Path | None, episode: str | None, begin: float) -> "Pressures":
     from contract.recording.dataset import read
+    from contract.shipped import recording
     from firmware_sim.bench.real_time.pressures import Replay
-    from wake.shipped import recording
 
     first = begin / config.flow.control_period
     if not first < 1e9:

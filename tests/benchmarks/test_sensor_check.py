@@ -8,9 +8,9 @@ from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
 from contract.release import bundle
+from contract.shipped import BUNDLE
 from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.ecu.ecu import sensor_check_of
-from stillwake.shipped import BUNDLE
 
 
 def passage(steps: int = 120) -> Passage:

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
 from can_bridge.wire import codec
 from can_bridge.wire.messages import JetCommand, Mode
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
-from contract.operating_point import OperatingPoint
 
 LIMITS = GateLimits(flow_m2_per_s=4.0, step_m2_per_s=1.0, period_ns=100, fresh_age_ns=100, held_age_ns=300)
 PASSED = Intervention(0)

@@ -10,7 +10,7 @@ from can_bridge.secoc.key import write_key
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import bundle
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 
 ROOT = Path(__file__).parents[2]
 

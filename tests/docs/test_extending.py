@@ -15,10 +15,10 @@ from contract.config.loading import load_config
 from contract.recording.dataset import UNITS, Dataset, Episode, write
 from contract.release.bundle import load
 from contract.sensors import TRUCK
+from contract.shipped import BUNDLE
 from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
-from stillwake.shipped import BUNDLE
-from train.rows import Rows
+from train.samples.rows import Rows
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to"
 SHORT = Spans(lead_in=8.0, controlled=4.0, settle=0.0, averages=False)

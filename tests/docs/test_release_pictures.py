@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from contract.release import bundle
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 
 ROOT = Path(__file__).resolve().parents[2]
 PROVENANCE = json.loads((ROOT / "docs" / "pictures" / "provenance.json").read_text(encoding="utf-8"))

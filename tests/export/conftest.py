@@ -2,7 +2,7 @@
 
 import pytest
 
-from train.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
+from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.controller.c_folder import ECU_SETTINGS
-from contract.model_folder import Provenance
+from contract.model.model_folder import Provenance
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
 from export.gates.quantisation import QuantisationLimits
@@ -26,7 +26,8 @@ from export.release.c_folder import write_c_release
 from export.release.gated import gate
 from export.release.lowering import lower
 from export.to_c.library import ecu_sources
-from firmware_sim.ecu.c_settings import ecu_settings
+from firmware_sim.in_c.c_settings import ecu_settings
+from firmware_sim.in_c.host_library import CController
 
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 WINDOW = 4
@@ -47,7 +48,12 @@ def exported(root: Path) -> Exported:
     rng = np.random.default_rng(0)
     rows = np.concatenate([random_window(program, rng) for _ in range(8)])
     windows = [rows[i : i + WINDOW] for i in range(20)]
-    gated = gate(lower(rounded_on(program, windows), calibration=windows, with_library=True), windows[:4], LIMITS)
+    gated = gate(
+        lower(rounded_on(program, windows), calibration=windows, with_library=True),
+        windows[:4],
+        LIMITS,
+        compiled=CController,
+    )
     write_release(
         root / "bundle",
         gated,

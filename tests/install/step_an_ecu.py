@@ -21,10 +21,10 @@ from can_bridge.wire import codec
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Pressure
 from contract.config.loading import load_config
-from contract.controller.onnx_session import OnnxController
 from contract.release import bundle, signing
+from contract.runtime.onnx_session import OnnxController
+from contract.shipped import BUNDLE
 from firmware_sim.ecu.ecu import Ecu
-from stillwake.shipped import BUNDLE
 
 EXTRAS = ("torch", "shap", "onnx", "numba", "scipy", "matplotlib", "gymnasium", "distributed", "PIL", "pytest", "h5py",
           "udsoncan", "isotp")  # fmt: skip

@@ -24,9 +24,8 @@ from typing import Any
 
 import typer.main
 
+from contract.shipped import BUNDLE, RECORDING
 from stillwake import __main__ as command_line
-from stillwake.shipped import BUNDLE
-from wake.shipped import RECORDING
 
 DBC = files("contract").joinpath("stillwake.dbc")
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=walk")

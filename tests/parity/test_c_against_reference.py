@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import host_compiler
-from contract.controller.host_library import CController
 from contract.controller.interface import ControllerError
 from contract.errors import ExportError, LibraryError
 from export.gates.parity import check_lowering, control_cases
@@ -21,6 +19,8 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
 from tests.examples import examples
 
 pytestmark = pytest.mark.slow  # a library is compiled for each size

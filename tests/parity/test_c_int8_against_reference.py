@@ -16,8 +16,6 @@ from hypothesis import strategies as st
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import host_compiler
-from contract.controller.host_library import CController
 from contract.errors import ExportError, LibraryError
 from export.gates.parity import control_cases
 from export.int8.activation_ranges import activation_ranges
@@ -26,6 +24,8 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
 from tests.examples import examples
 
 HORIZON = 8

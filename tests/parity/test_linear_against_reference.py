@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from contract.config.controller import MpcConfig
-from contract.controller.compiler import host_compiler
-from contract.controller.host_library import CController
 from contract.controller.interface import ControllerError
 from contract.errors import ExportError, LibraryError
 from contract.release.onnx_graph import check_graph
@@ -17,6 +15,8 @@ from export.program.random_linear_program import random_linear_program
 from export.program.random_program import random_windows
 from export.to_c.linear_library import linear_c_library
 from export.to_onnx.linear_step import build_linear_controller
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07", "base_3", "base_6")
 SIZES = ((1, 2, 2), (2, 64, 25), (3, 7, 9), (4, 12, 31))

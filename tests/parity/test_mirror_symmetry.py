@@ -16,8 +16,6 @@ import pytest
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import host_compiler
-from contract.controller.host_library import CController
 from contract.controller.interface import ControlStep
 from contract.errors import LibraryError
 from export.gates.parity import control_cases
@@ -26,6 +24,8 @@ from export.program.random_program import random_program
 from export.program.weights import Linear, Norm
 from export.reference.mpc import control_step
 from export.to_c.library import c_library
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
 
 MODEL = ModelConfig(window=7, latent=4, lstm_width=6, dynamics_width=22, decoder_width=10)
 PAIRS = [1, 0, 3, 2]

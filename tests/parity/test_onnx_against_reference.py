@@ -11,8 +11,8 @@ import pytest
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.onnx_session import OnnxController
 from contract.errors import ExportError
+from contract.runtime.onnx_session import OnnxController
 from export.gates.parity import check_parity, control_cases
 from export.int8.rounded_program import effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram

@@ -9,18 +9,18 @@ from threading import Event, Thread
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.store import Store
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.message_specs import PRESSURE
 from contract.config.tree import Config
-from contract.controller.onnx_session import OnnxController
 from contract.release import signing
 from contract.release.container import read_files
 from contract.release.image import image_of
 from contract.release.key_list import KeyList, encode
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.flashable.fitting import Fitting
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu, is_diagnostic
 from firmware_sim.ecu.flashable.supplies import Supplies

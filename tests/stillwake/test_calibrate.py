@@ -11,7 +11,7 @@ pytest.importorskip("udsoncan")
 from udsoncan.client import Client
 
 from can_bridge.secoc.key import write_key
-from contract.calibration import NAMES
+from contract.controller.calibration import NAMES
 from tests.can_bridge.tester.calibrated_ecu import OWN, SECRET, Direct, Ecu
 
 BUS = ("--bus", "socketcan:can7")

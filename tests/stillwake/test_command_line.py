@@ -17,8 +17,8 @@ import pytest
 
 import stillwake.__main__
 from contract.recording import dataset
+from contract.shipped import RECORDING
 from tests.stillwake.verbs import verbs
-from wake.shipped import RECORDING
 
 VERBS = verbs(stillwake.__main__.app)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from stillwake.own_rooms import HOME
+from stillwake.console.own_rooms import HOME
 
 pytestmark = pytest.mark.processes
 

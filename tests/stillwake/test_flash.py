@@ -13,7 +13,7 @@ from can_bridge.secoc.key import write_key
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.release import bundle
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.stillwake.flash_bench import MAKER, SECRET, powered, provision
 
 NUMBERS = count()

@@ -15,8 +15,8 @@ from can_bridge.secoc.key import write_key
 from contract.config.loading import load_config
 from contract.release import signing
 from contract.release.key_list import KeyList, encode
+from contract.shipped import BUNDLE
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from stillwake.shipped import BUNDLE
 from tests.stillwake.flash_bench import MAKER, ROOT, SECRET, powered, provision
 
 NUMBERS = count()

@@ -16,8 +16,8 @@ from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from stillwake.progress import ProgressLines
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
+from stillwake.console.progress import ProgressLines
 from tests.can_bridge.tester.conftest import SHIPPED, played
 from tests.can_bridge.tester.played_ecu import SECRET, Played, PlayedEcu
 from tests.can_bridge.tester.served import served

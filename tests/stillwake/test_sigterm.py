@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from stillwake.own_rooms import HOME
+from stillwake.console.own_rooms import HOME
 from tests.stillwake.commands.test_stopped import SMALL
 
 pytestmark = pytest.mark.processes
@@ -20,7 +20,7 @@ VIRTUAL = ("--set", "bus.interface=virtual")
 COARSE = ("--set", "flow.refinement=0.5")
 """A start from rest takes thousands of time steps before the first line of progress."""
 PROGRESS = re.compile(r"\d+(/\d+)? \w+.* (so far|done in \d+ s)|^\d+ s: \d+ data frames", re.MULTILINE)
-"""What `stillwake.progress.line_of` writes, and `can monitor`'s line a second."""
+"""What `stillwake.console.progress.line_of` writes, and `can monitor`'s line a second."""
 OF_LIBRARIES = (".ses", "torchinductor_")
 """What ONNX Runtime and PyTorch leave in the temporary folder for later processes, whenever they are loaded."""
 PATIENCE_S = 240.0

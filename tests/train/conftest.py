@@ -11,8 +11,8 @@ from contract import sensors
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, Episode, Role
-from train.rows import Rows, prepare
-from train.scaling import fit_scaling
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import fit_scaling
 
 # Small networks gain nothing from more, and workers that run beside each other lose.
 torch.set_num_threads(1)

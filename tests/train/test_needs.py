@@ -9,13 +9,13 @@ from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
-from train.distil import encode_all
-from train.evaluate import evaluate, rollout_starts
-from train.fit import fit_joint
-from train.model import WakeModel
-from train.rows import Rows, prepare
-from train.scaling import fit_scaling
-from train.streaming import fit_stream
+from train.distillation.distil import encode_all
+from train.distillation.evaluate import evaluate, rollout_starts
+from train.fitting.fit import fit_joint
+from train.fitting.streaming import fit_stream
+from train.networks.model import WakeModel
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import fit_scaling
 
 
 @pytest.fixture

@@ -20,11 +20,11 @@ from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
-from train.model import WakeModel
+from train.fitting.progress import Phase
+from train.networks.model import WakeModel
 from train.pipeline import train_all
-from train.progress import Phase
-from train.rows import Rows, prepare
-from train.scaling import fit_scaling
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import fit_scaling
 from train.selection.hand_choice import select_by_hand
 from train.selection.methods import METHODS, select
 

@@ -16,12 +16,13 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, ModelError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
-from train import model_store, unfinished
-from train.distil import encode_all
-from train.evaluate import evaluate
+from train import model_store
+from train.distillation.distil import encode_all
+from train.distillation.evaluate import evaluate
+from train.fitting import unfinished
+from train.fitting.progress import Phase
 from train.pipeline import train_all
-from train.progress import Phase
-from train.rows import prepare
+from train.samples.rows import prepare
 from train.selection.choice import SensorChoice
 
 pytestmark = pytest.mark.slow  # whole trainings

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from contract.config.tree import Config
-from train.fit import fit_joint
-from train.model import Encoder
-from train.progress import Phase
-from train.rows import Rows
+from train.fitting.fit import fit_joint
+from train.fitting.progress import Phase
+from train.networks.model import Encoder
+from train.samples.rows import Rows
 
 
 def test_the_two_readings_agree_on_a_stretch_s_first_window_alone(small_config: Config) -> None:

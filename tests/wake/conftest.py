@@ -5,8 +5,8 @@ import pytest
 
 from contract import sensors
 from contract.config.plant import FlowConfig
+from wake.plant.sample import Sample
 from wake.recording import episode_job, recorder
-from wake.truck.sample import Sample
 from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 

@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from contract import linear_model_folder
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.linear_model_folder import LinearDescription
+from contract.model import linear_model_folder
+from contract.model.linear_model_folder import LinearDescription
 from contract.recording import dataset
 from contract.recording.episode import Episode
 from contract.recording.findings import agreeing
@@ -22,7 +22,7 @@ from contract.sensor_layout import SensorLayout
 from train.linear.differences import PROBE, SENSORS, Series, check_pairs, chosen_episodes, series_of
 from train.linear.identification import HORIZONS, fit, growing_modes, refuse_spurious, roll_out_r2
 from train.linear.lqr import design
-from train.scaling import fit_scaling
+from train.samples.scaling import fit_scaling
 
 PHASES: Final = ("read", "judge", "identify", "design", "write")
 """Of an identification, in order."""

@@ -4,7 +4,7 @@ A distillation for every candidate would be as many trainings as there are senso
 `train.selection.ridge_student` stands in for them.
 """
 
-from train.progress import Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from contract.config.learning import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
-from train.model import Encoder
-from train.progress import Progress, silent
-from train.rows import Rows
+from train.fitting.progress import Progress, silent
+from train.networks.model import Encoder
+from train.samples.rows import Rows
 from train.selection.budget import check_count
 from train.selection.greedy_forward import select_greedy
 from train.selection.hand_choice import select_by_hand

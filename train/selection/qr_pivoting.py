@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from contract.arrays import Array
-from train.rows import Rows
+from train.samples.rows import Rows
 
 # PyPI's python-sensors 0.4 does this too, but brings scikit-learn, matplotlib and pandas for one call of SciPy's.
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from contract.errors import ConfigError
 from contract.sensors import COUNT
-from train.progress import Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 

@@ -19,8 +19,8 @@ import torch
 
 from contract.arrays import Array
 from contract.errors import DatasetError
-from train.model import Encoder
-from train.rows import Rows
+from train.networks.model import Encoder
+from train.samples.rows import Rows
 from train.selection.window_draws import first_rows, windows_at
 
 STRIDE: Final = 4

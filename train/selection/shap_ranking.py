@@ -15,9 +15,9 @@ from torch import Tensor, nn
 from contract.arrays import Array
 from contract.config.learning import TrainConfig
 from contract.errors import DatasetError
-from train.model import Encoder
-from train.progress import Phase, Progress, silent
-from train.rows import Rows
+from train.fitting.progress import Phase, Progress, silent
+from train.networks.model import Encoder
+from train.samples.rows import Rows
 from train.selection.ranking import Ranking
 from train.selection.window_draws import first_rows, windows_at
 

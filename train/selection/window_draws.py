@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from contract.arrays import Index
-from train.rows import Rows
+from train.samples.rows import Rows
 
 
 def first_rows(rows: Rows, window: int) -> Index:

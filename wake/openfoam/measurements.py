@@ -16,8 +16,8 @@ from wake.openfoam.case import FORCES, PRESSURES, WAKE
 from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.sensing import sensor_weights
+from wake.plant.sample import Sample
 from wake.truck import jets
-from wake.truck.sample import Sample
 
 _FILES: Final = {**dict.fromkeys(FORCES.values(), "force.dat"), PRESSURES: "p", WAKE: "U"}
 

@@ -24,8 +24,8 @@ from wake.openfoam.measurements import Follower, Instruments, Readings
 from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.process import IcoFoam, require_installed
 from wake.openfoam.state import FoamState, put, read_fields
+from wake.plant.sample import Sample
 from wake.solver.grid import Grid, truck_grid
-from wake.truck.sample import Sample
 
 
 class OpenFoamWake:

@@ -20,7 +20,7 @@ from contract.config.body import BodyConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.pictures.fields import Raster, View, velocity
-from wake.plant import Drawable
+from wake.plant.protocol import Drawable
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 from wake.truck.recirculation import recirculation_length

@@ -20,7 +20,7 @@ from matplotlib.patches import Polygon
 from contract.arrays import Array
 from wake.pictures.drawing import jet_arrow, outline
 from wake.pictures.fields import Raster, View
-from wake.plant import Drawable
+from wake.plant.protocol import Drawable
 
 NIGHT: Final = "#0a0d14"
 """Background."""

@@ -8,7 +8,7 @@ from contract.config.body import BodyConfig
 from contract.geometry import HALF_WIDTH
 from wake.pictures.fields import Raster, View
 from wake.pictures.levels import Levels, field_levels
-from wake.plant import Drawable
+from wake.plant.protocol import Drawable
 
 WIDTH: Final = 480
 """Pixels."""

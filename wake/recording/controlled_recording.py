@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from contract.body_sensors import layout_of
+from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.recording.appending import append, read_to_append
 from contract.recording.dataset import Episode

@@ -14,13 +14,13 @@ from contract.config.tree import Config
 from contract.errors import PlantError, StillwakeError
 from contract.recording.dataset import UNITS, Episode
 from contract.results import versions
+from contract.shipped import developed
+from wake.plant.sample import Sample
 from wake.recording.blocks import EpisodeBlocks, Series
 from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
 from wake.recording.parts_folder import PartsFolder, differing
 from wake.recording.plan import Plan
-from wake.shipped import developed
 from wake.solver.grid import box_grid
-from wake.truck.sample import Sample
 from wake.truck.state import State, check_body, check_grid, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
 

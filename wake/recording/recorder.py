@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from contract.body_sensors import layout_of
+from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, write
 from wake.recording.episode_job import EpisodeJob, Progress, check_start, setting_of

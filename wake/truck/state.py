@@ -12,7 +12,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.errors import PlantError
-from wake.shipped import developed
+from contract.shipped import developed
 
 STATE_SCHEMA: Final = "stillwake-flow/2"
 _BODY: Final = ("body_length", "leading_edge_radius")

@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 
 from contract.errors import PlantError
+from wake.plant.sample import Sample
 from wake.solver.flow import Flow
 from wake.truck.develop import start_from_rest
 from wake.truck.recirculation import recirculation_length
-from wake.truck.sample import Sample
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

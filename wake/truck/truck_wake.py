@@ -11,18 +11,18 @@ from functools import partial
 import numpy as np
 
 from contract.arrays import Array
-from contract.body_sensors import layout_of
 from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
+from wake.plant.gust import Wind
+from wake.plant.sample import Sample
 from wake.solver import boundary, stability
 from wake.solver.flow import Flow
 from wake.solver.grid import box_grid
 from wake.solver.navier_stokes import FlowSolver
 from wake.truck import jets
 from wake.truck.body import signed_distance
-from wake.truck.gust import Wind
-from wake.truck.sample import Sample
 from wake.truck.state import Origin, State, check_body, check_grid, check_reynolds
 from wake.truck.surface import Surface
 

@@ -31,13 +31,14 @@ from benchmarks.controller.operations.sequences import Sequences, gaps, optima, 
 from benchmarks.controller.operations.travelling import TravellingController
 from benchmarks.controller.operations.warm_start import learn
 from benchmarks.controller.situations import LEAD
-from contract import model_folder
 from contract.arrays import Array
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.release import bundle as bundles
 from contract.results import versions
+from contract.shipped import BUNDLE, RECORDING
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
 from export.program.random_program import random_program, random_window
@@ -46,8 +47,6 @@ from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
 from firmware_sim.mcu.measure import measure
 from firmware_sim.runs.summary import summary
-from stillwake.shipped import BUNDLE
-from wake.shipped import RECORDING
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

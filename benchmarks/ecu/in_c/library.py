@@ -8,10 +8,10 @@ from typing import Any, Final, NamedTuple
 from benchmarks.ecu.in_c.variants import bundle_of
 from contract.config.tree import Config
 from contract.controller.c_folder import settings_header
-from contract.controller.compiler import compile_c, host_compiler
 from contract.controller.interface import TERMS
-from firmware_sim.ecu.c_settings import HEADER, ecu_settings
-from firmware_sim.ecu.c_structs import Structs
+from firmware_sim.in_c.c_settings import HEADER, ecu_settings
+from firmware_sim.in_c.c_structs import Structs
+from firmware_sim.in_c.compiler import compile_c, host_compiler
 
 EXACT: Final = ("-O1", "-ffp-contract=off")
 """No multiplication is fused with an addition: decisions are compared to the bit."""

@@ -26,8 +26,8 @@ from benchmarks.ecu.in_c import branch_coverage, campaign, misra, mutants
 from benchmarks.ecu.in_c.library import Library, sources
 from benchmarks.ecu.in_c.planted import PLANTED
 from benchmarks.ecu.in_c.variants import VARIANTS
-from contract.controller.compiler import compiler_version, host_compiler
 from contract.results import versions
+from firmware_sim.in_c.compiler import compiler_version, host_compiler
 
 STRETCH: Final = 2_500
 """Periods of one seed."""

@@ -23,7 +23,7 @@ from benchmarks.ecu.in_c import gate_cases
 from benchmarks.ecu.in_c.library import Layout, sources
 from benchmarks.ecu.in_c.mutator import Mutant, all_mutated
 from benchmarks.ecu.in_c.variants import VARIANTS
-from contract.controller.compiler import compile_c, host_compiler
+from firmware_sim.in_c.compiler import compile_c, host_compiler
 
 MUTATED: Final = ("sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c")
 TRAPPED: Final = (

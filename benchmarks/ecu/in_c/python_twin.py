@@ -15,10 +15,10 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.estimator import Hypotheses
 from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep
-from firmware_sim.ecu.c_structs import c_time
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.sensor_check import SensorCheck
+from firmware_sim.in_c.c_structs import c_time
 
 HYPOTHESES = Hypotheses.of(4)
 

@@ -13,12 +13,12 @@ from contract import sensors
 from contract.recording import dataset
 from contract.release.manifest import Scaling
 from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault
-from train.distil import encode_all
-from train.evaluate import evaluate
-from train.model import Encoder, WakeModel
+from train.distillation.distil import encode_all
+from train.distillation.evaluate import evaluate
 from train.model_store import load
-from train.rows import Rows, prepare
-from train.scaling import unit_steps
+from train.networks.model import Encoder, WakeModel
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import unit_steps
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 

@@ -18,13 +18,13 @@ from contract.config.tree import Config
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
 from contract.release.manifest import Scaling
-from train.distil import distil
-from train.evaluate import evaluate
-from train.model import Encoder, WakeModel
+from contract.shipped import RECORDING
+from train.distillation.distil import distil
+from train.distillation.evaluate import evaluate
 from train.model_store import TrainedModel, load
-from train.rows import Rows, prepare
-from train.scaling import fit_scaling
-from wake.shipped import RECORDING
+from train.networks.model import Encoder, WakeModel
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import fit_scaling
 
 STREAM_EPOCHS: Final = 50.0
 DISTIL_EPOCHS: Final = 1.0

@@ -20,7 +20,7 @@ from benchmarks.model.study.lab import Lab, digest, episodes, open_lab, quiet
 from benchmarks.model.study.parts import COUNTS, LOOPS, SEEDS, UNROLLS, WIDTHS, Part, run, stages
 from contract.config.loading import load_config, to_tree
 from contract.results import versions
-from stillwake.terminal import ConfigFile, Overrides, progress_bar
+from stillwake.console.terminal import ConfigFile, Overrides, progress_bar
 from train.selection.correlation import correlation
 from train.selection.methods import METHODS
 

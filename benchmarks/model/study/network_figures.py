@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from benchmarks.model.study.figures import FORCES, REFERENCE
 from benchmarks.model.study.lab import Lab, scaling, test_rows, training_rows
 from contract import sensors
-from train.distil import encode_all
+from train.distillation.distil import encode_all
 from train.model_store import load
 
 STRETCHES: Final = ((3000, 3400), (9500, 9900))

@@ -18,16 +18,16 @@ from contract.arrays import Array
 from contract.config.learning import SelectionMethod
 from contract.errors import StillwakeError
 from train import model_store
-from train.distil import distil, encode_all
-from train.distil_predictor import distil_predictor
-from train.evaluate import evaluate, evaluate_latents, latent_error, rollout_starts
-from train.fit import fit_joint, seeded
-from train.lessons import teach
-from train.model import Encoder, WakeModel
+from train.distillation.distil import distil, encode_all
+from train.distillation.distil_predictor import distil_predictor
+from train.distillation.evaluate import evaluate, evaluate_latents, latent_error, rollout_starts
+from train.distillation.lessons import teach
+from train.fitting.fit import fit_joint, seeded
+from train.fitting.streaming import encode_stream, fit_stream
+from train.networks.model import Encoder, WakeModel
 from train.pipeline import train_all
-from train.rows import Rows, prepare
+from train.samples.rows import Rows, prepare
 from train.selection.methods import METHODS, select
-from train.streaming import encode_stream, fit_stream
 
 SEEDS: Final = (0, 1, 2)
 COUNTS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 90)

@@ -11,7 +11,7 @@ from typing import Final
 
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.bus.simulated.port import SimulatedPort
-from can_bridge.timing.traffic import PeriodicMessage
+from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.errors import BusError
 
 DRIFT_PPM: Final = 200

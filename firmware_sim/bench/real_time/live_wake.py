@@ -16,7 +16,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from contract.arrays import Array
-from contract.body_sensors import layout_of
+from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import PlantError, StillwakeError
 from contract.sensor_layout import SensorLayout

@@ -12,10 +12,10 @@ from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Final, Self
 
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.mailbox import Mailbox
-from can_bridge.bus.python_can import PythonCanBus
-from can_bridge.bus.receive_thread import ReceiveThread
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from firmware_sim.ecu.real_time.privileges import step_back

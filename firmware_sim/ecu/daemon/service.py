@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Final
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import RunnableController

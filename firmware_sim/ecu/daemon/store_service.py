@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.calibration.xcp import COMMAND_ID
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID
 from contract.config.tree import Config
 from contract.controller.interface import Controller
-from contract.controller.onnx_session import OnnxController
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.control_side import ControlSide
 from firmware_sim.ecu.daemon.counters import Counters

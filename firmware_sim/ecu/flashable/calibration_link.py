@@ -10,8 +10,8 @@ from can_bridge.flashing.store import Store
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.frame import Frame
-from contract.calibration import Calibration
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.flashable.supplies import Supplies

@@ -21,8 +21,8 @@ from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.store import Store
 from contract.atomic import replacing
 from contract.errors import ConfigError, OutputError
+from contract.printable import is_name, quoted
 from contract.release import signing, strict_json
-from contract.release.printable import is_name, quoted
 from contract.release.signing import PublicKey
 
 ROOT: Final = "root.pub"

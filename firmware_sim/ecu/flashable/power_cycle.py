@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from functools import partial
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Level, Nrc
+from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.release.bundle import Bundle

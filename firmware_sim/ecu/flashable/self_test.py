@@ -11,8 +11,8 @@ import numpy as np
 from can_bridge.uds.diagnostics import Long
 from contract.arrays import Array
 from contract.controller.interface import Controller, ControllerError, Sizes
-from contract.controller.onnx_estimator import OnnxEstimator
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_estimator import OnnxEstimator
 
 AMPLITUDE_CP: Final = 0.3
 """Of the made-up pressures: what a shedding wake brings at the rear edges."""
@@ -27,7 +27,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
     Raises:
         ControllerError: one of them fails, or an answer is not finite, of another shape, or beyond the action limit.
     """
-    sizes = Sizes.of(bundle.manifest)
+    sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)
     yield

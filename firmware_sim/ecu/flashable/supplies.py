@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 from can_bridge.uds.access_key import AccessKey
 from contract.controller.interface import Controller
-from contract.controller.onnx_session import OnnxController
 from contract.release.bundle import Bundle
 from contract.release.signing import PublicKey
+from contract.runtime.onnx_session import OnnxController
 
 
 def nobody(event: str, line: str, **fields: str | int | float) -> None:

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.boot import Boot, BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level, Routine, Session
+from can_bridge.uds.services import Routine, Session
 
 Tell = Callable[..., None]
 

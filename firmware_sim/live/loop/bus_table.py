@@ -10,7 +10,7 @@ from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, ReceiverState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from contract.config.tree import Config
-from firmware_sim.live.messages import BusNow, BusRow
+from firmware_sim.live.loop.messages import BusNow, BusRow
 from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64

@@ -6,8 +6,8 @@ import numpy as np
 
 from contract.errors import PlantError
 from firmware_sim.bench.spans import SHEDDING_TIME
+from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
-from wake.truck.sample import Sample
 
 
 class DragMeans:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.live.messages import LatencyNow
+from firmware_sim.live.loop.messages import LatencyNow
 from firmware_sim.runs.run_log import Row
 
 BINS: Final = 50

@@ -18,13 +18,13 @@ from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.kept import Counted, KeptPeriod, packed
 from firmware_sim.live.loop.latency_histogram import LatencyHistogram
+from firmware_sim.live.loop.messages import FieldPicture
+from firmware_sim.live.loop.noticing import BOOT, OFF, Seen
 from firmware_sim.live.loop.scene import Still, scene_of
 from firmware_sim.live.loop.switching import LINGER_S, Happening, SwitchedDisturbances
 from firmware_sim.live.loop.wish import Wish
-from firmware_sim.live.messages import FieldPicture
-from firmware_sim.live.noticing import BOOT, OFF, Seen
 from firmware_sim.runs.bus_traffic import NodeErrors
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 
 BOOT_S: Final = 0.2
 """Virtual time from power-on to the ECU's first step: what `reset` takes as its default."""

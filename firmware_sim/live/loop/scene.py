@@ -10,18 +10,18 @@ from contract.arrays import Array
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.sensor_layout import SensorLayout
-from firmware_sim.live.messages import FieldPicture
+from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from wake.pictures.drawing import vorticity_figure
 from wake.pictures.level_picture import LevelPicture
-from wake.plant import LivePlant, LoopPlant
+from wake.plant.protocol import LivePlant, LoopPlant
+from wake.plant.sample import Sample
 from wake.solver.grid import Grid
-from wake.truck.sample import Sample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Still:
-    """A flow as it was at an instant; a `wake.plant.Drawable`."""
+    """A flow as it was at an instant; a `wake.plant.protocol.Drawable`."""
 
     grid: Grid
     config: FlowConfig

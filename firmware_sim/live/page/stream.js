@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const HEAD = 12; // k, t, width, height: `firmware_sim.live.messages.pack_field`
+  const HEAD = 12; // k, t, width, height: `firmware_sim.live.loop.messages.pack_field`
 
   stillwake.Stream = class {
     /** @param {Function} on called with (type) after each message has been kept. */

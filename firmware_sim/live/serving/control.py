@@ -3,7 +3,7 @@
 import json
 from typing import Any, Final
 
-from firmware_sim.live.messages import Answer, Message
+from firmware_sim.live.loop.messages import Answer, Message
 
 LONGEST_REQUEST: Final = 16 * 1024
 """Bytes; a longer message ends its connection."""

@@ -14,7 +14,7 @@ from typing import Any, Final
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from firmware_sim.live.messages import Answer
+from firmware_sim.live.loop.messages import Answer
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import as_json, check
 from firmware_sim.live.serving.hub import STREAMS

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from threading import Lock
 from typing import Any, Final, cast
 
-from firmware_sim.live.messages import PERIOD_COLUMNS, Events, Hello, Message, Periods
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Events, Hello, Message, Periods
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", "latency", PICTURE)

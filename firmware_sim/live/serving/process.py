@@ -11,7 +11,7 @@ from threading import Thread
 from typing import Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.messages import Answer, Message
+from firmware_sim.live.loop.messages import Answer, Message
 from firmware_sim.live.serving.stepping import MakeSession, run
 
 LONGEST_END_S: Final = 3.0

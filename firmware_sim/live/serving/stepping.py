@@ -14,7 +14,7 @@ from threading import Condition, Thread
 from typing import Any, Final, Protocol, runtime_checkable
 
 from contract.errors import StillwakeError
-from firmware_sim.live.messages import Answer, LoopNow, Message, Request
+from firmware_sim.live.loop.messages import Answer, LoopNow, Message, Request
 from firmware_sim.live.serving.hub import STREAMS, Hub
 from firmware_sim.live.serving.viewer import Viewer
 

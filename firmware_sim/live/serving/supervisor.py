@@ -9,7 +9,7 @@ from itertools import count
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.messages import Answer, EventItem, Events, LoopNow, Message
+from firmware_sim.live.loop.messages import Answer, EventItem, Events, LoopNow, Message
 from firmware_sim.live.serving.hub import Hub
 from firmware_sim.live.serving.process import LoopProcess
 from firmware_sim.live.serving.stepping import MakeSession

@@ -1,6 +1,6 @@
 """How far one viewer has come: it holds counts and no messages, however long it does not read."""
 
-from firmware_sim.live.messages import Message
+from firmware_sim.live.loop.messages import Message
 from firmware_sim.live.serving.hub import STREAMS, Hub
 
 

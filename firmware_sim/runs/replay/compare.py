@@ -9,8 +9,8 @@ from firmware_sim.runs.control import trouble
 from firmware_sim.runs.replay.comparison import differing, figure_rows, names_of
 from firmware_sim.runs.replay.comparison_picture import comparison_figure
 from firmware_sim.runs.replay.inlined import as_json, inlined
+from firmware_sim.runs.replay.report import read_run, wake_of
 from firmware_sim.runs.replay.run_data import run_data
-from firmware_sim.runs.report import read_run, wake_of
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.tables import headline
 

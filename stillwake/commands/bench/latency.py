@@ -19,10 +19,10 @@ from contract.config.loading import Loaded
 from contract.errors import ConfigError, LibraryError
 from contract.release.bundle import Bundle
 from contract.results import versions, write_result
-from stillwake.outputs import Overwrite, check_json, check_output
-from stillwake.releases import Trust, locate, open_release
-from stillwake.settings import REAL_BUS, settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.settings import REAL_BUS, settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.parts.releases import Trust, locate, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.latency.budget import Verdict
@@ -249,7 +249,7 @@ def _subjects(
         return [onnx]
     if bundle is not None:
         raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
-    from stillwake.c_release import library_folder
+    from stillwake.parts.c_release import library_folder
 
     console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
     made = stack.enter_context(library_folder(None))

@@ -11,10 +11,10 @@ import typer
 
 from contract.atomic import check_writable
 from stillwake.commands.run import cost_weights
-from stillwake.releases import Trust, describe, open_release
-from stillwake.settings import WEIGHTS, settings
-from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, Overrides, console
+from stillwake.console.settings import WEIGHTS, settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import ConfigFile, Overrides, console
+from stillwake.parts.releases import Trust, describe, open_release
 
 USES: Final = (
     "body",
@@ -70,7 +70,7 @@ def serve(
     """
     from firmware_sim.live.serving import server
     from firmware_sim.live.settings import LiveSettings
-    from stillwake.live_parts import LiveParts
+    from stillwake.parts.live_parts import LiveParts
 
     check_writable(saves, folder=True)
     loaded = settings("bench serve", config_file, overrides, uses=USES)

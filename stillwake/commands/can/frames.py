@@ -17,11 +17,11 @@ from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
 from contract.results import versions, write_result
 from stillwake.commands.can.options import BUS, UNCHECKED, Dbc, key_of, positive
-from stillwake.outputs import Overwrite, check_json, check_output
-from stillwake.progress import now_and_then
-from stillwake.settings import settings
-from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.progress import now_and_then
+from stillwake.console.settings import settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
     import can
@@ -112,7 +112,7 @@ def _raw_frames(texts: list[str]) -> "Callable[[float], list[can.Message]]":
 def _own_frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], list[can.Message]]":
-    from can_bridge.bus.python_can import to_message
+    from can_bridge.bus.backends.python_can import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
     from can_bridge.secoc.freshness import Freshness

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from stillwake.terminal import console
+from stillwake.console.terminal import console
 
 
 def keygen(

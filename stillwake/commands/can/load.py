@@ -13,9 +13,9 @@ from rich.text import Text
 
 from contract.config.tree import Config
 from contract.results import versions, write_result
-from stillwake.outputs import check_json
-from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.console.outputs import check_json
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 
 if TYPE_CHECKING:
     from can_bridge.timing.bus_load import BusLoad, MessageLoad

@@ -8,11 +8,11 @@ import typer
 
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Duration, identifiers, positive
-from stillwake.outputs import Overwrite, check_output
-from stillwake.progress import now_and_then
-from stillwake.settings import settings
-from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.outputs import Overwrite, check_output
+from stillwake.console.progress import now_and_then
+from stillwake.console.settings import settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 MOST_WAITING: Final = 10_000
 """Frames that are still taken after a stop: more than the queues of the system and of interfaces hold, and an end."""

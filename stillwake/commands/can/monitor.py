@@ -12,10 +12,10 @@ import typer
 
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Dbc, Duration, key_of, positive
-from stillwake.progress import INTERVAL
-from stillwake.settings import settings
-from stillwake.stopping import until_stopped
-from stillwake.terminal import ConfigFile, Overrides, console
+from stillwake.console.progress import INTERVAL
+from stillwake.console.settings import settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import ConfigFile, Overrides, console
 
 if TYPE_CHECKING:
     import can

@@ -19,10 +19,10 @@ from stillwake.commands.dataset.drives import (
     told,
 )
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
-from stillwake.outputs import Overwrite, check_dataset_name, check_output
-from stillwake.progress import now_and_then
-from stillwake.settings import settings
-from stillwake.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
+from stillwake.console.progress import now_and_then
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 LOGS: Final = "Recorded drives"
 SAME: Final = 1e-6

@@ -8,7 +8,7 @@ import typer
 from contract.config.loading import load
 from contract.errors import DatasetError
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
-from stillwake.terminal import ConfigFile, Overrides, console
+from stillwake.console.terminal import ConfigFile, Overrides, console
 
 File = Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)]
 
@@ -71,7 +71,7 @@ def show(
         )
         console.print(facts, soft_wrap=True, markup=False)
     if picture is not None:
-        from stillwake.dataset_picture import draw
+        from stillwake.parts.dataset_picture import draw
 
         draw(found, picture)
         typer.echo(f"wrote {picture}", err=settings)

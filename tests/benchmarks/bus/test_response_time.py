@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from benchmarks.bus import response_time
 from benchmarks.bus.response_time import Sent, at_critical_instant, longest_frame, measure, play
+from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.timing.response_time import Timing, response_times
-from can_bridge.timing.traffic import PeriodicMessage
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.bus import serial_wire, two_nodes
 from benchmarks.bus.two_nodes import Counts, lost, run
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig

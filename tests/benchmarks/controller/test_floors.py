@@ -6,8 +6,8 @@ from benchmarks.controller.floors import CoreLimits, Work, measure_core
 from benchmarks.controller.latency import over_floors
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import host_compiler
 from export.program.random_program import random_program
+from firmware_sim.in_c.compiler import host_compiler
 
 
 def test_the_work_of_a_small_program_is_what_counting_gives():

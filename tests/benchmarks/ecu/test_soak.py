@@ -20,9 +20,9 @@ from contract.controller.interface import ControlStep
 from contract.recording.dataset import read
 from contract.release import bundle
 from contract.release.bundle import Bundle
+from contract.shipped import recording
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.ecu_state import EcuState
-from wake.shipped import recording
 
 PERIODS = 3300
 """66 s: past the minute in which the ECU goes bus-off."""

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.flash import cuts, proof, releases, tables
 from benchmarks.flash.case import Case
 from benchmarks.flash.cuts import Tally, both_bad, walk
-from can_bridge.flashing.flash_backing import FlashBacking
+from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store

@@ -10,9 +10,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from benchmarks.release.ship import ship
 from contract.errors import BundleError
 from contract.release import bundle as bundles
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE, MODEL
 from tests.stillwake.commands.resealing import resealed
-from wake.shipped import MODEL
 
 ON = date(2026, 1, 2)
 

@@ -6,7 +6,8 @@ import torch
 
 from benchmarks.common.command_line import MODEL
 from benchmarks.roads.calm_tuning import Tuning, tune, weights_of
-from contract import model_folder, sensors
+from contract import sensors
+from contract.model import model_folder
 from contract.recording.dataset import Episode
 from export.program.from_training import program_of
 from export.reference.model import decode, encode

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.roads.foresight import Foresight, drive
+from wake.plant.sample import Sample
 from wake.recording.feedback import NoFeedback
-from wake.truck.sample import Sample
 from wake.truck.state import State
 
 REPAYS_AFTER = 12

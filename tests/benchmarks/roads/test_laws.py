@@ -7,7 +7,7 @@ from benchmarks.roads.laws import BangBang, Constant, Opposition, PhaseControl, 
 from benchmarks.roads.loop import LawController, on_plant
 from benchmarks.roads.mpc_90 import Windowed
 from firmware_sim.bench.spans import Spans
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 PERIOD = 0.2
 SPANS = Spans(lead_in=10.0, controlled=40.0, settle=20.0)

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.roads.oracle import Oracle, descend, drive
 from contract.config.controller import CostWeights, MpcConfig
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import State
 
 WEIGHTS = CostWeights(drag_fluctuation=0.0, lift=0.0, smoothness=0.0)

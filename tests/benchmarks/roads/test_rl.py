@@ -11,7 +11,7 @@ from benchmarks.roads import rl
 from benchmarks.roads.loop import Setting
 from contract.config.loading import load_config
 from contract.release import bundle as bundles
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from wake.truck.state import State
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.roads.rl_env import RemembersWake, observed, reward
 from contract.release import bundle as bundles
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from wake.env import TruckWakeEnv
 
 MANIFEST = bundles.load(BUNDLE).manifest

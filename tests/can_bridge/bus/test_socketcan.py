@@ -11,8 +11,8 @@ import can
 import pytest
 
 from benchmarks.bus.two_nodes import lost, run
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.interface import HEALTHY
-from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig

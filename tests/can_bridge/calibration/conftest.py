@@ -10,9 +10,9 @@ from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
-from can_bridge.uds.services import Level
-from contract.calibration import WEIGHTS, Calibration, CalibrationLimits
+from can_bridge.flashing.access_level import Level
 from contract.config.controller import CostWeights
+from contract.controller.calibration import WEIGHTS, Calibration, CalibrationLimits
 
 SECRET = bytes(range(16))
 REFERENCE = Calibration(

@@ -13,7 +13,7 @@ import pytest
 from can_bridge.calibration.a2l import a2l_text
 from can_bridge.calibration.segment import ADDRESS, Page
 from can_bridge.calibration.xcp import Command
-from contract.calibration import NAMES
+from contract.controller.calibration import NAMES
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|/begin|/end|[^\s"]+')

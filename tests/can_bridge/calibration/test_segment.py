@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.calibration.segment import Page, Segment
-from contract.calibration import NAMES
+from contract.controller.calibration import NAMES
 from contract.errors import ConfigError
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 from tests.examples import examples

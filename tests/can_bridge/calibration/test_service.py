@@ -11,8 +11,8 @@ from can_bridge.calibration.service import DIDS, CalibrationService
 from can_bridge.flashing.medium import MediumError
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc
-from contract.calibration import Calibration, CalibrationLimits
 from contract.config.controller import CostWeights
+from contract.controller.calibration import Calibration, CalibrationLimits
 
 OWN = Calibration(weights=CostWeights(), action_limit=0.075, command_step=0.07, delay_steps=1)
 LIMITS = CalibrationLimits(

@@ -9,7 +9,7 @@ import pytest
 
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
-from can_bridge.uds.services import Level
+from can_bridge.flashing.access_level import Level
 from tests.can_bridge.calibration.conftest import REFERENCE
 
 config = pytest.importorskip("pyxcp.config")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
-from can_bridge.uds.services import Level
+from can_bridge.flashing.access_level import Level
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, CmacAccess
 from tests.examples import examples
 

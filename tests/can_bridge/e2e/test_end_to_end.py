@@ -1,6 +1,6 @@
 """A pressure goes to the ECU and a jet command comes back, over a real python-can bus in virtual time."""
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.e2e import profile5
 from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
 from can_bridge.e2e.sender import E2eSender

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from can_bridge.flashing.checking import Rules, check
 from can_bridge.flashing.verdicts import Verdict
-from contract.operating_point import OperatingPoint
+from contract.config.operating_point import OperatingPoint
 from contract.release import key_list, signing, strict_json
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.image import files_of, image_of

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.flashing import report
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.report import MAX_REPORT, Report, SlotReport, report_of
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level
 from contract.errors import BusError
-from contract.release.printable import MAX_NAME, is_name
+from contract.printable import MAX_NAME, is_name
 from tests.can_bridge.flashing.releases import (
     BLOCK,
     SECOND,

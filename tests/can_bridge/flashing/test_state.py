@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.flashing import state
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, Slot
 from can_bridge.flashing.state import Phase, SlotState, StoreState
-from can_bridge.uds.services import Level
-from contract.release.printable import is_name
+from contract.printable import is_name
 from tests.examples import examples
 
 U32 = st.integers(0, 2**32 - 1)

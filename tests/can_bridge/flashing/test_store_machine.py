@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from can_bridge.flashing import checking, remembered, state
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind, at_once
 from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level
 from contract.errors import KeyFileError
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import (

@@ -2,10 +2,10 @@
 
 import pytest
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Level
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.releases import (

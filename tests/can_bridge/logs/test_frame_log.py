@@ -1,7 +1,7 @@
 import can
 import pytest
 
-from can_bridge.bus.python_can import from_message
+from can_bridge.bus.backends.python_can import from_message
 from can_bridge.logs.frame_log import recording
 from can_bridge.wire.frame import Frame
 from contract.errors import StillwakeError

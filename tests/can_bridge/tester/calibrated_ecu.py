@@ -10,8 +10,8 @@ from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Session
-from contract.calibration import Calibration, CalibrationLimits
 from contract.config.controller import CostWeights
+from contract.controller.calibration import Calibration, CalibrationLimits
 
 SECRET = bytes(range(1, 17))
 KEY = AccessKey(SECRET)

@@ -13,7 +13,7 @@ from contract.release import bundle
 from contract.release.bundle import dbc_sha256
 from contract.release.container import read_files
 from contract.release.image import image_of
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.can_bridge.tester.played_ecu import SECRET, Held, Line, Played, VirtualTime
 
 SHIPPED = image_of(read_files(BUNDLE))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from udsoncan.exceptions import TimeoutException
 
 from can_bridge.flashing import report
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.report import Report, SlotReport
@@ -20,7 +21,7 @@ from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.diagnostics import Diagnostics
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+from can_bridge.uds.services import Did, Nrc, Routine, Session
 
 SECRET = bytes(range(1, 17))
 NS = 1_000_000_000

@@ -9,7 +9,7 @@ from typing import Any
 import can
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.tester import asking

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.timing.bus_load import bus_load, loop_messages, mean_ns
-from can_bridge.timing.traffic import PeriodicMessage
+from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig
 from contract.errors import ConfigError

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.timing.response_time import (
     Timing,
     message_response_times,
@@ -14,7 +15,6 @@ from can_bridge.timing.response_time import (
     timing,
     utilisation,
 )
-from can_bridge.timing.traffic import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 US = 1000

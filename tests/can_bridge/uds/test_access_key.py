@@ -1,8 +1,8 @@
 import pytest
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.secoc.key import write_key
 from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.services import Level
 from contract.errors import KeyFileError
 from tests.can_bridge.uds.scripted_ecu import SECRET
 

@@ -11,7 +11,8 @@ from benchmarks.flash.fuzz_ecu import KEY, FuzzedEcu
 from benchmarks.flash.fuzz_images import pool
 from benchmarks.flash.fuzz_witness import Witness
 from benchmarks.flash.quick_graphs import graphs_judged_once
-from can_bridge.uds.services import MAX_BLOCK, Did, Level, Nrc, Routine, Session
+from can_bridge.flashing.access_level import Level
+from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from tests.can_bridge.uds.scripted_ecu import MS, S, payload
 from tests.examples import examples
 

@@ -8,11 +8,12 @@ import pytest
 from benchmarks.flash.fuzz_ecu import CAPACITY, KEY, FuzzedEcu
 from benchmarks.flash.fuzz_images import pool
 from can_bridge.flashing import report
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import MAX_BLOCK, Did, Level, Nrc, Routine, Session
+from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from tests.can_bridge.uds.scripted_ecu import MS, S, payload, refused
 
 IMAGES = pool().images

@@ -1,7 +1,8 @@
 import pytest
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.uds.security import MOST_COUNTED
-from can_bridge.uds.services import Level, Nrc, Session
+from can_bridge.uds.services import Nrc, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, ScriptedEcu, refused
 
 WRONG = b"\x5a" * 16

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Level, Nrc, Routine, Service, Session
+from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
 from tests.examples import examples
 

@@ -15,9 +15,10 @@ from udsoncan.services.RoutineControl import RoutineControl
 
 from benchmarks.flash.fuzz_ecu import KEY, FuzzedEcu
 from benchmarks.flash.fuzz_images import pool
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.direct_connection import DirectConnection
-from can_bridge.uds.services import Did, Level, Nrc, Routine, Session
+from can_bridge.uds.services import Did, Nrc, Routine, Session
 from tests.can_bridge.uds.scripted_ecu import MS
 
 PIECE_NS = 40 * MS

@@ -9,18 +9,18 @@ import pytest
 
 from contract.arrays import Array
 from contract.config.learning import ModelConfig, TrainConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError
-from contract.operating_point import OperatingPoint
 from contract.recording import dataset, needs
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
 from contract.recording.findings import agreeing, findings, left_out, longest_run, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
+from contract.shipped import RECORDING
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
-from wake.shipped import RECORDING
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)

@@ -8,12 +8,12 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
+from contract.config.operating_point import OperatingPoint
 from contract.errors import BundleError, StillwakeError
-from contract.operating_point import OperatingPoint
 from contract.release import bundle, strict_json
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST, Manifest, Scaling
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.examples import examples
 
 GRAPH = (BUNDLE / CONTROLLER).read_bytes()

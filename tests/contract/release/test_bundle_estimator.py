@@ -12,7 +12,7 @@ from contract.errors import BundleControllerError, BundleError, BundleFileError
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER, Bundle, MadeEstimator
 from contract.release.manifest import SensorEstimator
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes([3]) * 32)
 

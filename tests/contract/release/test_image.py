@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from contract.errors import BundleContainerError
 from contract.release.container import MAX_FILES, is_plain_name, read_files
 from contract.release.image import files_of, image_of
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.examples import examples
 
 NAMES = st.text(min_size=1, max_size=20).filter(is_plain_name)

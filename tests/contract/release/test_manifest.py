@@ -18,7 +18,7 @@ from contract.release import bundle
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
 from contract.sensors import TRUCK
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.examples import examples
 
 SHIPPED = json.loads((BUNDLE / MANIFEST).read_bytes())

@@ -15,10 +15,10 @@ from contract.controller.interface import Sizes
 from contract.release import onnx_graph
 from contract.release.bundle import CONTROLLER
 from contract.release.onnx_graph import OPERATORS, check_graph
+from contract.shipped import BUNDLE
 from export.int8.rounded_program import rounded_to_nearest
 from export.program.random_program import random_program
 from export.to_onnx.control_step import build_controller
-from stillwake.shipped import BUNDLE
 from tests.contract.controller.graphs import SIZES, constant, edited, endless, graph_of, outside, value
 from tests.examples import examples
 

@@ -15,12 +15,12 @@ from can_bridge.secoc.key import write_key
 from contract.recording import dataset
 from contract.release import bundle as bundles
 from contract.release.signing import read_private_key, write_key_pair
+from contract.shipped import MODEL, RECORDING
 from tests.can_bridge.drives.drive_log import drive, log_of, write
 from tests.conftest import SIGNING_KEY
 from tests.docs.blocks.lines import Line
 from tests.docs.blocks.pages import ROOT
 from tests.firmware_sim.ecu_in_c import exported
-from wake.shipped import MODEL, RECORDING
 
 CHECKOUT: Final = ("contract", "firmware_sim", "data", "examples")
 """Folders of the checkout that the pages' commands read."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from contract.config.loading import load_config
-from contract.controller.compiler import host_compiler
+from firmware_sim.in_c.compiler import host_compiler
 from tests.docs.blocks.fragments import fragment
 from tests.docs.blocks.pages import Block, blocks
 from tests.docs.blocks.programs import AROUND_C, PROGRAMS_ELSEWHERE

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from contract import model_folder, sensors
+from contract import sensors
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.errors import ExportError
+from contract.model import model_folder
 from contract.release.manifest import Scaling
 from export.program.from_training import program_of
 from export.reference.model import decode, encode, step
 from train import model_store
-from train.model import Encoder, WakeModel
+from train.networks.model import Encoder, WakeModel
 from train.selection.choice import GIVEN, SensorChoice
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8, decoder_blocks=3)

@@ -13,7 +13,7 @@ from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
-from contract.model_folder import Provenance
+from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
 from contract.release.manifest import Manifest, SensorEstimator

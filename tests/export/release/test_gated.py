@@ -6,7 +6,6 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
@@ -14,6 +13,8 @@ from export.program.random_program import random_program, random_windows
 from export.release.gated import gate
 from export.release.lowering import library_of, lower
 from export.to_onnx.control_step import build_controller
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
 
 MODEL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 MPC = MpcConfig(horizon=6)
@@ -28,7 +29,7 @@ except LibraryError as error:
 
 
 def test_in_float32_both_are_held_to_parity():
-    gated = gate(lower(PROGRAM, calibration=WINDOWS, with_library=True), WINDOWS[:3])
+    gated = gate(lower(PROGRAM, calibration=WINDOWS, with_library=True), WINDOWS[:3], compiled=CController)
     assert gated.library is not None and gated.library.parity is not None
     assert (gated.graph.parity.cases, gated.library.parity.cases) == (3, 3)
     assert gated.graph.quantisation is gated.library.quantisation is None
@@ -36,7 +37,7 @@ def test_in_float32_both_are_held_to_parity():
 
 def test_in_int8_both_are_compared_with_the_program_before_rounding():
     rounded = rounded_on(PROGRAM, WINDOWS)
-    gated = gate(lower(rounded, calibration=WINDOWS, with_library=True), WINDOWS[:3], LOOSE)
+    gated = gate(lower(rounded, calibration=WINDOWS, with_library=True), WINDOWS[:3], LOOSE, compiled=CController)
     assert gated.graph.quantisation is not None
     assert gated.library is not None and gated.library.quantisation is not None
     assert (gated.graph.quantisation.cases, gated.library.quantisation.cases) == (3, 3)
@@ -55,7 +56,7 @@ def test_an_int8_library_of_another_program_is_refused():
     library = library_of(rounded_on(OTHER, WINDOWS), WINDOWS)
     lowered = replace(lower(rounded, calibration=WINDOWS, with_library=False), library=library)
     with pytest.raises(ExportError, match="int8 C library: "):
-        gate(lowered, WINDOWS[:3], LOOSE)
+        gate(lowered, WINDOWS[:3], LOOSE, compiled=CController)
 
 
 def test_a_graph_of_another_program_is_refused():
@@ -67,4 +68,4 @@ def test_a_graph_of_another_program_is_refused():
 def test_a_library_of_another_program_is_refused():
     lowered = lower(PROGRAM, calibration=WINDOWS, with_library=False)
     with pytest.raises(ExportError, match="C library and reference differ"):
-        gate(replace(lowered, library=library_of(OTHER, WINDOWS)), WINDOWS[:3])
+        gate(replace(lowered, library=library_of(OTHER, WINDOWS)), WINDOWS[:3], compiled=CController)

@@ -15,24 +15,24 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.controller.compiler import host_compiler
-from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError, ExportError, LibraryError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
 from contract.release import bundle
+from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
 from export.program.random_program import random_program
 from export.release import pipeline
 from export.release.gated import Gated
 from firmware_sim.ecu.bundle_policy import BundlePolicy
+from firmware_sim.in_c.compiler import host_compiler
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
-from train.evaluate import ModelMetrics
-from train.model import Encoder, WakeModel
-from train.scaling import fit_scaling
+from train.distillation.evaluate import ModelMetrics
+from train.networks.model import Encoder, WakeModel
+from train.samples.scaling import fit_scaling
 from train.selection.choice import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated

@@ -12,10 +12,9 @@ from contract import sensors
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
-from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError, StillwakeError
-from contract.operating_point import OperatingPoint
 from contract.recording import dataset
 from contract.recording.dataset import UNITS, Dataset, Episode
 from contract.release import bundle
@@ -24,8 +23,9 @@ from export.release import pipeline
 from export.release.gated import Gated
 from export.release.lowering import Lowered, library_of, lower
 from export.to_onnx.control_step import build_controller
+from firmware_sim.in_c.compiler import host_compiler
 from train import model_store
-from train.model import Encoder, WakeModel
+from train.networks.model import Encoder, WakeModel
 from train.selection.choice import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, REPLAY
-from contract.controller.compiler import host_compiler, zig_compiler
 from export.program.random_program import random_program
-from export.to_c.__main__ import MODEL, MPC, main
+from firmware_sim.in_c.compiler import host_compiler, zig_compiler
+from stillwake.parts.c_samples import MODEL, MPC, main
 
 pytestmark = pytest.mark.slow  # builds the folder as a stranger would
 

@@ -9,7 +9,6 @@ from scipy.special import expit
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import library_sources
-from contract.controller.compiler import host_compiler
 from contract.errors import ExportError, LibraryError
 from export.int8.activation_ranges import activation_ranges
 from export.int8.rounded_program import rounded_to_nearest
@@ -26,6 +25,7 @@ from export.to_c.int8_format import (
     qmax,
 )
 from export.to_c.library import c_library
+from firmware_sim.in_c.compiler import host_compiler
 
 SHIM = b"""
 #include "sw_integer.h"

@@ -12,7 +12,6 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, SETTINGS, WEIGHTS, library_sources, write_folder
-from contract.controller.compiler import host_compiler, zig_compiler
 from contract.errors import ExportError
 from contract.release.bundle import dbc_sha256
 from export.gates.quantisation import QuantisationLimits
@@ -24,6 +23,8 @@ from export.release.c_folder import recorded_rows, write_c_release
 from export.release.gated import gate
 from export.release.lowering import int8_library, lower
 from export.to_c.library import c_library, static_sources
+from firmware_sim.in_c.compiler import host_compiler, zig_compiler
+from firmware_sim.in_c.host_library import CController
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
 PROGRAM = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
@@ -170,7 +171,7 @@ def test_a_value_too_large_for_float32_is_refused():
 def test_a_release_has_recorded_rows_and_can_be_written_again(tmp_path, precision):
     write_folder(tmp_path / "c", {SETTINGS: b"", "old.c": b""})
     program = PROGRAM if precision == "float32" else rounded_on(PROGRAM, WINDOWS)
-    gated = gate(lower(program, calibration=WINDOWS, with_library=True), WINDOWS[:4], LENIENT)
+    gated = gate(lower(program, calibration=WINDOWS, with_library=True), WINDOWS[:4], LENIENT, compiled=CController)
     write_c_release(tmp_path / "c", gated, WINDOWS[:4])
     assert gated.library is not None
     found = gated.library.parity if precision == "float32" else gated.library.quantisation

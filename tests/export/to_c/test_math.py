@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 import pytest
 
-from contract.controller.compiler import host_compiler
 from export.to_c.library import static_sources
+from firmware_sim.in_c.compiler import host_compiler
 
 SHIM = b"""
 #include "sw_math.h"

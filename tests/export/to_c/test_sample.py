@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from contract.controller.c_folder import COMPILE_FLAGS
-from contract.controller.compiler import host_compiler
 from contract.errors import LibraryError
-from export.to_c.__main__ import main
+from firmware_sim.in_c.compiler import host_compiler
+from stillwake.parts.c_samples import main
 
 SOURCES = Path(str(files("export.to_c").joinpath("sources")))
 SAMPLES = "../../../../build/c"

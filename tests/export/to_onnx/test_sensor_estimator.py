@@ -8,9 +8,9 @@ import pytest
 
 from contract.controller.estimator import REACH, EstimatorNetwork, views
 from contract.controller.interface import ControllerError, Sizes
-from contract.controller.onnx_estimator import OnnxEstimator
 from contract.errors import BundleControllerError, ExportError
 from contract.release.onnx_graph import check_estimator_graph, check_graph
+from contract.runtime.onnx_estimator import OnnxEstimator
 from export.int8.rounded_estimator import rounded_estimator
 from export.to_onnx.sensor_estimator import build_estimator, read_estimator
 from tests.contract.controller.test_estimator import random_network

@@ -15,7 +15,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.stepped import SteppedEcu
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 BIT_NS = 2000

@@ -11,9 +11,9 @@ from can_bridge.calibration.segment import Segment
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, Mode
-from contract.calibration import Calibration
+from contract.config.operating_point import OperatingPoint
+from contract.controller.calibration import Calibration
 from contract.controller.interface import ControlStep
-from contract.operating_point import OperatingPoint
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu, Trace
 from firmware_sim.ecu.ecu_state import EcuState

@@ -11,11 +11,11 @@ from can_bridge.bus.faults.loss import Drop
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset
+from contract.shipped import RECORDING
 from firmware_sim.bench import disturbances as kinds
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS, Disturbance, Disturbances, parse_disturbance
 from firmware_sim.bench.run_faults import NodeFault
 from tests.examples import examples
-from wake.shipped import RECORDING
 
 SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
 

@@ -10,16 +10,15 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import Mode
 from contract.controller.c_folder import library_sources
-from contract.controller.compiler import zig_compiler
-from contract.controller.host_library import CController
-from contract.controller.interface import Sizes
 from contract.errors import ConfigError
 from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
 from firmware_sim.bench.lockstep import Lockstep
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.ecu.c_ecu import CEcu, ecu_sources
 from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.compiler import zig_compiler
+from firmware_sim.in_c.host_library import CController
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
 from firmware_sim.runs.tables import service_rows
@@ -67,7 +66,7 @@ def host(sources) -> LoopEcu:
 
 def of_the_library(release: Exported, sources) -> CController:
     """The control step of the same sources, for the ECU in Python."""
-    sizes = Sizes.of(release.bundle.manifest)
+    sizes = release.bundle.manifest.sizes
     return CController(library_sources(sources), sizes, compiler=zig_compiler(), flags=ZIG)
 
 

@@ -16,10 +16,10 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract import sensors
+from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 from contract.errors import ConfigError
-from contract.operating_point import OperatingPoint
 from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.examples import examples

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from contract.config.tree import Config
-from contract.controller.onnx_session import OnnxController
 from contract.errors import ConfigError
 from contract.release import bundle
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
 from firmware_sim.campaign.running import check_run, flow_disturbances, run_task

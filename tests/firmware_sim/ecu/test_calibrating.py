@@ -13,13 +13,13 @@ from can_bridge.calibration.segment import Page, Segment
 from can_bridge.command_gate import GateLimits, Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
-from contract.calibration import NAMES, WEIGHTS, Calibration
 from contract.config.controller import CostWeights, MpcConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
+from contract.controller.calibration import NAMES, WEIGHTS, Calibration
 from contract.errors import ConfigError
-from contract.operating_point import OperatingPoint
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu
 from tests.examples import examples

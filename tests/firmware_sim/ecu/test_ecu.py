@@ -9,11 +9,11 @@ from can_bridge.wire import codec
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
 from can_bridge.wire.messages import Mode, Pressure, Reason
 from contract.config.controller import CostWeights
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControllerError, ControlStep
-from contract.operating_point import OperatingPoint
 from firmware_sim.ecu.ecu import Ecu
 
 WINDOW, HORIZON = 4, 5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
-from contract.operating_point import OperatingPoint
+from contract.config.operating_point import OperatingPoint
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale

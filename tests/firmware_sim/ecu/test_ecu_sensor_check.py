@@ -10,9 +10,8 @@ from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.recording import dataset
 from contract.release import bundle
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE, recording
 from tests.firmware_sim.conftest import make_bench
-from wake.shipped import recording
 
 RELEASE = bundle.load(BUNDLE)
 COLUMNS = sensors.TRUCK.indices(RELEASE.manifest.sensors)

@@ -2,13 +2,13 @@
 
 import pytest
 
-from contract.body_sensors import layout_of
 from contract.config.body import BodyConfig
+from contract.config.body_sensors import layout_of
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import BundleError
-from contract.operating_point import OperatingPoint
 from contract.sensors import TRUCK
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 from firmware_sim.ecu.ecu import Ecu

@@ -11,7 +11,7 @@ from contract.config.body import TRUCK_BODY
 from firmware_sim.live.session import LiveSession
 from tests.firmware_sim.bench.harness import LiveOscillator
 from tests.firmware_sim.live.harness import CONFIG, Live
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 from wake.solver.grid import truck_grid
 
 RELEASES_GOAL = CONFIG.mpc.weights

@@ -9,7 +9,7 @@ from contract.sensors import TRUCK
 from firmware_sim.live import event_log
 from tests.firmware_sim.bench.harness import NAMES
 from tests.firmware_sim.live.harness import CONFIG, Live
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 from wake.recorded_wake import RecordedWake
 
 KEPT = 40

@@ -11,7 +11,7 @@ from firmware_sim.live.loop.kept import packed, unpacked
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.run_folder import RunFolder
 from tests.firmware_sim.live.harness import Live
-from wake.plant import LoopPlant
+from wake.plant.protocol import LoopPlant
 
 
 def test_frames_are_unpacked_as_they_were():
@@ -63,7 +63,7 @@ def test_a_run_that_cannot_be_written_leaves_nothing(tmp_path):
 
 @pytest.mark.slow  # the real wake
 def test_the_flow_is_shown_and_saved(shared_wake, tmp_path):
-    from firmware_sim.live.messages import unpack_field
+    from firmware_sim.live.loop.messages import unpack_field
     from wake.truck.state import developed_state
 
     def wake(name: str) -> LoopPlant:

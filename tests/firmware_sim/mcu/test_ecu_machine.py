@@ -15,9 +15,9 @@ pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
 pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
 pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
-from contract.controller.compiler import zig_compiler
-from firmware_sim.ecu.c_ecu import CEcu, ecu_sources
-from firmware_sim.ecu.c_structs import differing
+from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.c_structs import differing
+from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import COMMON, compile_for_cortex_m7
 from firmware_sim.mcu.ecu_machine import McuEcu
 from firmware_sim.mcu.elf import read_elf

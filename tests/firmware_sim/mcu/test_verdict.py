@@ -2,8 +2,8 @@
 
 import pytest
 
+from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
-from contract.operating_point import OperatingPoint
 from firmware_sim.mcu.verdict import period_ms, verdicts
 
 

@@ -11,7 +11,7 @@ from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, Row, RunLog
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 
 NAN = float("nan")
 QUIET = BusTraffic(load=0.0, frames=0, error_frames=0, longest_wait_ms={}, nodes={})

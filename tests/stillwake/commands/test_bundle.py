@@ -13,7 +13,7 @@ from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from stillwake.commands import bundle as stillwake_bundle
-from stillwake.terminal import console
+from stillwake.console.terminal import console
 from tests.stillwake.commands.resealing import resealed
 from tests.stillwake.verbs import verbs
 

@@ -11,7 +11,7 @@ from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER
 from contract.release.difference import Difference, differences
 from contract.release.manifest import MANIFEST
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.stillwake.commands.resealing import resealed
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

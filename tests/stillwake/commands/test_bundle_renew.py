@@ -9,16 +9,16 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.loading import load_config
+from contract.config.operating_point import OperatingPoint
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
-from contract.operating_point import OperatingPoint
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST
+from contract.shipped import BUNDLE
 from firmware_sim.ecu.fit import check_vehicle
-from stillwake.shipped import BUNDLE
 from tests.stillwake.commands.resealing import resealed
 from tests.train.test_sensor_estimator import episode
 

@@ -19,7 +19,7 @@ from contract import errors
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.examples import examples
 from tests.stillwake.commands.resealing import resealed
 

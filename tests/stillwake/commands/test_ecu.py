@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig

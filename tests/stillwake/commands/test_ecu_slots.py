@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from stillwake.shipped import BUNDLE
+from contract.shipped import BUNDLE
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
 
 GROUP = f"239.77.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"

@@ -9,14 +9,14 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.codec import emit_pressure
 from can_bridge.wire.message_specs import PRESSURE
 from can_bridge.wire.messages import Pressure
+from contract import shipped
 from contract.config.loading import load_config
 from contract.controller.c_folder import read_recorded, read_sources
 from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
-from stillwake import c_release
-from stillwake.releases import open_release
-from stillwake.shipped import BUNDLE
-from wake import shipped
+from contract.shipped import BUNDLE
+from stillwake.parts import c_release
+from stillwake.parts.releases import open_release
 
 pytestmark = pytest.mark.compiler
 

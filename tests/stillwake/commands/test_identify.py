@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract import linear_model_folder
 from contract.config.loading import load_config
-from contract.controller.compiler import host_compiler
-from contract.controller.onnx_session import OnnxController
 from contract.errors import LibraryError
+from contract.model import linear_model_folder
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.facts import PlantFacts
 from contract.release import bundle
+from contract.runtime.onnx_session import OnnxController
 from contract.sensors import TRUCK
 from export.program.linear_program import LinearProgram
 from export.reference.linear import linear_control_step
-from firmware_sim.ecu.library_controller import open_library
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.library_controller import open_library
 from firmware_sim.runs import run_log
 from tests.train.linear.systems import episode
 from train.linear.differences import SENSORS

@@ -15,11 +15,11 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording import dataset
+from contract.shipped import RECORDING
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
 from stillwake.commands import picture as stillwake_pictures
 from tests.stillwake.verbs import verbs
-from wake.shipped import RECORDING
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

@@ -13,7 +13,7 @@ import pytest
 
 from contract.config.loading import to_tree
 from contract.config.tree import Config
-from contract.model_folder import DESCRIPTION, SCHEMA
+from contract.model.model_folder import DESCRIPTION, SCHEMA
 from stillwake.commands import export as export_command
 from wake.truck import truck_wake
 

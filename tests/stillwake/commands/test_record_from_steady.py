@@ -7,8 +7,8 @@ import pytest
 
 from contract.config.tree import Config
 from contract.recording import dataset
+from contract.shipped import developed
 from wake.recording.calm_plan import CalmRound
-from wake.shipped import developed
 from wake.truck import steady
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import TruckWake

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from contract.config.loading import load_config
-from train import unfinished
-from train.progress import Phase
-from train.unfinished import Identity, Reached
-from wake.shipped import RECORDING
+from contract.shipped import RECORDING
+from train.fitting import unfinished
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity, Reached
 
 SMALL = [
     word

@@ -6,9 +6,8 @@ from typing import ClassVar
 import pytest
 
 from contract.config.tree import Config
+from contract.shipped import BUNDLE, MODEL
 from firmware_sim.tuning.score import PhaseFigures
-from stillwake.shipped import BUNDLE
-from wake.shipped import MODEL
 
 QUICK = ("--trials", 3, "--phases", 2, "--judged-phases", 2, "--seed", 4)
 

@@ -11,7 +11,7 @@ import pytest
 
 from contract.config.tree import Config
 from stillwake.commands.vehicle import slowed
-from stillwake.releases import open_release
+from stillwake.parts.releases import open_release
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwake-vehicle")
 ORDINARY = ("--priority", "0")

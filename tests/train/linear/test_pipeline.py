@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract import linear_model_folder
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
+from contract.model import linear_model_folder
 from contract.recording import dataset
 from tests.train.linear.systems import KNOWN, NAMES, PERIOD, episode, recorded
 from train.linear.identification import IdentificationError

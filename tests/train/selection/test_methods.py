@@ -9,8 +9,8 @@ from contract.config.learning import SelectionMethod
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from train.model import Encoder, WakeModel
-from train.rows import Rows
+from train.networks.model import Encoder, WakeModel
+from train.samples.rows import Rows
 from train.selection.methods import METHODS, select
 
 

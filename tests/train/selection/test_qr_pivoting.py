@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from contract import sensors
-from train.rows import Rows
+from train.samples.rows import Rows
 from train.selection.qr_pivoting import pod_modes, select_qr
 
 PEAKS = (12, 83, 55)

@@ -9,8 +9,8 @@ import torch
 
 from contract import sensors
 from contract.errors import DatasetError
-from train.model import Encoder
-from train.rows import Rows
+from train.networks.model import Encoder
+from train.samples.rows import Rows
 from train.selection.ridge_student import RIDGE, lagged, ridge_student, sample
 
 MakeRows = Callable[..., Rows]

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from contract import sensors
-from train.model import Encoder
-from train.rows import Rows
+from train.networks.model import Encoder
+from train.samples.rows import Rows
 from train.selection.greedy_forward import select_greedy
 from train.selection.random_draws import draw_choices, select_random
 from train.selection.ridge_student import RidgeStudent, ridge_student

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from contract import sensors
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
-from train.model import WakeModel
-from train.rows import Rows
+from train.networks.model import WakeModel
+from train.samples.rows import Rows
 from train.selection.ranking import Ranking
 from train.selection.shap_ranking import ShapRanker, rank
 

@@ -18,7 +18,7 @@ from wake.openfoam import jets
 from wake.openfoam.develop import developed
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.state import FoamState
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

@@ -13,10 +13,10 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import OutputError, PlantError, StillwakeError
 from contract.recording.dataset import read
+from contract.shipped import RECORDING
 from tests.wake.recording.test_controlled_recording import Integrator, a_round
 from wake.recording import controlled_recording, recorder
 from wake.recording.episode_plan import EpisodePlan, paper_plans
-from wake.shipped import RECORDING
 from wake.truck.state import Origin, State, save_state
 
 TRAINING = EpisodePlan(forcing="training", steps=7, seed=5, lead=2)

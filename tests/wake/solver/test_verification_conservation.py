@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contract.arrays import Array
-from wake.truck.sample import Sample
+from wake.plant.sample import Sample
 from wake.truck.state import load_state, save_state
 from wake.truck.truck_wake import TruckWake
 

@@ -7,7 +7,7 @@ import can
 import pytest
 
 from can_bridge.bus.backends.opening import open_backend
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError

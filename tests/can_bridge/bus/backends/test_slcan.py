@@ -10,9 +10,9 @@ from can.interfaces.slcan import slcanBus
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus, parse_line
 from can_bridge.bus.conversion import to_message
-from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.vehicle import BusConfig

@@ -14,10 +14,10 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.udp_multicast import COPY_WINDOW_S, RECEIVE_QUEUE, UdpMulticastBus, parse_datagram
 from can_bridge.bus.conversion import to_message
 from can_bridge.bus.interface import HEALTHY
-from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig

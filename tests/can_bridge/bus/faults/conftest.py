@@ -5,7 +5,7 @@ from itertools import count
 
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.bus.faults.links import Link, simulated_link
 

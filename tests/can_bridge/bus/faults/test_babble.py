@@ -2,10 +2,10 @@
 
 import pytest
 
+from can_bridge.bus.backends.python_can import QUEUE_SIZE
 from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble, keep_babbling
 from can_bridge.bus.faults.connection import SlowConsumer
 from can_bridge.bus.faults.wrapping import wrap
-from can_bridge.bus.python_can import QUEUE_SIZE
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.e2e.receiver import StreamState
 from can_bridge.wire.bit_timing import worst_case_ns

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 from can_bridge.bus.simulated.background_node import BackgroundNode
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
-from can_bridge.timing.traffic import PeriodicMessage
+from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 MS = 10**6

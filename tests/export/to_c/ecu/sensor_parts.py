@@ -14,16 +14,16 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.controller.compiler import host_compiler
 from contract.controller.estimator import EstimatorNetwork, Hypotheses
 from contract.release.bundle import load
+from contract.shipped import BUNDLE
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.program.random_program import random_program, random_windows
-from export.to_c.__main__ import MODEL, MPC
 from export.to_c.library import c_library
-from firmware_sim.ecu.c_settings import HEADER, ecu_settings
-from stillwake.shipped import BUNDLE
+from firmware_sim.in_c.c_settings import HEADER, ecu_settings
+from firmware_sim.in_c.compiler import host_compiler
+from stillwake.parts.c_samples import MODEL, MPC
 from tests.export.to_c.ecu.wire_parts import declarations
 
 WINDOW: Final = 32

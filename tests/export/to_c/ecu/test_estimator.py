@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import Sizes
-from contract.controller.onnx_estimator import OnnxEstimator
 from contract.errors import ExportError
+from contract.runtime.onnx_estimator import OnnxEstimator
 from export.int8.rounded_estimator import rounded_estimator
 from export.to_c.estimator import estimator_files
 from export.to_onnx.sensor_estimator import build_estimator

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.controller.interface import FORCES, TERMS, ControlStep
-from export.to_c.__main__ import MODEL, MPC
 from firmware_sim.ecu.controller_memory import ControllerMemory
+from stillwake.parts.c_samples import MODEL, MPC
 from tests.examples import examples
 
 SENSORS = 4

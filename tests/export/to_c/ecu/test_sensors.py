@@ -12,18 +12,17 @@ from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.estimator import views
-from contract.controller.onnx_estimator import OnnxEstimator
 from contract.recording import dataset
 from contract.release.bundle import load
+from contract.runtime.onnx_estimator import OnnxEstimator
 from contract.sensor_faults import Bias, Dead, Drift, Swapped, Zero
+from contract.shipped import BUNDLE, RECORDING
 from export.int8.rounded_estimator import rounded_estimator
 from export.to_c.estimator import SIZES, estimator_files
 from export.to_onnx.sensor_estimator import build_estimator
 from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
-from stillwake.shipped import BUNDLE
 from tests.examples import examples
 from tests.export.to_c.ecu.sensor_parts import GIVEN, WINDOW, SensorParts, built, by_hypothesis, network
-from wake.shipped import RECORDING
 
 pytestmark = pytest.mark.compiler
 

@@ -17,12 +17,12 @@ import cffi
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet, message_set
 from contract.config.tree import Config
-from contract.controller.compiler import host_compiler
 from contract.release.bundle import Bundle, load
 from export.program.random_program import random_program
-from export.to_c.__main__ import MODEL, MPC
 from export.to_c.library import c_library
-from firmware_sim.ecu.c_settings import HEADER, ecu_settings
+from firmware_sim.in_c.c_settings import HEADER, ecu_settings
+from firmware_sim.in_c.compiler import host_compiler
+from stillwake.parts.c_samples import MODEL, MPC
 
 PARTS: Final = ("sw_e2e.c", "sw_codec_fd.c", "sw_codec_classic.c", "sw_receiver.c", "sw_reception.c")
 INTERFACE: Final = "sw_ecu_parts.h"

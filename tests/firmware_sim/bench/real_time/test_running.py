@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
-from can_bridge.bus.receive_thread import ReceiveThread
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode
+from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, VehicleConfig
 from contract.errors import BusError, ConfigError, StillwakeError
-from contract.operating_point import OperatingPoint
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
 from firmware_sim.ecu.ecu import Ecu

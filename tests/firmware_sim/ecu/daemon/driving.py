@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.node import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set

@@ -9,8 +9,8 @@ from pathlib import Path
 import can
 import pytest
 
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.python_can import PythonCanBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError

@@ -7,11 +7,12 @@ from threading import Event
 
 import pytest
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Level
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from firmware_sim.ecu.daemon.control_side import ControlSide

@@ -14,16 +14,15 @@ from threading import Event, Thread
 import numpy as np
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
 from can_bridge.secoc.node import Authentication
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
-from contract.controller.interface import Sizes
-from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleError, BusError, ConfigError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.events import as_json
 from firmware_sim.ecu.daemon.service import Options, freshness_file, serve
@@ -235,7 +234,7 @@ def test_onnx_runtime_has_no_thread_that_could_spin(release):
 
     controller = OnnxController.of(release)
     before = threads()
-    shapes = Sizes.of(release.manifest).shapes()
+    shapes = release.manifest.sizes.shapes()
     another = OnnxController.of(release)
     for _ in range(10):
         for one in (controller, another):

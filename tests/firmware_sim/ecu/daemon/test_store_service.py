@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from can_bridge.bus.python_can import PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.flashing.medium import MediumError
 from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame

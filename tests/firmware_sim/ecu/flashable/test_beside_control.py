@@ -5,12 +5,13 @@ from random import Random
 
 import pytest
 
-from can_bridge.uds.services import REQUEST_ID, Level
+from can_bridge.flashing.access_level import Level
+from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, SensorCheckConfig
-from contract.controller.onnx_session import OnnxController
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision

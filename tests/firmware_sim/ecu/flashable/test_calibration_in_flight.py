@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from can_bridge.uds.services import Level
+from can_bridge.flashing.access_level import Level
 from can_bridge.wire.messages import Mode
-from contract.calibration import NAMES
+from contract.controller.calibration import NAMES
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision, shipped
 

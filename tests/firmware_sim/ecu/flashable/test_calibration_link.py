@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
-from can_bridge.uds.services import Level
+from can_bridge.flashing.access_level import Level
 from can_bridge.wire.frame import Frame
-from contract.calibration import Calibration
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, SensorCheckConfig
+from contract.controller.calibration import Calibration
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import CONFIRM_ROUTINE, Rig, image, provision
 

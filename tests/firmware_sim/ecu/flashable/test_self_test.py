@@ -7,9 +7,9 @@ import pytest
 
 from can_bridge.flashing.verdicts import Verdict
 from contract.controller.interface import ControllerError, ControlStep
-from contract.controller.onnx_session import OnnxController
 from contract.errors import BundleControllerError
 from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.flashable.fitting import Fitting
 from firmware_sim.ecu.flashable.self_test import self_test
 from tests.firmware_sim.conftest import RecordingController

@@ -7,12 +7,12 @@ import pytest
 
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.medium import WornOutError
 from can_bridge.flashing.store import Store
-from can_bridge.uds.services import Level
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
-from contract.calibration import NAMES
+from contract.controller.calibration import NAMES
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision
 

@@ -11,13 +11,14 @@ from typing import Any
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.e2e.sender import E2eSender
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Level
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
@@ -27,9 +28,9 @@ from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.image import image_of
 from contract.release.key_list import KeyList, encode
+from contract.shipped import BUNDLE
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
-from stillwake.shipped import BUNDLE
 from tests.firmware_sim.conftest import RecordingController
 
 ROOT = Ed25519PrivateKey.from_private_bytes(b"root" * 8)

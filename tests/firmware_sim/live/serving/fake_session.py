@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from contract.errors import PlantError, StillwakeError
-from firmware_sim.live.messages import PERIOD_COLUMNS, Answer, Hello, Message, Periods, Request
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Hello, Message, Periods, Request
 from firmware_sim.live.serving.stepping import Session
 
 KEPT = 50

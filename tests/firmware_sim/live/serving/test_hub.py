@@ -5,7 +5,7 @@ from typing import cast
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.live.messages import Events, Message
+from firmware_sim.live.loop.messages import Events, Message
 from firmware_sim.live.serving.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub
 from firmware_sim.live.serving.viewer import Viewer
 from tests.examples import examples

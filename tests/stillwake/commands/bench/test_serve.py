@@ -17,11 +17,11 @@ import psutil
 import pytest
 
 from contract.config.loading import load_config
+from contract.shipped import BUNDLE
 from firmware_sim.ecu.stepped import LoopEcu
-from stillwake import live_parts
-from stillwake.live_parts import COMPILING, MAKING, Ecus, LiveLoop, controllers, plants
-from stillwake.releases import open_release
-from stillwake.shipped import BUNDLE
+from stillwake.parts import live_parts
+from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, LiveLoop, controllers, plants
+from stillwake.parts.releases import open_release
 
 PATIENCE_S = 120.0
 
@@ -57,7 +57,7 @@ def test_the_library_of_a_bundle_of_ones_own_must_be_named(short_release):
 def test_without_compiler_there_is_no_ecu_in_c_on_this_machine(monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr("contract.controller.compiler.zig_compiler", lambda: None)
+    monkeypatch.setattr("firmware_sim.in_c.compiler.zig_compiler", lambda: None)
     assert "compiler" in str(missing_of(controllers(open_release(None, None), None), "c"))
 
 
@@ -81,7 +81,7 @@ def told(monkeypatch) -> list[str]:
         return LoopEcu(ecu=ecu, kind=name, computed_by="", weigh=partial(setattr, ecu, "weights"))  # type: ignore[arg-type]
 
     monkeypatch.setattr(live_parts, "library_folder", library_folder)
-    monkeypatch.setattr("firmware_sim.ecu.c_ecu.ecu_sources", lambda *_: {})
+    monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
     monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", loop_ecu)
     return []
 

@@ -9,7 +9,7 @@ import can
 import pytest
 
 from can_bridge.logs.log_reader import read_messages
-from stillwake.stopping import until_stopped
+from stillwake.console.stopping import until_stopped
 from tests.stillwake.commands.can.bus_traffic import PER_PERIOD, write
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, send_when_heard, taken
 

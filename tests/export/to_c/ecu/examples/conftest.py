@@ -14,8 +14,8 @@ from export.program.random_program import random_program, random_windows
 from export.release.lowering import int8_library
 from export.to_c.folder_files import documents
 from export.to_c.library import ecu_sources, example_sources
-from firmware_sim.ecu.c_examples import PLAYED, played_pressures
-from firmware_sim.ecu.c_settings import HEADER, ecu_settings
+from firmware_sim.in_c.c_examples import PLAYED, played_pressures
+from firmware_sim.in_c.c_settings import HEADER, ecu_settings
 from tests.export.to_c.ecu.examples.contents import without
 from tests.export.to_c.ecu.wire_parts import FRAMES, vehicle
 

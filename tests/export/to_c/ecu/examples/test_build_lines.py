@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from contract.controller.c_folder import write_folder
-from contract.controller.compiler import zig_compiler
+from firmware_sim.in_c.compiler import zig_compiler
 
 
 @pytest.mark.compiler

@@ -10,7 +10,7 @@ from can_bridge.e2e.receiver import Check, E2eReceiver
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import host_compiler
+from firmware_sim.in_c.compiler import host_compiler
 from tests.export.to_c.ecu.examples import rtos_stand_ins as stand_ins
 from tests.export.to_c.ecu.examples.contents import without
 

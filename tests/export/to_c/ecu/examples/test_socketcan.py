@@ -20,7 +20,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import JetCommand, Mode, Pressure
 from contract.config.tree import Config
-from contract.controller.compiler import host_compiler
+from firmware_sim.in_c.compiler import host_compiler
 from tests.export.to_c.ecu.examples.contents import without
 
 BUS = rb"""

@@ -14,9 +14,9 @@ from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
-from contract.controller.compiler import zig_compiler
-from firmware_sim.ecu.c_examples import ASKED_FROM
-from firmware_sim.ecu.c_settings import HEADER
+from firmware_sim.in_c.c_examples import ASKED_FROM
+from firmware_sim.in_c.c_settings import HEADER
+from firmware_sim.in_c.compiler import zig_compiler
 from tests.export.to_c.ecu.examples.contents import without
 
 QEMU = shutil.which("qemu-system-arm") or ""

@@ -1,0 +1,53 @@
+"""A thread that reads a bus and delivers its frames. What ends it early is kept as a fault, never lost."""
+
+from collections.abc import Callable
+from threading import Event, Thread
+from types import TracebackType
+from typing import Final, Self
+
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.wire.frame import Frame
+from contract.errors import BusError
+
+POLL_S: Final = 0.05
+"""How long one reception may wait, and with it how long stopping may take."""
+
+
+class ReceiveThread:
+    """Runs while the `with` block does. Stop it before closing the bus.
+
+    Attributes:
+        fault: the error that ended the thread before it was stopped; None without one.
+    """
+
+    def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
+        """Args: deliver: called in the thread with each frame; must not wait (`Mailbox.put` does not)."""
+        self._bus = bus
+        self._deliver = deliver
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="can-receive", daemon=True)
+        self.fault: BaseException | None = None
+
+    def check(self) -> None:
+        """Raises BusError if the thread died; call it wherever its frames are used."""
+        if self.fault is not None:
+            raise BusError(f"CAN reception ended: {self.fault}") from self.fault
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                frame = self._bus.receive(POLL_S)
+                if frame is not None:
+                    self._deliver(frame)
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is kept
+            self.fault = error

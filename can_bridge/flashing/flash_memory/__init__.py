@@ -1,0 +1,1 @@
+"""The store on flash memory whose words can be written once, and a simulated one."""

@@ -1,0 +1,66 @@
+"""A message that a node sends periodically, and what it asks of the bus."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from can_bridge.wire.bit_timing import worst_case_ns
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS
+from can_bridge.wire.priority import Priority, priority
+from contract.config.vehicle import BusConfig
+
+NS_PER_MS: Final = 10**6
+
+OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
+"""Of all sets, also those not in use: other nodes never have them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicMessage:
+    """A message that a node sends again and again.
+
+    Attributes:
+        frame_id: of 11 bits, or 29 if it is extended.
+        length: bytes of data.
+        period_ns: time between two releases, at least.
+        offset_ns: of the first one.
+        jitter_ns: most by which the node queues a frame late.
+        deadline_ns: after its release a frame has to have arrived; 0 stands for the period.
+
+    Raises:
+        ValueError: for a frame that no controller could send, or a time that makes no sense.
+    """
+
+    name: str
+    frame_id: int
+    is_extended: bool = False
+    is_fd: bool
+    length: int
+    period_ns: int
+    offset_ns: int = 0
+    jitter_ns: int = 0
+    deadline_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self.frame(bytes(self.length))
+        if self.period_ns <= 0:
+            raise ValueError(f"{self.name}: period {self.period_ns} ns: must be positive")
+        for what in ("offset", "jitter", "deadline"):
+            value = getattr(self, f"{what}_ns")
+            if value < 0:
+                raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
+
+    @property
+    def priority(self) -> Priority:
+        """The smaller wins arbitration."""
+        return priority(self.frame(bytes(self.length)))
+
+    def frame(self, data: bytes) -> Frame:
+        """One frame of it, `length` bytes long."""
+        return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
+
+    def worst_ns(self, bus: BusConfig) -> int:
+        """How long its frame occupies the bus at worst."""
+        return worst_case_ns(
+            self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
+        )

@@ -1,0 +1,1 @@
+"""The folders that hold a trained model, which `train` writes and `export` reads."""

@@ -1,0 +1,226 @@
+"""A trained model on disk: a directory of `model.safetensors` and `model.json`, whole or not there.
+
+`model.safetensors` holds the weights under `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
+`decoder.`, and where the configuration asks for narrower ones, under `slim_dynamics.` and `slim_decoder.`;
+`model.json` holds what they assume and where they come from:
+
+    schema, config (all settings), scaling (contract.release.manifest.Scaling),
+    layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
+    sensors (the slim encoder's inputs in order),
+    dataset_sha256, weights_sha256, metrics, ranking, versions
+
+A model of the first schema has no layout: it is the truck's. Tensors are arrays here: `train` makes networks of them,
+`export` a controller program.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import dacite
+import numpy as np
+import numpy.typing as npt
+
+from contract.config.loading import from_tree, to_tree
+from contract.config.tree import Config
+from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.model.tensor_folder import WEIGHTS as WEIGHTS
+from contract.model.tensor_folder import check_entries, read_body, read_tensors, write_folder
+from contract.release.manifest import Scaling
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
+
+SCHEMA: Final = "stillwake-model/2"
+SCHEMA_1: Final = "stillwake-model/1"
+"""Still read: a model of the truck's 90 sensors."""
+DESCRIPTION: Final = "model.json"
+TEACHER: Final = "encoder"
+SLIM: Final = "slim"
+PREDICTOR: Final = ("dynamics", "decoder")
+"""Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
+
+_NETWORKS: Final = (TEACHER, SLIM, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
+
+Tensors = Mapping[str, npt.NDArray[Any]]
+"""Arrays by name, `network.layer`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Description:
+    """What the weights assume and where they come from.
+
+    Attributes:
+        config: all settings of the training.
+        layout: of all sensors, in the order of the scaling.
+        scaling: of all pressures, the action and the forces.
+        sensors: names, in the order of the slim encoder's inputs.
+        dataset_sha256: of the recording that the model was fitted to.
+        metrics: "teacher", "slim" and with narrower networks "deployed" (`train.distillation.evaluate.EncoderMetrics`),
+            and "slim_latent" (L1/sigma against the teacher).
+        ranking: method and order of the sensors; of SHAP also every sensor's mean and std, stability of the best sets.
+        versions: of the software; "torch_threads" is the number of threads that it trained with.
+    """
+
+    config: Config
+    scaling: Scaling
+    sensors: tuple[str, ...]
+    dataset_sha256: str
+    metrics: Mapping[str, Any]
+    ranking: Mapping[str, Any]
+    versions: Mapping[str, str]
+    layout: SensorLayout = TRUCK
+
+    def __post_init__(self) -> None:
+        self.layout.indices(self.sensors)
+        sensors = len(self.layout)
+        for name, count in {"pressure_mean": sensors, "pressure_std": sensors, "force_mean": 2, "force_std": 2}.items():
+            if len(getattr(self.scaling, name)) != count:
+                raise ModelError(f"scaling.{name} has {len(getattr(self.scaling, name))} values, must have {count}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a trained model comes from, for a release made of it.
+
+    Attributes:
+        dataset_sha256: of the recording that it was fitted to.
+        weights_sha256: of its tensors.
+        metrics, versions, config: as the model's description has them.
+    """
+
+    dataset_sha256: str
+    weights_sha256: str
+    metrics: Mapping[str, Any]
+    versions: Mapping[str, str]
+    config: Mapping[str, Any]
+
+    def training(self) -> dict[str, Any]:
+        """What a bundle's manifest has as `provenance`; for the hashes it has fields of their own."""
+        return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelFolder:
+    """A verified model directory.
+
+    Attributes:
+        tensors: by their names in the file; every one belongs to a network that a model may have.
+        config_tree: the settings as they were written down, defaults of later versions left out.
+    """
+
+    description: Description
+    tensors: Tensors
+    weights_sha256: str
+    config_tree: Mapping[str, Any]
+
+    def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
+        """One network's tensors, named as in its own state dict; empty if the model does not hold it."""
+        return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
+
+    def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
+        """The tensors of `dynamics` or `decoder` that go on the vehicle: the narrower ones where there are any."""
+        return self.network(f"{SLIM}_{name}") or self.network(name)
+
+    @property
+    def provenance(self) -> Provenance:
+        """As a release made of the model keeps it."""
+        return Provenance(
+            dataset_sha256=self.description.dataset_sha256,
+            weights_sha256=self.weights_sha256,
+            metrics=self.description.metrics,
+            versions=self.description.versions,
+            config=self.config_tree,
+        )
+
+
+def write(path: Path, description: Description, tensors: Tensors) -> None:
+    """Write the directory, replacing a model that is there.
+
+    Raises:
+        StillwakeError: if the place cannot be written or holds something that is not a model.
+    """
+    check_free(path)
+    body = {
+        "schema": SCHEMA,
+        "config": to_tree(description.config),
+        "scaling": asdict(description.scaling),
+        "layout": _layout_tree(description.layout),
+        "sensors": description.sensors,
+        "dataset_sha256": description.dataset_sha256,
+        "metrics": description.metrics,
+        "ranking": description.ranking,
+        "versions": description.versions,
+    }
+    write_folder(path, DESCRIPTION, body, tensors)
+
+
+def check_free(path: Path) -> None:
+    """Raise StillwakeError if writing a model to `path` would replace anything but a model."""
+    if path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir())):
+        return
+    if path.exists():
+        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+
+
+def read(path: Path) -> ModelFolder:
+    """Read and verify a model directory.
+
+    Raises:
+        ModelError: if a file is missing, damaged, altered or of another schema, or the description does not fit
+            itself; the message names the file and the entry.
+    """
+    body = read_description(path)
+    tensors = read_tensors(path, DESCRIPTION, body)
+    description = _describe(path, body)
+    for key in sorted(tensors):
+        if key.split(".")[0] not in _NETWORKS:
+            raise ModelError(f"model {path}: {WEIGHTS}: unknown tensor {key}")
+    return ModelFolder(
+        description=description,
+        tensors=tensors,
+        weights_sha256=body["weights_sha256"],
+        config_tree=body["config"],
+    )
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """`model.json` of a model directory, complete and of this schema; raises ModelError if it is not."""
+    body = read_body(path, DESCRIPTION, (SCHEMA, SCHEMA_1))
+    entries = set(Description.__dataclass_fields__) - ({"layout"} if body["schema"] == SCHEMA_1 else set())
+    check_entries(path, DESCRIPTION, body, sorted(entries))
+    return body
+
+
+def _layout_tree(layout: SensorLayout) -> dict[str, Any]:
+    return {
+        "names": layout.names,
+        "positions": layout.positions.tolist(),
+        "base": layout.base.tolist(),
+        "mirror": None if layout.mirror is None else layout.mirror.tolist(),
+    }
+
+
+def _layout_of(tree: Mapping[str, Any]) -> SensorLayout:
+    return SensorLayout(
+        names=tuple(tree["names"]),
+        positions=np.array(tree["positions"], dtype=np.float64),
+        base=np.array(tree["base"], dtype=np.intp),
+        mirror=None if tree["mirror"] is None else np.array(tree["mirror"], dtype=np.intp),
+    )
+
+
+def _describe(path: Path, body: Mapping[str, Any]) -> Description:
+    try:
+        return Description(
+            config=from_tree(body["config"]),
+            scaling=dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple])),
+            sensors=tuple(body["sensors"]),
+            dataset_sha256=body["dataset_sha256"],
+            metrics=body["metrics"],
+            ranking=body["ranking"],
+            versions=body["versions"],
+            layout=_layout_of(body["layout"]) if "layout" in body else TRUCK,
+        )
+    except (dacite.DaciteError, ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

@@ -1,0 +1,1 @@
+"""What runs the graphs of a release bundle: ONNX Runtime within bounds."""

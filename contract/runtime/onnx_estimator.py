@@ -1,0 +1,54 @@
+"""ONNX Runtime computes the estimates of pressures from each other, on one thread: on the ECU and in benchmarks."""
+
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.controller.estimator import ESTIMATOR, ESTIMATOR_INPUT, ESTIMATOR_OUTPUT, estimator_shapes
+from contract.controller.interface import ControllerError, Sizes
+from contract.printable import shown
+from contract.release.bundle import Bundle
+from contract.runtime.bounded_session import BoundedGraph
+from contract.runtime.onnx_session import WARM_UP_LIMIT_S
+
+_WARM_UP_STEPS: Final = 3
+
+
+class OnnxEstimator:
+    """Runs `sensors.onnx`.
+
+    Args:
+        model: the file's content.
+        sizes: that it must have; the horizon does not matter.
+
+    Raises:
+        BundleControllerError: if the model does not load, its shapes contradict the sizes, or it does not end on zeros.
+    """
+
+    def __init__(self, model: bytes, sizes: Sizes) -> None:
+        shapes = estimator_shapes(sizes.window, sizes.sensors)
+        feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
+        graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
+        # It may be anyone's, as the controller may.
+        graph.tried(WARM_UP_LIMIT_S)
+        self._session = graph.session()
+        graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
+        self._shape = shapes[ESTIMATOR_OUTPUT]
+
+    @classmethod
+    def of(cls, bundle: Bundle) -> "OnnxEstimator | None":
+        """A bundle's; None if it has none. Raises BundleControllerError as the class does."""
+        model = bundle.files.get(ESTIMATOR)
+        return None if model is None else cls(model, bundle.manifest.sizes)
+
+    def estimates(self, window: Array) -> Array:
+        """(V, S) in Cp for a window (L, S+1); raises ControllerError if they fail or are not finite."""
+        try:
+            (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
+        except Exception as error:
+            raise ControllerError(f"{ESTIMATOR} failed: {shown(error)}") from error
+        if not np.isfinite(values).all():
+            raise ControllerError(f"{ESTIMATOR}: an estimate is not finite")
+        found: Array = np.asarray(values, dtype=np.float64)
+        return found

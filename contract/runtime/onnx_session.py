@@ -1,0 +1,77 @@
+"""A release's controller as ONNX Runtime computes it, on one thread: in the ECU, the export's gates and benchmarks."""
+
+from typing import Final
+
+import numpy as np
+import onnxruntime
+
+from contract.arrays import Array
+from contract.controller.interface import OUTPUTS, ControllerError, ControlStep, Sizes
+from contract.printable import shown
+from contract.release.bundle import CONTROLLER, Bundle
+from contract.runtime.bounded_session import BoundedGraph
+
+WARM_UP_LIMIT_S: Final = 10.0
+"""For all steps of a warm-up: the paper's controller takes some milliseconds a step, and its deadline is 20. A graph
+that needs a thousand times as long never ends, or is no controller."""
+
+
+class OnnxController:
+    """Runs `controller.onnx`.
+
+    Args:
+        model: the file's content.
+        sizes: that it must have.
+
+    Attributes:
+        description: what computes the step, for people.
+
+    Raises:
+        BundleControllerError: if the model does not load or its shapes contradict the sizes.
+    """
+
+    def __init__(self, model: bytes, sizes: Sizes) -> None:
+        self._graph = _graph(model, sizes)
+        self._session = self._graph.session()
+        self.description = f"ONNX Runtime {onnxruntime.__version__}"
+
+    @classmethod
+    def of(cls, bundle: Bundle) -> "OnnxController":
+        """A bundle's; raises BundleControllerError if its model does not load or contradicts the manifest.
+
+        The model may be anyone's, so it first shows that a step of it ends, and in little memory.
+        """
+        model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
+        _graph(model, sizes).tried(WARM_UP_LIMIT_S)
+        controller = cls(model, sizes)
+        controller.description += f", {bundle.manifest.precision}"
+        return controller
+
+    def warm_up(self, steps: int, limit_s: float = WARM_UP_LIMIT_S) -> None:
+        """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations.
+
+        Args:
+            limit_s: wall-clock time for all steps.
+
+        Raises:
+            BundleControllerError: they take longer, fail, or answer with numbers that are not finite.
+        """
+        self._graph.run_on_zeros(self._session, steps, limit_s)
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+        """One control step in float32 (`contract.controller.interface`); raises ControllerError if it fails."""
+        feeds = {"window": window, "plan": plan, "free": free} | ({} if weights is None else {"weights": weights})
+        try:
+            outputs = self._session.run(
+                list(OUTPUTS), {name: value.astype(np.float32) for name, value in feeds.items()}
+            )
+        except Exception as error:
+            raise ControllerError(f"{CONTROLLER} failed: {shown(error)}") from error
+        new_plan, forces, terms, cost = (np.asarray(value, dtype=np.float64) for value in outputs)
+        return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
+
+
+def _graph(model: bytes, sizes: Sizes) -> BoundedGraph:
+    shapes = sizes.shapes()
+    feeds = {name: np.zeros(shapes[name], dtype=np.float32) for name in ("window", "plan", "free")}
+    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS)

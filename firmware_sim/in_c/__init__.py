@@ -1,0 +1,1 @@
+"""The C library of a release on this machine: compiler, controller, ECU."""

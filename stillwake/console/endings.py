@@ -1,0 +1,121 @@
+"""What a command ends with: exit status, and one line to stderr for whatever a user can cause."""
+
+import errno
+import os
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from contract.errors import StillwakeError
+from stillwake.console.own_rooms import ROOMS, explain
+from stillwake.console.stopping import INTERRUPTED, outcome
+from stillwake.console.terminal import make_console, visible
+
+EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
+    "sim": (
+        *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
+        *("jinja2", "llvmlite", "tornado"),
+    ),
+    "train": ("torch", "shap", "onnx", "safetensors", "optuna", "h5py", "scipy"),
+    "bus": ("serial", "msgpack", "cantools"),
+    "mf4": ("asammdf",),
+    "flash": ("udsoncan", "isotp"),
+    "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
+}
+"""Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
+LEARNING: Final = ("train", "identify", "export", "mcu")
+"""Commands that need the extra `train` where a package comes with `sim` as well."""
+WITH_DATA: Final = ("sim", "train")
+"""Extras whose commands begin from stillwake-data unless they are told otherwise."""
+REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
+
+errors = make_console(stderr=True)
+
+
+def status_of(command: Callable[[], object]) -> int:
+    """Run a command to its end; return its exit status, after one line to stderr where it failed.
+
+    An exception that no user should be able to cause keeps its traceback, and a line asks to report it.
+    """
+    try:
+        status = _status_of(command)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError as error:
+        _forget_stdout()
+        return 1 if error.errno == errno.EPIPE else _fail(f"cannot write to standard output: {_reason(error)}")
+    return status
+
+
+def _status_of(command: Callable[[], object]) -> int:
+    try:
+        command()
+    except SystemExit as stop:
+        # typer ends by exiting, and makes this of Ctrl-C.
+        return _stopped() if stop.code == INTERRUPTED else _code(stop)
+    except KeyboardInterrupt:
+        return _stopped()
+    except StillwakeError as error:
+        return _fail(str(error), status=error.status)
+    except ModuleNotFoundError as error:
+        return _fail(missing(error.name or str(error), sys.argv[1] if len(sys.argv) > 1 else ""))
+    except MemoryError as error:
+        return _fail(f"not enough memory{f': {error}' if str(error) else ''}")
+    except OSError as error:
+        if error.filename is None and error.errno in (errno.EPIPE, errno.ENOSPC):
+            raise
+        return _fail(_reason(error))
+    except Exception:  # noqa: BLE001  (a fault of ours ends with its traceback, and a line on what to do)
+        with suppress(OSError):
+            traceback.print_exc()
+        return _fail(REPORT)
+    return 0
+
+
+def missing(module: str, command: str = "") -> str:
+    """What to do about a module that this command could not import."""
+    top = module.partition(".")[0]
+    loaded = sys.modules.get(top)
+    place = None if loaded is None else getattr(loaded, "__file__", None)
+    if loaded is not None and "." in module:
+        if top in ROOMS:
+            return explain(top, Path(place or "?"))
+        return f"{place or top} has no module {module!r}: is it another version, or a file of that name?"
+    for extra in sorted(EXTRAS, key=lambda extra: extra != "train") if command in LEARNING else EXTRAS:
+        if top in EXTRAS[extra]:
+            data = " ./data" if extra in WITH_DATA else ""
+            checkout = f"pip install '.[{extra}]'{data}"
+            return f"this command needs {top}: pip install 'stillwake[{extra}]', or in a checkout {checkout}"
+    return f"this command needs {top}, which is not installed"
+
+
+def _stopped() -> int:
+    status, line = outcome()
+    return _fail(line, status=status, prefix="")
+
+
+def _fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
+    text = " ".join(part.strip() for part in visible(f"{prefix}{line}").splitlines())
+    with suppress(OSError):
+        errors.print(text, style="red", highlight=False, soft_wrap=True)
+    return status
+
+
+def _reason(error: OSError) -> str:
+    text = error.strerror or str(error) or type(error).__name__
+    return text if error.filename is None else f"{os.fsdecode(error.filename)}: {text}"
+
+
+def _code(stop: SystemExit) -> int:
+    if isinstance(stop.code, int):
+        return stop.code
+    return 0 if stop.code is None else _fail(str(stop.code))
+
+
+def _forget_stdout() -> None:
+    # What is left in its buffer would fail again when Python ends.
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,38 @@
+"""Refuses to start where a file of the user's has the name of one of our packages; `__main__` imports this first.
+
+The packages have everyday names, and `python -m stillwake` searches the working folder before it searches the installed
+packages: a `train.py` there would run in place of ours.
+"""
+
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+ROOMS: Final = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake")
+HOME: Final = Path(__file__).resolve().parents[2]
+"""The folder that all of them lie in."""
+
+
+def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] | None:
+    """The first of the packages that Python finds elsewhere, and where; None if there is no such."""
+    for room in rooms:
+        spec = find_spec(room)
+        if spec is None:
+            continue
+        places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or [])
+        found = [Path(place).resolve() for place in places if place]
+        if found and not any(path.is_relative_to(home / room) for path in found):
+            return room, found[0]
+    return None
+
+
+def explain(room: str, found: Path) -> str:
+    """One line on what to do about it."""
+    return f"{found} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
+
+
+if (other := hidden()) is not None:
+    sys.stderr.write(f"error: {explain(*other)}\n")
+    sys.exit(1)

@@ -1,0 +1,196 @@
+"""How far work is: a bar on a terminal, lines of text in a log.
+
+Both are rich's `Progress`, which counts and estimates.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from threading import Event, Thread
+from typing import Any, Final
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TimeRemainingColumn
+from rich.table import Column
+from rich.text import Text
+
+from stillwake.console.stopping import still_wanted
+
+INTERVAL: Final = 30.0
+"""Seconds between two lines at most, before whoever waits takes the silence for a failure."""
+
+
+class ProgressBar(Progress):
+    """Bars on a terminal, from the first update on."""
+
+    def __init__(self, unit: str, *, console: Console, estimate_over: float, clock: Callable[[], float]) -> None:
+        super().__init__(
+            _Words(lambda task: task.description, style="bold"),
+            BarColumn(bar_width=12),
+            MofNCompleteColumn(),
+            _Words(lambda task: unit),
+            TimeRemainingColumn(compact=True, elapsed_when_finished=True),
+            _Note(),
+            console=console,
+            speed_estimate_period=estimate_over,
+            get_time=clock,
+        )
+
+    def start(self) -> None:
+        """Wait for the first update: an error before it stands alone."""
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        """As rich's; the first one shows the bars. Raises KeyboardInterrupt if a stop was lost."""
+        still_wanted()
+        super().update(task_id, **changes)
+        if not self.live.is_started:
+            super().start()
+
+
+class ProgressLines(Progress):
+    """Lines of text: one at the first update, at least one every `interval` seconds, and one at the end of each task.
+
+    A task has a line only where it has moved since its last one. If none has moved for an interval, the latest task
+    has another line, which shows that the work goes on. So does one whose work begins with a long step, before its
+    first update.
+    """
+
+    def __init__(
+        self,
+        unit: str,
+        *,
+        console: Console,
+        estimate_over: float,
+        clock: Callable[[], float],
+        interval: float = INTERVAL,
+    ) -> None:
+        super().__init__(console=console, speed_estimate_period=estimate_over, get_time=clock, disable=True)
+        self._unit, self._interval = unit, interval
+        self._lines: dict[TaskID, _Line] = {}
+        self._latest: TaskID | None = None
+        self._ended = Event()
+        self._heart = Thread(target=self._beat, name="progress", daemon=True)
+
+    def start(self) -> None:
+        """Let time alone bring a line too: one step of the work may take longer than the interval."""
+        self._heart.start()
+
+    def stop(self) -> None:
+        """Print where each task stands, unless its last line says so."""
+        self._ended.set()
+        self._heart.join()
+        with self._lock:
+            for task in self._tasks.values():
+                if task.id in self._lines and task.completed != self._lines[task.id].completed:
+                    self._print(task)
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        """As rich's; prints a line if one is due or the task is done. Raises KeyboardInterrupt if a stop was lost."""
+        still_wanted()
+        super().update(task_id, **changes)
+        with self._lock:
+            task, last = self._tasks[task_id], self._lines.get(task_id)
+            if last is None:
+                # Of tasks that start together the first one speaks for all.
+                if task.completed > 0 or not self._lines:
+                    self._print(task)
+            elif task.completed != last.completed:
+                self._latest = task_id
+                if task.finished or self.get_time() - last.at >= self._interval:
+                    self._print(task)
+
+    def _beat(self) -> None:
+        while not self._ended.wait(self._interval / 4.0):
+            with self._lock:
+                shown = self._latest if self._latest is not None else next(reversed(self._tasks), None)
+                if shown is not None and self.get_time() - self._silent_since(shown) >= self._interval:
+                    self._print(self._tasks[shown])
+
+    def _silent_since(self, shown: TaskID) -> float:
+        began = self._tasks[shown].start_time
+        return max((line.at for line in self._lines.values()), default=inf if began is None else began)
+
+    def _print(self, task: Task) -> None:
+        self._latest = task.id
+        self._lines[task.id] = _Line(self.get_time(), task.completed)
+        self.console.print(line_of(task, self._unit), markup=False, highlight=False, soft_wrap=True)
+
+
+def now_and_then(
+    show: Callable[..., object], interval: float = 0.5, clock: Callable[[], float] = time.monotonic
+) -> Callable[..., None]:
+    """Calls `show` at most once in `interval` seconds, and not in the first: drawing may cost more than the work."""
+    last = clock()
+
+    def shown(*arguments: Any) -> None:
+        nonlocal last
+        now = clock()
+        if now - last >= interval:
+            last = now
+            show(*arguments)
+
+    return shown
+
+
+def line_of(task: Task, unit: str) -> str:
+    """One line on a task: how much of it is done, how fast it goes, how long it will take, and its note."""
+    total = "" if task.total is None else f"/{_count(task.total)}"
+    done = f"{task.description}: {_count(task.completed)}{total} {unit}"
+    parts = [done if task.total is None else f"{done} ({task.percentage:.0f} %)"]
+    if task.finished:
+        parts.append(f"done in {span(task.finished_time or 0.0)}")
+    else:
+        if task.speed:
+            parts.append(f"{task.speed:.3g} {unit}/s")
+        if task.time_remaining is not None:
+            parts.append(f"{span(task.time_remaining)} left")
+        parts.append(f"{span(task.elapsed or 0.0)} so far")
+    note = " ".join(str(task.fields.get("note", "")).split())
+    return f"{', '.join(parts)}{f'; {note}' if note else ''}"
+
+
+def span(seconds: float) -> str:
+    """A time for people: 45 s, 3 min 20 s, 2 h 5 min, 12 days."""
+    if seconds >= _DAYS:
+        return f"{seconds / 86400.0:.3g} days"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+_DAYS: Final = 100.0 * 3600.0
+"""Seconds from which on hours say little."""
+
+
+def _count(number: float) -> str:
+    return f"{number:.0f}" if abs(number) < 1e15 and number == round(number) else f"{number:g}"
+
+
+@dataclass(frozen=True)
+class _Line:
+    """When a task's last line was printed, and what was done then."""
+
+    at: float
+    completed: float
+
+
+class _Words(ProgressColumn):
+    """Text as it is, never broken."""
+
+    def __init__(self, text: Callable[[Task], str], style: str = "") -> None:
+        super().__init__(Column(no_wrap=True))
+        self._text, self._style = text, style
+
+    def render(self, task: Task) -> Text:
+        return Text(self._text(task), style=self._style, no_wrap=True)
+
+
+class _Note(ProgressColumn):
+    """The note: the column that gives way where the terminal is narrow, cut at its end."""
+
+    def render(self, task: Task) -> Text:
+        return Text(str(task.fields.get("note", "")), no_wrap=True, overflow="ellipsis")

@@ -1,0 +1,1 @@
+"""What several commands put together from the packages."""

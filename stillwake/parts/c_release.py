@@ -1,0 +1,108 @@
+"""The ECU in C for the folder of a C library, and that folder for the shipped bundle."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contract.arrays import Array
+from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.estimator import ESTIMATOR
+from contract.errors import StillwakeError
+from contract.release.bundle import Bundle, load
+from contract.shipped import BUNDLE, model, recording
+from stillwake.parts.releases import open_release
+
+if TYPE_CHECKING:
+    from export.release.gated import Gated
+
+
+def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
+    """The ECU for a release with its examples, or nothing where C cannot have it.
+
+    Args:
+        bundle: just written.
+        rows: recorded, of which an example plays the pressures, (n, S+1).
+        config: of the vehicle.
+        notice: called with a line for what the ECU does without, or for why there is none.
+    """
+    from export.to_c.estimator import estimator_files
+    from export.to_c.library import ecu_sources, example_sources
+    from firmware_sim.in_c.c_examples import PLAYED, played_pressures
+    from firmware_sim.in_c.c_settings import ecu_settings
+
+    try:
+        release = load(bundle)
+        used = _without_check(release, config, notice)
+        found = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
+        found |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
+        return found | {PLAYED: played_pressures(rows, used)}
+    except StillwakeError as error:
+        notice(f"no ECU in C, the library has the control step alone: {error}")
+        return {}
+
+
+def write_shipped_library(
+    folder: Path,
+    release: Bundle,
+    config: Config,
+    *,
+    notice: Callable[[str], None] = lambda line: None,
+    phase: Callable[[str], None] = lambda name: None,
+) -> "Gated":
+    """The C library and ECU of the shipped bundle, made from the shipped model and checked to be the same program.
+
+    Args:
+        folder: to write.
+        release: the shipped bundle.
+        config: of the vehicle.
+        notice, phase: as `ecu_files` and `export.release.pipeline.export_library` have them.
+
+    Raises:
+        ExportError: model and bundle do not belong together.
+        StillwakeError: the data are not installed, or the folder cannot be written.
+    """
+    from export.release.pipeline import export_library
+    from firmware_sim.in_c.host_library import CController
+
+    return export_library(
+        model(),
+        release,
+        folder,
+        recording=recording(),
+        compiled=CController,
+        ecu=partial(ecu_files, BUNDLE, config=config, notice=notice),
+        phase=phase,
+    )
+
+
+@contextmanager
+def library_folder(given: Path | None) -> Iterator[Path]:
+    """The folder that was given, or one with the shipped bundle's library that lasts as long as the block."""
+    if given is not None:
+        yield given
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch, "library")
+        write_shipped_library(folder, open_release(None, None), load_config())
+        yield folder
+
+
+def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
+    """The settings, without the check of the sensors where C cannot have it; without an estimator nor has Python."""
+    check, manifest = config.ecu.sensor_check, release.manifest
+    if not check.enabled:
+        return config
+    if manifest.sensor_estimator is None:
+        why = "the release has no estimator (--sensors)"
+    elif manifest.precision != "int8":
+        why = "its estimator needs the integer products of an int8 library (--precision int8)"
+    else:
+        return config
+    notice(f"the ECU in C does not check the sensors: {why}")
+    return replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))

@@ -1,0 +1,55 @@
+"""Write samples of the C library, of small random programs of every kind, to open, compile and debug.
+
+    python -m stillwake.parts.c_samples build/c
+
+makes `build/c/float32`, `build/c/int8` and `build/c/linear`, which are folders as `stillwake export --c` writes them,
+and `compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows_text, write_folder
+from export.int8.activation_ranges import activation_ranges
+from export.int8.calibrate import rounded_on
+from export.program.random_linear_program import random_linear_program
+from export.program.random_program import random_program, random_windows
+from export.to_c.folder_files import documents, replay
+from export.to_c.library import c_library
+from export.to_c.linear_library import linear_c_library
+from firmware_sim.in_c.compiler import STANDARD
+from firmware_sim.in_c.host_library import CController
+
+MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
+MPC = MpcConfig(horizon=8)
+
+
+def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples.")]) -> None:
+    """Write a sample of the C library of each kind."""
+    program = random_program(0, model=MODEL, mpc=MPC)
+    windows = random_windows(program, 10)
+    linear = random_linear_program(0, window=program.window, mpc=MPC)
+    series = np.concatenate(windows[:2]).astype(np.float32).astype(np.float64)
+    sliding = [series[k : k + program.window] for k in range(len(series) - program.window + 1)]
+    others = {
+        RECORDED: rows_text(series).encode(),
+        COMPILE_FLAGS: "".join(f"{flag}\n" for flag in STANDARD).encode(),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    rounded = rounded_on(program, windows)
+    int8 = c_library(rounded, activation_ranges(rounded.program, windows))
+    libraries = {"float32": c_library(program), "int8": int8, "linear": linear_c_library(linear)}
+    for kind, library in libraries.items():
+        # Window, sensors and horizon are the same for all.
+        answers = replay(CController(library, program.sizes), sliding, program.mpc.horizon)
+        contents = library | others | {EXPECTED: rows_text(answers).encode()} | documents(library)
+        write_folder(folder / kind, contents)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,259 @@
+"""What a live loop is made of, by name: its plants and its ECUs, those that take seconds only when they are chosen."""
+
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from contract.config.controller import CostWeights
+from contract.config.tree import Config
+from contract.errors import ConfigError, StillwakeError
+from contract.release.bundle import Bundle
+from contract.runtime.onnx_session import OnnxController
+from stillwake.console.endings import missing
+from stillwake.parts.c_release import library_folder
+from stillwake.parts.releases import open_release
+
+if TYPE_CHECKING:
+    from firmware_sim.ecu.stepped import LoopEcu
+    from firmware_sim.live.loop.messages import Choice, Request
+    from firmware_sim.live.session import LiveSession
+    from firmware_sim.live.settings import LiveSettings
+    from wake.plant.protocol import LoopPlant
+
+MAKING: Final = "the C library of the shipped model is made, once, which takes a minute; the loop goes on"
+COMPILING: Final = {
+    "c": "the ECU in C is compiled; the loop goes on",
+    "cortex-m7": "the ECU in C is compiled for the emulated core; the loop goes on",
+}
+_MAKES_LIBRARY: Final = ("torch", "onnx")
+_EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
+_TOLD_EVERY: Final = 10.0
+"""t_c of a start that settles on another grid."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveParts:
+    """Of one live loop; what its process is started with.
+
+    Attributes:
+        bundle: release bundle; the shipped one if None.
+        trust: whose signature it must bear, as `--trust` has it.
+        library: C library of the bundle's; without one, that of the shipped bundle is made when it is wanted.
+        config: the vehicle.
+        start: flow state to begin from; the shipped start if None.
+        settings: to begin with.
+        enable_after: t_c until control is requested.
+        saves: folder of saved runs.
+        command: the command line, for saved runs.
+    """
+
+    bundle: Path | None
+    trust: str | None
+    library: Path | None
+    config: Config
+    start: Path | None
+    settings: "LiveSettings"
+    enable_after: float
+    saves: Path
+    command: tuple[str, ...]
+
+    def __call__(self, tell: Callable[[str], None]) -> "LiveLoop":
+        """The loop; `tell` is called with what is waited for.
+
+        Raises:
+            StillwakeError: if plant or ECU cannot be had, or do not fit each other.
+        """
+        from firmware_sim.live.session import LiveSession
+
+        release = open_release(self.bundle, self.trust)
+        ecus = Ecus(release, self.config, self.library, tell)
+        session = LiveSession(
+            bundle=release,
+            config=self.config,
+            wake=lambda name: self._plant(name, tell),
+            ecu=ecus,
+            controllers=controllers(release, self.library),
+            plants=plants(),
+            saves=self.saves,
+            settings=self.settings,
+            enable_after=self.enable_after,
+            command=self.command,
+        )
+        return LiveLoop(session, ecus)
+
+    def _plant(self, name: str, tell: Callable[[str], None]) -> "LoopPlant":
+        if name == "recording":
+            from contract.recording.dataset import read
+            from contract.shipped import recording
+            from wake.recorded_wake import RecordedWake
+
+            dataset = read(recording())
+            # The wake by itself, as what does not answer should look.
+            calm = (episode for episode in dataset.episodes if not episode.series["action"].any())
+            return RecordedWake(next(calm, dataset.episodes[0]), dataset.layout, self.config.flow)
+        from wake.plants import own_wake
+
+        def settling(t: float, total: float) -> None:
+            if t % _TOLD_EVERY < self.config.flow.control_period:
+                tell(f"the start settles on this grid: {t:.0f} of {total:.0f} t_c")
+
+        return own_wake(self.config, settling, start=self.start)
+
+
+class LiveLoop:
+    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.serving.stepping.Prepares`.
+
+    Args:
+        session: as it is.
+        ecus: of it.
+    """
+
+    def __init__(self, session: "LiveSession", ecus: "Ecus") -> None:
+        self._ecus, self._session = ecus, session
+        self.step, self.handle, self.messages = session.step, session.handle, session.messages
+
+    def before(self, request: "Request") -> Callable[[], None] | None:
+        """What makes the ECU that is asked for; None where it is there, or cannot be had."""
+        name = _controller_in(request)
+        if not isinstance(name, str) or name not in COMPILING or self._ecus.has(name):
+            return None
+        missing = {choice["name"]: choice["missing"] for choice in self._session.hello()["controllers"]}
+        return None if missing[name] else partial(self._ecus.prepare, name)
+
+
+class Ecus:
+    """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once.
+
+    Args:
+        release: verified.
+        config: the vehicle.
+        library: as `LiveParts` has it.
+        tell: called with what is waited for.
+    """
+
+    def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
+        self._release, self._config, self._library, self._tell = release, config, library, tell
+        self._in_c: dict[str, LoopEcu] = {}
+
+    def __call__(self, name: str, weights: CostWeights | None) -> "LoopEcu":
+        """Just powered on; of an ECU in C there is one, which the session keeps (`firmware_sim.live.ecu_shelf`).
+
+        Raises:
+            StillwakeError: it cannot be had.
+        """
+        from firmware_sim.ecu.ecu import Ecu
+        from firmware_sim.ecu.stepped import LoopEcu
+
+        if name in COMPILING:
+            self.prepare(name)
+            found = self._in_c[name]
+            if weights is not None and found.weigh is not None:
+                found.weigh(weights)
+            return found
+        ecu = Ecu(self._release, self._graph, self._config, weights=weights)
+        return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
+
+    def has(self, name: str) -> bool:
+        """Whether it needs not be made any more."""
+        return name in self._in_c
+
+    def prepare(self, name: str) -> None:
+        """Make an ECU in C, which takes seconds, unless it is there.
+
+        Raises:
+            StillwakeError: it cannot be had.
+        """
+        from firmware_sim.bench.ecus import loop_ecu
+
+        if not self.has(name):
+            sources = self._sources
+            self._tell(COMPILING[name])
+            self._in_c[name] = loop_ecu(name, sources)
+
+    @cached_property
+    def _graph(self) -> OnnxController:
+        from firmware_sim.bench.simulation import WARM_UP_PLANS
+
+        graph = OnnxController.of(self._release)
+        graph.warm_up(WARM_UP_PLANS)
+        return graph
+
+    @cached_property
+    def _sources(self) -> dict[str, bytes]:
+        from firmware_sim.in_c.c_ecu import ecu_sources
+
+        if self._library is None:
+            self._tell(MAKING)
+        with library_folder(self._library) as folder:
+            return ecu_sources(folder, self._release, self._config)
+
+
+def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
+    """Of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
+    precision = release.manifest.precision
+    return [
+        {"name": "int8", "label": f"ECU in Python, {precision} ONNX graph", "missing": None},
+        {"name": "c", "label": f"ECU in C, {precision}", "missing": _no_library(release, library) or _no_compiler()},
+        {
+            "name": "cortex-m7",
+            "label": f"ECU in C on an emulated Cortex-M7, {precision}",
+            "missing": _no_library(release, library) or _lacks(_EMULATES),
+        },
+        {"name": "off", "label": "off: no supply", "missing": None},
+    ]
+
+
+def plants() -> "list[Choice]":
+    """Of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
+    from contract import shipped
+
+    def lacking(present: Callable[[], Path]) -> str | None:
+        try:
+            present()
+        except StillwakeError as error:
+            return str(error)
+        return None
+
+    return [
+        {"name": "wake", "label": "live wake: answers the jets", "missing": lacking(shipped.developed)},
+        {"name": "recording", "label": "recorded wake: does not answer", "missing": lacking(shipped.recording)},
+    ]
+
+
+def _controller_in(request: "Request") -> object:
+    """That a request asks for, if it asks for one; whatever else it is, the session judges."""
+    from firmware_sim.live.settings import from_query
+
+    given = request.get("set")
+    if isinstance(given, Mapping):
+        return given.get("controller")
+    try:
+        return from_query(str(request.get("query", ""))).get("controller")
+    except ConfigError:
+        return None
+
+
+def _no_library(release: Bundle, library: Path | None) -> str | None:
+    if library is not None:
+        return None
+    if release.digest != open_release(None, None).digest:
+        return "name the bundle's C library with --library (`stillwake export --c`)"
+    return _lacks(_MAKES_LIBRARY)
+
+
+def _no_compiler() -> str | None:
+    from firmware_sim.in_c.compiler import host_compiler
+
+    try:
+        host_compiler()
+    except StillwakeError as error:
+        return str(error)
+    return None
+
+
+def _lacks(modules: tuple[str, ...]) -> str | None:
+    found = (name for name in modules if importlib.util.find_spec(name) is None)
+    return next((missing(name) for name in found), None)

@@ -1,0 +1,65 @@
+"""How a command opens a release bundle: which one, whose signature it must bear, and how it is described."""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.text import Text
+
+from contract.release import bundle as bundles
+from contract.release import signing
+from contract.release.bundle import Bundle
+from contract.release.signing import PublicKey
+from contract.shipped import BUNDLE
+
+PROJECT: Final = "project"
+"""Stands for the key that the shipped bundle is signed with, where a key file may be named."""
+
+Trust = Annotated[
+    str | None,
+    typer.Option(
+        "--trust",
+        help="Public key file (PEM) of whoever must have signed the bundle; 'project' is the key of the shipped one.",
+    ),
+]
+
+
+def open_release(path: Path | None, trust: str | None) -> Bundle:
+    """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted.
+
+    Raises:
+        BundleError: it does not verify, or is not signed as demanded.
+        KeyFileError: the key to trust cannot be read.
+    """
+    return bundles.load(*locate(path, trust))
+
+
+def describe(release: Bundle) -> list[Text]:
+    """Lines for people when a bundle is opened: its name and sensors, and what its signature is worth."""
+    manifest = release.manifest
+    vouched_for = release.is_trusted or release.signer == signing.project_key()
+    kind = ", linear controller" if manifest.is_linear else ""
+    return [
+        Text(f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}{kind}"),
+        Text(signature(release)) if vouched_for else Text(f"warning: {signature(release)}", style="yellow"),
+    ]
+
+
+def signature(release: Bundle) -> str:
+    """Who signed it, in words."""
+    if release.signer is None:
+        return bundles.UNSIGNED
+    if release.signer == signing.project_key():
+        return f"signed by the project's key {release.signer.fingerprint}"
+    if release.is_trusted:
+        return f"signed by the trusted key {release.signer.fingerprint}"
+    return f"signed by key {release.signer.fingerprint}: unknown here, --trust would demand it"
+
+
+def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:
+    """The bundle to open, the shipped one by default, and the key that must have signed it; None where any may have."""
+    if trust == PROJECT or (trust is None and path is None):
+        trusted: PublicKey | None = signing.project_key()
+    else:
+        trusted = None if trust is None else signing.read_public_key(Path(trust))
+    return BUNDLE if path is None else path, trusted

@@ -1,0 +1,346 @@
+"""The adapter over python-can's in-process bus, and over buses that misbehave as the real backends do."""
+
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import count
+
+import can
+import pytest
+
+from can_bridge.bus.backends.python_can import GARBAGE_LIMIT, QUEUE_SIZE, RECEPTION_LIMIT, PythonCanBus
+from can_bridge.bus.conversion import to_message
+from can_bridge.bus.interface import HEALTHY, Bus, BusHealth, BusState
+from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+
+CHANNELS = count()
+
+
+@pytest.fixture
+def config() -> BusConfig:
+    return BusConfig(interface="virtual", channel=f"test-{next(CHANNELS)}")
+
+
+@pytest.fixture
+def pair(config) -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
+        yield one, other
+
+
+def counts(bus: PythonCanBus) -> dict[Rejection, int]:
+    """The reasons that occurred; checks the books on the way."""
+    assert bus.received == bus.accepted + sum(bus.rejected.values())
+    return {reason: count for reason, count in bus.rejected.items() if count}
+
+
+def test_frames_arrive_in_order_with_the_time_they_were_sent_at(pair):
+    one, other = pair
+    frames = [Frame(frame_id=i, data=bytes([i] * 12), timestamp_ns=i * 20_000_001) for i in range(50)]
+    for frame in frames:
+        one.send(frame)
+    assert other.receive_all() == frames
+    assert other.receive_all() == []
+    assert one.receive_all() == []
+
+
+def test_classic_frames_pass_too(pair):
+    one, other = pair
+    frame = Frame(frame_id=0x7E0, data=bytes(8), is_fd=False)
+    one.send(frame)
+    assert other.receive(1.0) == frame
+    assert other.receive(0.0) is None
+
+
+def test_only_accepted_ids_are_received_and_the_others_do_not_stop_it(config):
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config, accept=(0x120,)) as other:
+        wanted = [Frame(frame_id=0x120, data=bytes([i])) for i in range(3)]
+        for frame in wanted:
+            one.send(Frame(frame_id=0x130, data=b""))
+            one.send(frame)
+        assert other.receive_all() == wanted
+        assert counts(other) == {Rejection.OTHER_ID: 3}
+
+
+def test_peer_that_stops_reading_cannot_block_a_sender_for_ever(pair):
+    one, other = pair
+    frame = Frame(frame_id=0x120, data=bytes(16))
+    for _ in range(QUEUE_SIZE):
+        one.send(frame)
+    with pytest.raises(BusError, match="0x120 was not sent"):
+        one.send(frame, timeout_s=0.0)
+    # Once the peer reads again, so does sending.
+    assert len(other.receive_all()) == QUEUE_SIZE
+    one.send(frame, timeout_s=0.0)
+    assert other.receive_all() == [frame]
+
+
+def test_negative_timeout_is_refused(pair):
+    with pytest.raises(ValueError, match=r"timeout_s = -0\.1"):
+        pair[0].send(Frame(frame_id=1, data=b""), timeout_s=-0.1)
+
+
+def test_closed_bus_says_so(config):
+    bus = PythonCanBus.open(config)
+    bus.close()
+    bus.close()
+    with pytest.raises(BusError, match="closed"):
+        bus.send(Frame(frame_id=1, data=b""))
+    with pytest.raises(BusError, match="closed"):
+        bus.receive_all()
+
+
+def test_adapter_is_a_bus(pair):
+    bus: Bus = pair[0]
+    bus.send(Frame(frame_id=1, data=b""))
+    assert len(pair[1].receive_all()) == 1
+
+
+class ScriptedBus(can.BusABC):
+    """A backend whose receptions are given: a message, None, or an error to raise."""
+
+    def __init__(self, script: Iterable[can.Message | Exception | None]) -> None:
+        self.script = list(script)
+        self.channel_info = "scripted"
+        self.driver_state = can.BusState.ACTIVE
+        super().__init__(channel="scripted")
+        self.shutdown()  # nothing to close: python-can would remind us of it
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        item = self.script.pop(0) if self.script else None
+        if isinstance(item, Exception):
+            raise item
+        return item, False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise can.CanTimeoutError
+
+    @property
+    def state(self) -> can.BusState:
+        return self.driver_state
+
+    @state.setter
+    def state(self, new: can.BusState) -> None:
+        raise NotImplementedError
+
+
+def caused_by(error: Exception, cause: Exception) -> Exception:
+    error.__cause__ = cause
+    return error
+
+
+SOUND = to_message(Frame(frame_id=0x120, data=bytes(16)))
+
+REFUSED: dict[str, tuple[can.Message | Exception, Rejection]] = {
+    "udp_multicast, not msgpack": (
+        caused_by(can.CanOperationError("could not unpack received message"), ValueError()),
+        Rejection.GARBAGE,
+    ),
+    "udp_multicast, a number": (
+        caused_by(can.CanOperationError("could not unpack"), AttributeError("update")),
+        Rejection.GARBAGE,
+    ),
+    "slcan, no digits": (ValueError("invalid literal for int() with base 16: 'zz'"), Rejection.GARBAGE),
+    "slcan, cut off": (IndexError("string index out of range"), Rejection.GARBAGE),
+    "slcan, not text": (
+        caused_by(can.CanOperationError("Could not read"), UnicodeDecodeError("utf-8", b"\xff", 0, 1, "")),
+        Rejection.GARBAGE,
+    ),
+    "a driver's record": (struct.error("unpack requires a buffer of 4 bytes"), Rejection.GARBAGE),
+    "told by our backend": (UnusableReceptionError(Rejection.ADAPTER), Rejection.ADAPTER),
+    "error frame": (can.Message(is_error_frame=True), Rejection.ERROR_FRAME),
+    "remote frame": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, is_remote_frame=True, dlc=8),
+        Rejection.REMOTE,
+    ),
+    "29-bit identifier": (
+        can.Message(arbitration_id=0x120, is_extended_id=True, data=bytes(8)),
+        Rejection.EXTENDED,
+    ),
+    "data cut off": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(3), dlc=8),
+        Rejection.WRONG_LENGTH,
+    ),
+    "classic frame of 12": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(12)),
+        Rejection.WRONG_LENGTH,
+    ),
+    "FD frame of 9": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(9), is_fd=True),
+        Rejection.WRONG_LENGTH,
+    ),
+    "our FD message as a classic one": (
+        can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(8)),
+        Rejection.WRONG_FORMAT,
+    ),
+    "our classic message as an FD one": (
+        can.Message(arbitration_id=0x121, is_extended_id=False, data=bytes(8), is_fd=True),
+        Rejection.WRONG_FORMAT,
+    ),
+    "identifier too large": (can.Message(arbitration_id=0x800, is_extended_id=False, data=b""), Rejection.GARBAGE),
+    "time is no number": (
+        can.Message(arbitration_id=1, is_extended_id=False, data=b"", timestamp=float("nan")),
+        Rejection.GARBAGE,
+    ),
+    "identifier is text": (
+        can.Message(arbitration_id="1", is_extended_id=False, data=b""),  # type: ignore[arg-type]
+        Rejection.GARBAGE,
+    ),
+    "identifier is a float": (
+        can.Message(arbitration_id=1.5, is_extended_id=False, data=b""),  # type: ignore[arg-type]
+        Rejection.GARBAGE,
+    ),
+}
+
+
+@pytest.mark.parametrize(("refused", "reason"), REFUSED.values(), ids=REFUSED)
+def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received(refused, reason):
+    bus = PythonCanBus(ScriptedBus([refused, SOUND, refused, refused, SOUND]))
+    assert [frame.frame_id for frame in bus.receive_all()] == [0x120, 0x120]
+    assert counts(bus) == {reason: 3}
+    assert (bus.received, bus.accepted) == (5, 2)
+    bus = PythonCanBus(ScriptedBus([refused, SOUND]))
+    assert bus.receive(1.0) is not None
+    assert counts(bus) == {reason: 1}
+
+
+def test_identifiers_that_are_not_ours_may_have_either_format():
+    script = [to_message(Frame(frame_id=0x7E0, data=bytes(8), is_fd=is_fd)) for is_fd in (False, True)]
+    assert [frame.is_fd for frame in PythonCanBus(ScriptedBus(script)).receive_all()] == [False, True]
+
+
+def test_classic_bus_takes_and_sends_classic_frames_alone():
+    fd, classic = Frame(frame_id=0x7E0, data=bytes(8)), Frame(frame_id=0x121, data=bytes(8), is_fd=False)
+    bus = PythonCanBus(ScriptedBus([to_message(fd), to_message(classic)]), is_classic=True)
+    assert bus.receive_all() == [classic]
+    assert counts(bus) == {Rejection.WRONG_FORMAT: 1}
+    with pytest.raises(BusError, match=r"0x7e0 was not sent: it is CAN FD, and bus\.frames = classic"):
+        bus.send(fd)
+
+
+def test_classic_frames_pass_over_a_classic_virtual_bus(config):
+    config = replace(config, frames="classic")
+    frame = Frame(frame_id=0x121, data=bytes(8), is_fd=False)
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
+        assert one._bus.protocol is can.CanProtocol.CAN_20
+        one.send(frame)
+        assert other.receive_all() == [frame]
+        with pytest.raises(BusError, match="CAN FD"):
+            one.send(Frame(frame_id=0x120, data=bytes(16)))
+        assert other.receive_all() == []
+
+
+def error_frame(classes: int, data: list[int]) -> can.Message:
+    return can.Message(is_error_frame=True, arbitration_id=classes, data=data)
+
+
+def test_error_frames_of_socketcan_are_about_the_controllers_health():
+    # CAN_ERR_CRTL | CAN_ERR_CNT with CAN_ERR_CRTL_TX_PASSIVE, then with RX_OVERFLOW.
+    script = [
+        error_frame(0x204, [0, 0x20, 0, 0, 0, 0, 130, 7]),
+        SOUND,
+        error_frame(0x204, [0, 0x01, 0, 0, 0, 0, 130, 9]),
+    ]
+    bus = PythonCanBus(ScriptedBus(script), linux_error_frames=True)
+    assert bus.health() == HEALTHY
+    assert len(bus.receive_all()) == 1
+    assert bus.health() == BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=130, rx_errors=9)
+    assert bus.overflows == 1
+    assert counts(bus) == {Rejection.ERROR_FRAME: 2}
+    # From elsewhere they mean something else, or another node.
+    other = PythonCanBus(ScriptedBus(script))
+    other.receive_all()
+    assert (other.health(), other.overflows) == (HEALTHY, 0)
+
+
+def test_bus_off_that_a_driver_reports_is_counted_when_it_comes():
+    scripted = ScriptedBus([])
+    bus = PythonCanBus(scripted)
+    found = []
+    for state in (can.BusState.ERROR, can.BusState.ERROR, can.BusState.ACTIVE, can.BusState.ERROR):
+        scripted.driver_state = state
+        found.append((bus.health().state, bus.health().bus_off))
+    off, active = BusState.BUS_OFF, BusState.ERROR_ACTIVE
+    assert found == [(off, 1), (off, 1), (active, 1), (off, 2)]
+    # Of python-can's drivers, pcan, ixxat and systec say PASSIVE of a node that may only listen.
+    scripted.driver_state = can.BusState.PASSIVE
+    assert bus.health().state is active
+
+
+def test_virtual_bus_is_healthy_and_loses_nothing_unseen(pair):
+    assert (pair[0].health(), pair[0].overflows) == (HEALTHY, 0)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        OSError(19, "No such device"),
+        caused_by(can.CanOperationError("Failed to wait for IP/UDP socket"), OSError(100, "Network is down")),
+        can.CanOperationError("Cannot operate on a closed bus"),
+    ],
+)
+def test_fault_of_the_system_is_raised(fault):
+    bus = PythonCanBus(ScriptedBus([SOUND, fault]))
+    with pytest.raises(BusError, match=r"CAN bus failed: ."):
+        bus.receive_all()
+    assert counts(bus) == {}
+
+
+def test_backend_that_only_ever_stumbles_is_a_fault_in_the_end():
+    bus = PythonCanBus(ScriptedBus([TypeError("'NoneType'") for _ in range(GARBAGE_LIMIT + 1)]))
+    with pytest.raises(BusError, match="unreadable receptions in a row, last: 'NoneType'"):
+        bus.receive_all()
+
+
+@pytest.mark.parametrize("calm", [SOUND, None])
+def test_as_much_garbage_as_the_limit_is_borne_again_and_again(calm):
+    burst = [*[ValueError("noise")] * GARBAGE_LIMIT, calm]
+    bus = PythonCanBus(ScriptedBus(burst * 3))
+    for _ in range(3):
+        bus.receive_all()
+    assert counts(bus) == {Rejection.GARBAGE: 3 * GARBAGE_LIMIT}
+
+
+def test_one_collection_is_bounded():
+    bus = PythonCanBus(ScriptedBus([SOUND] * (QUEUE_SIZE + 1)))
+    assert [len(bus.receive_all()) for _ in range(2)] == [QUEUE_SIZE, 1]
+
+
+def test_flood_of_what_our_backends_refuse_ends_neither_the_bus_nor_the_wait():
+    """A flood on the wire is no fault of the backend; yet one collection ends."""
+    flood: list[can.Message | Exception] = [UnusableReceptionError(Rejection.GARBAGE)] * (3 * RECEPTION_LIMIT)
+    bus = PythonCanBus(ScriptedBus([*flood, SOUND]))
+    for done in (1, 2, 3):
+        assert bus.receive_all() == []
+        assert counts(bus) == {Rejection.GARBAGE: done * RECEPTION_LIMIT}
+    assert len(bus.receive_all()) == 1
+
+
+def test_noise_with_idle_moments_or_frames_is_borne_for_ever():
+    script = [item for _ in range(GARBAGE_LIMIT) for item in (ValueError(), ValueError(), SOUND, ValueError(), None)]
+    bus = PythonCanBus(ScriptedBus(script))
+    assert sum(len(bus.receive_all()) for _ in range(GARBAGE_LIMIT)) == GARBAGE_LIMIT
+    assert counts(bus) == {Rejection.GARBAGE: 3 * GARBAGE_LIMIT}
+
+
+def test_send_that_times_out_without_a_word_is_still_named():
+    with pytest.raises(BusError, match="0x120 was not sent: CanTimeoutError"):
+        PythonCanBus(ScriptedBus([])).send(Frame(frame_id=0x120, data=b""))
+
+
+def test_bus_that_vanished_is_closed_without_a_word_of_its_own():
+    class Vanished(ScriptedBus):
+        opened = False
+
+        def shutdown(self) -> None:
+            super().shutdown()
+            if self.opened:
+                raise can.CanOperationError("Could not write to serial device")
+
+    scripted = Vanished([])
+    scripted.opened = True
+    PythonCanBus(scripted).close()
+    with pytest.raises(BusError, match="what the body found"), PythonCanBus(scripted):
+        raise BusError("what the body found")

@@ -1,0 +1,81 @@
+"""Bodies and their sensors: the rules of the settings, and places on the surface."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from contract import sensors
+from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.body_sensors import layout_of
+from contract.config.loading import load_config
+from contract.errors import ConfigError
+from contract.geometry import HALF_WIDTH, JET_WIDTH, WAKE_PROBE
+
+
+def test_the_defaults_are_the_papers_truck() -> None:
+    assert (TRUCK_BODY.length, TRUCK_BODY.leading_edge_radius) == (7.647, 0.118)
+    assert layout_of(BodyConfig()) is sensors.TRUCK
+    assert TRUCK_BODY.wake_probe == WAKE_PROBE == (10.0, 0.0)
+
+
+def test_the_rule_gives_the_papers_table_but_for_its_misprint() -> None:
+    """With another length the rule decides. The paper's table has 0.204555 once, for 0.204545."""
+    near = layout_of(BodyConfig(length=7.648))
+    assert near.names == sensors.NAMES
+    assert np.abs(near.positions[80:, 1] - sensors.positions()[80:, 1]).max() == pytest.approx(1e-5, rel=1e-6)
+    assert np.abs(near.positions[:80] - sensors.positions()[:80]).max() < 1.1e-3
+
+
+@given(
+    length=st.floats(0.5, 15.0),
+    radius=st.floats(0.0, 0.5),
+    sides=st.integers(1, 120),
+    on_base=st.integers(1, 20),
+)
+def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(
+    length: float, radius: float, sides: int, on_base: int
+) -> None:
+    assume(radius <= 0.5 * length)
+    body = BodyConfig(length=length, leading_edge_radius=radius, sensors_per_side=sides, sensors_on_base=on_base)
+    layout = layout_of(body)
+    assert len(layout) == 2 * sides + on_base
+    x, y = layout.positions.T
+    base = np.zeros(len(layout), dtype=bool)
+    base[layout.base] = True
+    assert (x[base] == length).all() and (np.abs(y[base]) < HALF_WIDTH - JET_WIDTH).all()
+    assert (np.abs(y[~base]) == HALF_WIDTH).all()
+    assert ((x[~base] > radius - 1e-6) & (x[~base] < length + 1e-6)).all()
+    # Front to rear, top to bottom.
+    assert (np.diff(x[:sides]) >= 0).all() and (np.diff(y[base]) < 0).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 10])
+def test_the_mirror_image_of_the_upper_side_is_the_lower(count: int) -> None:
+    layout = layout_of(BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=count, sensors_on_base=count))
+    assert layout.mirror is not None
+    assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
+    upper, lower = (layout.names.index(f"{side}_00") for side in ("upper", "lower"))
+    assert layout.mirror[upper] == lower
+
+
+@pytest.mark.parametrize(
+    ("override", "reason"),
+    [
+        ("body.length=0.1", r"length = 0\.1: must be in 0\.5\.\.15: shorter, the grid"),
+        ("body.length=23", "too little of the wake"),
+        ("body.leading_edge_radius=0.6", r"in 0\.\.0\.5: 0 is a sharp edge"),
+        ("body.leading_edge_radius=-0.1", "in 0"),
+        ("body.length=nan", "length = nan"),
+        ("body.sensors_per_side=0", "at least 1"),
+        ("body.sensors_on_base=0", "at least 1"),
+    ],
+)
+def test_impossible_bodies_are_refused_with_the_reason(override: str, reason: str) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        load_config(None, [override])
+
+
+def test_the_nose_must_fit_into_the_body() -> None:
+    with pytest.raises(ConfigError, match=r"leading_edge_radius = 0\.4: must be at most half the length"):
+        BodyConfig(length=0.6, leading_edge_radius=0.4)

@@ -1,0 +1,91 @@
+"""A linear model on disk comes back as it was, or is refused by name."""
+
+import json
+
+import numpy as np
+import pytest
+
+from contract.config.tree import Config
+from contract.errors import ModelError, StillwakeError
+from contract.model import linear_model_folder
+from contract.model.linear_model_folder import DESCRIPTION, WEIGHTS, LinearDescription
+from contract.release.manifest import Scaling
+
+RNG = np.random.default_rng(0)
+MODEL = RNG.normal(size=(3, 5, 3))
+GAIN = RNG.normal(size=(5, 3)) * (np.arange(15).reshape(5, 3) < 14)
+ABOUT = LinearDescription(
+    config=Config(),
+    sensors=("a", "b", "c", "d"),
+    positions=((1.0, 0.5), (1.0, -0.5), (2.0, 0.2), (2.0, -0.2)),
+    scaling=Scaling(
+        pressure_mean=(-0.5,) * 4, pressure_std=(0.1,) * 4, action_std=0.03, force_mean=(0.8, 0.0), force_std=(0.1, 0.5)
+    ),
+    identification={"window": 5},
+    design={"action": 100.0},
+    metrics={"closed_loop": 0.98},
+    dataset_sha256="d" * 64,
+    versions={"numpy": "2"},
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    linear_model_folder.write(tmp_path / "m", ABOUT, MODEL, GAIN)
+    return tmp_path / "m"
+
+
+def test_it_comes_back_as_it_was(folder):
+    found = linear_model_folder.read(folder)
+    assert linear_model_folder.is_linear(folder)
+    np.testing.assert_array_equal(found.model, MODEL)
+    np.testing.assert_array_equal(found.gain, GAIN)
+    assert found.description == ABOUT or vars(found.description) == vars(ABOUT)
+    training = found.provenance.training()
+    assert training["kind"] == "linear"
+    assert training["design"] == {"action": 100.0}
+
+
+def altered(folder, **changes):
+    body = json.loads((folder / DESCRIPTION).read_text())
+    (folder / DESCRIPTION).write_text(json.dumps({**body, **changes}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"schema": "stillwake-model/2"}, "schema 'stillwake-model/2', this version reads 'stillwake-linear-model/1'"),
+        ({"weights_sha256": "0" * 64}, "model.safetensors was altered"),
+        ({"sensors": ["a", "b"]}, r"model \(3, 5, 3\) and gain \(5, 3\) do not fit each other and 2 sensors"),
+        ({"positions": [1.0]}, "linear_model.json"),
+    ],
+)
+def test_a_description_that_does_not_fit_is_refused(folder, changes, said):
+    altered(folder, **changes)
+    with pytest.raises(ModelError, match=said):
+        linear_model_folder.read(folder)
+
+
+def test_missing_and_foreign_files_are_refused(folder, tmp_path):
+    (folder / WEIGHTS).unlink()
+    with pytest.raises(ModelError, match=r"model\.safetensors cannot be read"):
+        linear_model_folder.read(folder)
+    with pytest.raises(ModelError, match=r"linear_model\.json cannot be read"):
+        linear_model_folder.read(tmp_path)
+    (folder / DESCRIPTION).write_text("{")
+    with pytest.raises(ModelError, match="not JSON"):
+        linear_model_folder.read(folder)
+
+
+def test_a_gain_on_the_action_that_it_decides_is_refused(tmp_path):
+    linear_model_folder.write(tmp_path / "m", ABOUT, MODEL, np.ones_like(GAIN))
+    with pytest.raises(ModelError, match="gain has one for its own action"):
+        linear_model_folder.read(tmp_path / "m")
+
+
+def test_something_else_is_never_replaced(tmp_path):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "thesis.txt").write_text("all of it")
+    with pytest.raises(StillwakeError, match="is not a linear model"):
+        linear_model_folder.write(tmp_path / "m", ABOUT, MODEL, GAIN)
+    assert (tmp_path / "m" / "thesis.txt").read_text() == "all of it"

@@ -1,0 +1,186 @@
+"""The model folder: what is written is read back to the bit, and every kind of damage is refused by name."""
+
+import hashlib
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contract import sensors
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
+from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.model import model_folder
+from contract.model.model_folder import DESCRIPTION, WEIGHTS, Description
+from contract.release.manifest import Scaling
+from contract.sensor_layout import SensorLayout
+
+pytest.importorskip("safetensors", reason="safetensors (extra train) is not installed")
+
+RNG = np.random.default_rng(0)
+SCALING = Scaling(
+    pressure_mean=tuple(RNG.normal(size=sensors.COUNT).tolist()),
+    pressure_std=tuple(RNG.uniform(0.1, 1.0, sensors.COUNT).tolist()),
+    action_std=0.04,
+    force_mean=(1.0, 0.1),
+    force_std=(0.2, 0.7),
+)
+TENSORS = {
+    f"{network}.layer.weight": RNG.normal(size=(2, 3)).astype(np.float32)
+    for network in ("encoder", "slim", "dynamics", "decoder", "slim_decoder")
+}
+
+
+def description(**changes) -> Description:
+    facts = {
+        "config": Config(model=ModelConfig(latent=3)),
+        "scaling": SCALING,
+        "sensors": ("base_9", "upper_39"),
+        "dataset_sha256": "d" * 64,
+        "metrics": {"slim": {"r2": 0.9}},
+        "ranking": {"method": "shap"},
+        "versions": {"torch": "2"},
+    }
+    return Description(**{**facts, **changes})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    model_folder.write(tmp_path / "model", description(), TENSORS)
+    return tmp_path / "model"
+
+
+def test_what_is_written_is_read_back(folder):
+    read = model_folder.read(folder)
+    found, expected = vars(read.description), vars(description())
+    assert found.pop("layout").same_as(expected.pop("layout"))
+    assert found == expected
+    assert read.tensors.keys() == TENSORS.keys()
+    for name, tensor in TENSORS.items():
+        assert read.tensors[name].dtype == np.float32
+        np.testing.assert_array_equal(read.tensors[name], tensor)
+
+
+def test_another_body_s_sensors_are_kept_with_their_places(tmp_path):
+    layout = SensorLayout.of(("lid", "tail", "tail'"), np.array([[0.0, 0.4], [1.0, 0.2], [1.0, -0.2]]), base=(1, 2))
+    scaling = replace(SCALING, pressure_mean=(0.1, 0.2, 0.3), pressure_std=(1.0, 1.0, 1.0))
+    model_folder.write(tmp_path / "model", description(layout=layout, scaling=scaling, sensors=("tail",)), TENSORS)
+    assert model_folder.read(tmp_path / "model").description.layout.same_as(layout)
+    with pytest.raises(ConfigError, match="unknown sensor 'base_9': there are lid, tail, tail'"):
+        description(layout=layout, scaling=scaling)
+
+
+def test_a_model_of_the_first_schema_is_the_truck_s(folder):
+    body = json.loads((folder / DESCRIPTION).read_text())
+    del body["layout"]
+    (folder / DESCRIPTION).write_text(json.dumps({**body, "schema": "stillwake-model/1"}))
+    assert model_folder.read(folder).description.layout is sensors.TRUCK
+
+
+def test_networks_have_the_names_of_their_own_state(folder):
+    read = model_folder.read(folder)
+    np.testing.assert_array_equal(read.network("slim")["layer.weight"], TENSORS["slim.layer.weight"])
+    assert read.network("slim_dynamics") == {}
+    np.testing.assert_array_equal(read.deployed("dynamics")["layer.weight"], TENSORS["dynamics.layer.weight"])
+    np.testing.assert_array_equal(read.deployed("decoder")["layer.weight"], TENSORS["slim_decoder.layer.weight"])
+
+
+def test_provenance_carries_what_a_manifest_holds(folder):
+    provenance = model_folder.read(folder).provenance
+    assert provenance.dataset_sha256 == "d" * 64
+    assert provenance.weights_sha256 == hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
+    assert provenance.training().keys() == {"metrics", "versions", "config"}
+    assert provenance.metrics == {"slim": {"r2": 0.9}}
+    assert provenance.config["model"]["latent"] == 3
+    json.dumps(provenance.training())
+
+
+def rewrite(folder, **changes):
+    path = folder / DESCRIPTION
+    body = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps({key: value for key, value in body.items() if value is not None}))
+
+
+def short(name: str) -> dict[str, Any]:
+    """The scaling with the last value of one of its fields left out."""
+    return {**vars(SCALING), name: getattr(SCALING, name)[:-1]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9', this version reads 'stillwake-model/2'"),
+        ({"weights_sha256": "0" * 64}, r"model\.safetensors was altered \(SHA-256 does not match model\.json\)"),
+        ({"sensors": ["base_0", "roof"]}, "unknown sensor 'roof'"),
+        ({"sensors": 4}, r"model\.json: "),
+        ({"scaling": None}, "lacks 'scaling'"),
+        ({"layout": None}, "lacks 'layout'"),
+        ({"layout": {"names": ["a"]}}, "positions"),
+        ({"layout": {"names": ["a"], "positions": [[0, 0]], "base": [], "mirror": [1]}}, "mirror|out of bounds"),
+        ({"metrics": None}, "lacks 'metrics'"),
+        ({"weights_sha256": None}, "lacks 'weights_sha256'"),
+        ({"config": {"flow": {"reynold": 1.0}}}, "reynold"),
+        ({"scaling": {"pressure_mean": [0.0]}}, "pressure_std"),
+        ({"scaling": short("pressure_std")}, r"scaling\.pressure_std has 89 values, must have 90"),
+        ({"scaling": short("force_mean")}, r"scaling\.force_mean has 1 values, must have 2"),
+    ],
+)
+def test_a_description_that_does_not_fit_is_refused(folder, changes, message):
+    rewrite(folder, **changes)
+    with pytest.raises(ModelError, match=message) as caught:
+        model_folder.read(folder)
+    assert str(folder) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_altered_weights_are_refused(folder):
+    raw = bytearray((folder / WEIGHTS).read_bytes())
+    raw[-1] ^= 1
+    (folder / WEIGHTS).write_bytes(raw)
+    with pytest.raises(ModelError, match="was altered"):
+        model_folder.read(folder)
+
+
+@pytest.mark.parametrize("name", [WEIGHTS, DESCRIPTION])
+def test_a_missing_file_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(ModelError, match=f"{name} cannot be read"):
+        model_folder.read(folder)
+
+
+def test_files_that_are_something_else_are_refused(folder):
+    (folder / WEIGHTS).write_bytes(b"not tensors")
+    rewrite(folder, weights_sha256=hashlib.sha256(b"not tensors").hexdigest())
+    with pytest.raises(ModelError, match=r"model\.safetensors: not a safetensors file"):
+        model_folder.read(folder)
+    (folder / DESCRIPTION).write_text("{")
+    with pytest.raises(ModelError, match=r"model\.json: not JSON"):
+        model_folder.read(folder)
+    (folder / DESCRIPTION).write_text("[]")
+    with pytest.raises(ModelError, match="schema None"):
+        model_folder.read(folder)
+
+
+def test_a_tensor_of_an_unknown_network_is_refused(tmp_path):
+    model_folder.write(tmp_path / "model", description(), {**TENSORS, "critic.weight": np.zeros(2, np.float32)})
+    with pytest.raises(ModelError, match=r"unknown tensor critic\.weight"):
+        model_folder.read(tmp_path / "model")
+
+
+def test_nothing_unsound_can_be_written():
+    with pytest.raises(ModelError, match="pressure_mean has 89 values"):
+        description(scaling=Scaling(**short("pressure_mean")))
+    with pytest.raises(ConfigError, match="roof"):
+        description(sensors=("roof",))
+
+
+def test_only_a_model_is_replaced(tmp_path, folder):
+    model_folder.write(folder, description(dataset_sha256="e" * 64), TENSORS)
+    assert model_folder.read(folder).description.dataset_sha256 == "e" * 64
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter_1.txt").write_text("years of work")
+    with pytest.raises(StillwakeError, match="is not a model directory; choose another place"):
+        model_folder.write(tmp_path / "thesis", description(), TENSORS)
+    assert (tmp_path / "thesis" / "chapter_1.txt").read_text() == "years of work"

@@ -1,0 +1,128 @@
+"""ONNX Runtime as the controller of a bundle: its shapes are the manifest's, and its answers are the graph's."""
+
+import resource
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+
+from contract.config.controller import MpcConfig
+from contract.controller.interface import ControllerError
+from contract.errors import BundleControllerError, BundleError
+from contract.release import bundle
+from contract.runtime import onnx_session
+from contract.runtime.onnx_session import OnnxController
+from tests.contract.controller import graphs
+
+
+@pytest.fixture(scope="module")
+def release(random_release) -> bundle.Bundle:
+    return bundle.load(random_release)
+
+
+def test_the_controller_is_the_bundles(release):
+    controller = OnnxController.of(release)
+    controller.warm_up(1)
+    manifest = release.manifest
+    horizon = manifest.mpc.horizon
+    window = np.zeros((manifest.window, 5))
+    plan, committed = np.linspace(0.0, 0.07, horizon), np.zeros(horizon)
+    held = controller.control_step(window, plan, committed)
+    np.testing.assert_allclose(held.plan, np.append(plan[1:], plan[-1]), atol=1e-8)
+    free = controller.control_step(window, plan, np.ones(horizon))
+    assert (free.plan != held.plan).all()
+    assert np.abs(free.plan).max() <= manifest.action_limit
+    assert free.cost < held.cost
+    assert free.forces.shape == (horizon, 2)
+
+
+def test_a_model_that_contradicts_its_manifest_is_refused(release):
+    def altered(**changes: Any) -> bundle.Bundle:
+        """The release with other facts about it."""
+        return replace(release, manifest=replace(release.manifest, **changes))
+
+    with pytest.raises(BundleError, match="'window' has shape"):
+        OnnxController.of(altered(window=7))
+    with pytest.raises(BundleError, match="'plan' has shape"):
+        OnnxController.of(altered(mpc=MpcConfig(horizon=9)))
+    broken = replace(release, files={"controller.onnx": b"no model"})
+    with pytest.raises(BundleError, match=r"controller\.onnx does not load"):
+        OnnxController.of(broken)
+
+
+def test_weights_are_optional_and_their_default_is_the_manifests(release):
+    controller, mpc = OnnxController.of(release), release.manifest.mpc
+    shapes = release.manifest.sizes.shapes()
+    window, plan, free = (np.full(shapes[name], value) for name, value in dict(window=0.1, plan=0.02, free=1.0).items())
+    default = controller.control_step(window, plan, free)
+    given = controller.control_step(window, plan, free, np.array(mpc.weights.as_tuple()))
+    np.testing.assert_array_equal(given.plan, default.plan)
+    # J is the weights times the terms, summed in float32.
+    assert default.cost == pytest.approx(float(np.array(mpc.weights.as_tuple()) @ default.terms), rel=1e-5)
+    assert (controller.control_step(window, plan, free, np.eye(7)[5]).plan != default.plan).any()
+
+
+def test_inputs_of_another_shape_are_the_controllers_failure(release):
+    horizon = release.manifest.mpc.horizon
+    with pytest.raises(ControllerError, match=r"controller\.onnx failed"):
+        OnnxController.of(release).control_step(np.zeros((2, 2)), np.zeros(horizon), np.ones(horizon))
+
+
+def test_a_graph_without_end_is_stopped(monkeypatch):
+    controller = OnnxController(graphs.endless(), graphs.SIZES)
+    with pytest.raises(BundleControllerError, match=r"0 of 3 steps on zeros were done after 0\.\d s: at most 0\.3 s"):
+        controller.warm_up(3, limit_s=0.3)
+    OnnxController(graphs.graph_of().SerializeToString(), graphs.SIZES).warm_up(3, limit_s=5.0)
+
+
+def unchecked(release: bundle.Bundle, model: bytes) -> bundle.Bundle:
+    """The release around another graph, which nobody judged."""
+    sizes = graphs.SIZES
+    mpc = replace(release.manifest.mpc, horizon=sizes.horizon)
+    scaling = replace(release.manifest.scaling, pressure_mean=(0.0,), pressure_std=(1.0,))
+    manifest = replace(release.manifest, window=sizes.window, sensors=("base_0",), mpc=mpc, scaling=scaling)
+    return replace(release, manifest=manifest, files={"controller.onnx": model})
+
+
+def test_a_graph_without_end_is_stopped_before_it_is_optimised(release, monkeypatch):
+    monkeypatch.setattr(onnx_session, "WARM_UP_LIMIT_S", 0.3)
+    with pytest.raises(BundleControllerError, match="0 of 1 steps on zeros"):
+        OnnxController.of(unchecked(release, graphs.endless()))
+
+
+def test_constants_that_multiply_to_gigabytes_are_not_computed(release):
+    """The product would be computed while the graph loads, had no step shown before what it takes."""
+    resident = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(BundleControllerError, match=r"controller\.onnx failed on a window of zeros"):
+        OnnxController.of(unchecked(release, graphs.enormous()))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < 400_000
+
+
+@pytest.mark.parametrize("bad", [np.nan, 3e38])
+def test_answers_that_are_not_finite_are_named(release, bad):
+    """3e38 is a float32; its square is not."""
+    model = graphs.graph_of(
+        [
+            onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"]),
+            onnx.helper.make_node("Add", ["plan", "worse"], ["p"]),
+        ],
+        [graphs.constant("bad", bad)],
+    )
+    model.graph.node[2].input[0] = "p"
+    with pytest.raises(BundleControllerError, match="'new_plan' is not finite for a window of zeros"):
+        OnnxController.of(unchecked(release, model.SerializeToString()))
+
+
+def test_a_constant_in_the_working_directory_is_not_read(tmp_path, monkeypatch):
+    """Were it read, whoever can write there could change the answers of a release that is signed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "weights.bin").write_bytes(np.ones(64, dtype=np.float32).tobytes())
+    model = graphs.graph_of([onnx.helper.make_node("MatMul", ["outside", "plan"], ["p"])], [graphs.outside()])
+    model.graph.node[-1].input[0] = "p"
+    content = model.SerializeToString()
+    onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])  # By itself it reads the file.
+    with pytest.raises(BundleControllerError, match=r"controller\.onnx does not load"):
+        OnnxController(content, graphs.SIZES)

@@ -1,0 +1,252 @@
+"""The ECU in C through its binding: the frames and states of the ECU in Python, and refusals in one line."""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.controller import CostWeights
+from contract.config.vehicle import BusConfig, EcuConfig
+from contract.controller.c_folder import ECU_SETTINGS, library_sources
+from contract.errors import ConfigError, LibraryError
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.c_settings import ecu_settings
+from firmware_sim.in_c.c_structs import differing
+from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Exported, Feed, exported
+
+try:
+    host_compiler()
+except LibraryError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+pytestmark = pytest.mark.compiler
+
+FLAGS = ("-O1", "-ffp-contract=off")
+INTO_CONTROL = WINDOW + 4
+
+
+@pytest.fixture(scope="module")
+def release(tmp_path_factory) -> Exported:
+    return exported(tmp_path_factory.mktemp("ecu_in_c"))
+
+
+@pytest.fixture(scope="module")
+def sources(release) -> dict[str, bytes]:
+    return ecu_sources(release.folder, release.bundle, CONFIG)
+
+
+@pytest.fixture
+def c(sources) -> CEcu:
+    return CEcu(sources, flags=FLAGS)
+
+
+@pytest.fixture
+def python(release, sources) -> Ecu:
+    """Its control step is the same library's, so that plans agree to the bit as well."""
+    controller = CController(library_sources(sources), release.bundle.manifest.sizes, flags=FLAGS)
+    return Ecu(release.bundle, controller, CONFIG)
+
+
+def test_it_answers_and_remembers_what_the_ecu_in_python_does(c, python):
+    """Into control, a frame lost, one damaged, and back: every frame and every field of the state."""
+    assert differing(c.state, python.state) == []
+    modes = set()
+    for now_ns, frames in Feed().periods(25, lost=(12,), damaged=(16,)):
+        assert c.step(now_ns, frames) == python.step(now_ns, frames)
+        assert differing(c.state, python.state) == []
+        assert (c.trace.mode, c.trace.action) == (python.trace.mode, python.trace.action)
+        assert c.trace.interventions == python.trace.interventions
+        assert (c.trace.forces is None) == (python.trace.forces is None)
+        assert c.status() == python.status()
+        assert c.frames_rejected == python.frames_rejected
+        modes.add(c.trace.mode)
+    assert {Mode.OFF, Mode.WARMUP, Mode.CONTROL, Mode.HOLD} <= modes
+    assert abs(c.trace.action) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("health", "fault", "updating"),
+    [
+        (BusHealth(state=BusState.BUS_OFF, bus_off=1, tx_errors=256), None, False),
+        (HEALTHY, Reason.INTERNAL, False),
+        (HEALTHY, None, True),
+    ],
+)
+def test_its_surroundings_reach_it(c, python, health, fault, updating):
+    feed = Feed()
+    for now_ns, frames in feed.periods(INTO_CONTROL if not updating else 2):
+        c.step(now_ns, frames)
+        python.step(now_ns, frames)
+    for now_ns, frames in feed.periods(3):
+        both = [one.step(now_ns, frames, health, fault=fault, updating=updating) for one in (c, python)]
+        assert both[0] == both[1]
+        assert differing(c.state, python.state) == []
+    assert c.trace.mode is (Mode.OFF if updating else Mode.FAULT)
+
+
+@pytest.mark.parametrize("now_ns", [-1, -(2**70), 2**63 - 1, 2**70])
+def test_a_time_that_c_has_no_room_for_is_a_fault_of_the_clock(c, now_ns):
+    c.step(1_000_000, [])
+    c.step(now_ns, [])
+    assert (c.trace.mode, c.state.fail_safe.reason) == (Mode.FAULT, Reason.CLOCK)
+
+
+def test_it_goes_on_from_a_state_in_bytes_and_from_one_of_the_ecu_in_python(c, python, sources):
+    feed = Feed()
+    for now_ns, frames in feed.periods(INTO_CONTROL, damaged=(5,)):
+        c.step(now_ns, frames)
+        python.step(now_ns, frames)
+    by_bytes, by_value = CEcu(sources, flags=FLAGS), CEcu(sources, flags=FLAGS)
+    by_bytes.restore(c.saved())
+    by_value.restore(python.state)
+    assert by_value.trace.action == python.trace.action
+    for now_ns, frames in feed.periods(4):
+        answers = [one.step(now_ns, frames) for one in (c, by_bytes, by_value, python)]
+        assert answers[1:] == answers[:1] * 3
+    assert differing(by_bytes.state, python.state) == differing(by_value.state, python.state) == []
+
+
+def test_weights_are_taken_at_the_start_or_while_it_runs(c, sources):
+    weights = CostWeights(drag_mean=0.0, lift=5.0, smoothness=0.0)
+    other, weighed = CEcu(sources, flags=FLAGS, weights=weights), CEcu(sources, flags=FLAGS)
+    actions = []
+    for period, (now_ns, frames) in enumerate(Feed().periods(INTO_CONTROL + 3)):
+        if period == 2:
+            weighed.weigh(weights)
+        for one in (c, other, weighed):
+            one.step(now_ns, frames)
+        actions.append((c.trace.action, other.trace.action, weighed.trace.action))
+    assert actions[-1][0] != actions[-1][1] == actions[-1][2]
+
+
+def test_settings_of_the_vehicle_are_compiled_in(release):
+    held = replace(CONFIG, ecu=replace(CONFIG.ecu, hold_periods=3))
+    c = CEcu(ecu_sources(release.folder, release.bundle, held), flags=FLAGS)
+    modes = [
+        (c.step(now_ns, frames), c.trace.mode)[1]
+        for now_ns, frames in Feed(held).periods(INTO_CONTROL + 4, lost=tuple(range(INTO_CONTROL, INTO_CONTROL + 4)))
+    ]
+    assert modes[-4:] == [Mode.HOLD] * 3 + [Mode.DECAY]
+
+
+def test_without_an_ecu_it_is_refused_in_one_line(release, sources, tmp_path):
+    bare = shutil.copytree(release.folder, tmp_path / "bare")
+    (bare / ECU_SETTINGS).unlink()
+    with pytest.raises(LibraryError, match="has the control step alone"):
+        ecu_sources(bare, release.bundle, CONFIG)
+    with pytest.raises(LibraryError, match=r"sw_ecu\.h is missing"):
+        CEcu({name: text for name, text in sources.items() if name != "sw_ecu.h"}, flags=FLAGS)
+
+
+def test_of_another_program_it_is_refused(release):
+    manifest = replace(release.bundle.manifest, program_sha256="f" * 64)
+    with pytest.raises(LibraryError, match="it computes program"):
+        ecu_sources(release.folder, replace(release.bundle, manifest=manifest), CONFIG)
+
+
+def test_what_c_cannot_do_is_refused(release):
+    with pytest.raises(ConfigError, match=r"bus\.key"):
+        ecu_sources(release.folder, release.bundle, replace(CONFIG, bus=BusConfig(key="k.pem")))
+    with pytest.raises(ConfigError, match=r"ecu\.loss_window"):
+        long = replace(CONFIG.ecu, loss_window=65)
+        ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=long))
+    with pytest.raises(ConfigError, match=r"ecu\.sensor_check\.doubt_periods"):
+        check = replace(CONFIG.ecu.sensor_check, doubt_periods=2**30)
+        ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)))
+
+
+@pytest.mark.parametrize(("plan_ahead", "most"), [(True, 14), (False, 15)])
+def test_the_longest_delay_is_named_as_it_is(release, plan_ahead, most):
+    manifest = release.bundle.manifest
+    longer = replace(release.bundle, manifest=replace(manifest, mpc=replace(manifest.mpc, horizon=25)))
+
+    def settings(delay_steps: int) -> bytes:
+        ecu = replace(CONFIG.ecu, plan_ahead=plan_ahead, delay_steps=delay_steps)
+        return ecu_settings(longer, replace(CONFIG, ecu=ecu))
+
+    assert b"#define SW_FROZEN_ACTIONS 15\n" in settings(most)
+    with pytest.raises(ConfigError, match=f"takes at most {most}$"):
+        settings(most + 1)
+
+
+def test_the_largest_settings_that_are_taken_compile(release):
+    """Sums of them have room in C's types; warnings are errors. One more is refused."""
+    most = 2**29
+    largest = replace(
+        CONFIG.ecu, hold_periods=most, decay_periods=most, rearm_frames=most, loss_window=64, deadline_window=32
+    )
+    c = CEcu(ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=largest)), flags=FLAGS)
+    for now_ns, frames in Feed().periods(3):
+        c.step(now_ns, frames)
+    with pytest.raises(ConfigError, match=r"ecu\.hold_periods = 536870913"):
+        ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=replace(largest, hold_periods=most + 1)))
+
+
+def test_the_check_is_off_where_the_release_has_no_estimator(release):
+    found = ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=EcuConfig()))
+    assert b"#define SW_SENSOR_CHECK 0\n" in found[ECU_SETTINGS]
+
+
+def test_a_header_without_its_sources_does_not_load(sources):
+    with pytest.raises(LibraryError) as raised:
+        CEcu({name: text for name, text in sources.items() if name != "sw_gate.c"}, flags=FLAGS)
+    assert str(raised.value) == "the compiled library does not load: its sources lack sw_gate; export it anew"
+
+
+def test_padding_of_its_surroundings_does_not_reach_its_state(c, sources):
+    """States are compared as bytes, and padding of what the caller assigns may hold anything."""
+    ffi, other = c.structs.ffi, CEcu(sources, flags=FLAGS)
+    ffi.buffer(ffi.addressof(c.ecu.surroundings))[:] = b"\xff" * ffi.sizeof("sw_surroundings")
+    for now_ns, frames in Feed().periods(2):
+        c.step(now_ns, frames)
+        other.step(now_ns, frames)
+    # What is not padding was written anew.
+    assert c.ecu.surroundings.health.rx_errors == 0
+    assert c.saved() == other.saved()
+
+
+def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, python):
+    """As its header says: the same memory for both, and NULL without frames."""
+    ffi = c.structs.ffi
+    for now_ns, frames in Feed().periods(INTO_CONTROL + 4, lost=(3, INTO_CONTROL + 1)):
+        place = ffi.new("sw_frame[]", max(2, len(frames)))
+        ffi.memmove(place, c.structs.frames(frames), len(frames) * ffi.sizeof("sw_frame"))
+        if frames:
+            assert c.lib.sw_ecu_step(c.ecu, now_ns, place, len(frames), place) == 2
+        else:
+            assert c.lib.sw_ecu_step(c.ecu, now_ns, ffi.NULL, 0, place) == 2
+        assert [c.structs.frame(item) for item in place[0:2]] == python.step(now_ns, frames)
+    assert c.trace.mode is Mode.CONTROL
+
+
+UNFIT = {
+    "no question whether a number is one": "-ffinite-math-only",
+    "double of 32 bits": "-D__DBL_MANT_DIG__=24",
+    "more digits than the type has": "-D__FLT_EVAL_METHOD__=2",
+}
+
+
+@pytest.mark.parametrize("flag", UNFIT.values(), ids=UNFIT)
+def test_arithmetic_in_which_its_decisions_would_differ_is_refused(sources, flag):
+    name = flag.removeprefix("-D").partition("=")[0]
+    undefined = (f"-U{name}",) if flag.startswith("-D") else ()
+    with pytest.raises(LibraryError, match="#error"):
+        CEcu(sources, flags=(*FLAGS, *undefined, flag))
+
+
+def test_frames_that_are_no_pressures_go_past_it(c, python):
+    """Of both formats and lengths, and more than a period brings."""
+    other = [
+        Frame(frame_id=0x123, data=bytes(64)),
+        Frame(frame_id=0x1ABCDEF, data=b"", is_fd=False, is_extended=True),
+        Frame(frame_id=0, data=bytes(8), is_fd=False, timestamp_ns=2**70),
+    ]
+    for now_ns, frames in Feed().periods(3):
+        assert c.step(now_ns, other * 50 + frames) == python.step(now_ns, other * 50 + frames)
+        assert differing(c.state, python.state) == []

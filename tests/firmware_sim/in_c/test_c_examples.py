@@ -1,0 +1,51 @@
+"""The pressures that an example plays, read back from the generated table."""
+
+import re
+
+import numpy as np
+import pytest
+
+from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from firmware_sim.in_c.c_examples import ASKED_FROM, MOST_PERIODS, played_pressures
+
+ROWS = np.random.default_rng(0).normal(scale=0.5, size=(MOST_PERIODS + 9, 5))
+
+
+def frames_of(rows: Array, config: Config) -> list[Frame]:
+    spec = message_set(config.bus).pressure.spec
+    lines = re.findall(r"^    \{(.*?)\}", played_pressures(rows, config).decode(), flags=re.MULTILINE)
+    data = [bytes(int(byte, 16) for byte in line.split(", ")) for line in lines]
+    return [Frame(frame_id=spec.frame_id, data=item, is_fd=spec.is_fd) for item in data]
+
+
+@pytest.mark.parametrize("frames", ["fd", "classic"])
+def test_each_row_is_a_sound_frame_with_its_pressures(frames):
+    config = Config(bus=BusConfig(frames=frames))
+    messages = message_set(config.bus)
+    receiver = E2eReceiver(messages.pressure.spec, config.bus.e2e)
+    found = frames_of(ROWS, config)
+    assert len(found) == MOST_PERIODS
+    for period, frame in enumerate(found):
+        assert receiver.tick([frame]).checks == (Check.OK,)
+        pressure = messages.pressure.parse(frame.data)
+        assert pressure is not None
+        assert (pressure.enable_request, pressure.valid) == (period >= ASKED_FROM, (True,) * 4)
+        expected = ROWS[period, :4] * config.operating_point.dynamic_pressure
+        # Half a step of the wire.
+        half = 0.5 * messages.pressure_resolution_pa * (1 + 1e-9)
+        np.testing.assert_allclose(pressure.pressure_pa, expected, rtol=0, atol=half)
+
+
+def test_what_the_wire_cannot_carry_is_limited_and_few_rows_are_few_frames():
+    config = Config()
+    messages = message_set(config.bus)
+    (frame,) = frames_of(np.array([[1e6, -1e6, 0.0, 0.0, 0.0]]), config)
+    pressure = messages.pressure.parse(frame.data)
+    assert pressure is not None
+    limit = messages.pressure_limit_pa
+    np.testing.assert_allclose(pressure.pressure_pa, [limit, -limit, 0, 0])

@@ -1,0 +1,80 @@
+"""What is told of a change, and what a histogram counts."""
+
+from dataclasses import replace
+
+import pytest
+
+from can_bridge.bus.interface import BusState
+from can_bridge.command_gate import Intervention
+from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.ecu.state_machine import OperatingMode
+from firmware_sim.live.loop.latency_histogram import MODELLED, LatencyHistogram
+from firmware_sim.live.loop.noticing import BOOT, OFF, START, Seen, noticed
+from firmware_sim.runs.run_log import Row
+from tests.firmware_sim.bench.harness import Oscillator
+
+ACTIVE = START._replace(state="ACTIVE")
+
+
+@pytest.mark.parametrize(
+    ("now", "told"),
+    [
+        (ACTIVE, []),
+        (ACTIVE._replace(state="HOLD", reason=Reason.STREAM_LOST), ["ACTIVE to HOLD: no pressures came"]),
+        (ACTIVE._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
+        (ACTIVE._replace(set_aside=("base_0",)), ["base_0 is set aside"]),
+        (ACTIVE._replace(given_up=True), ["the vehicle gives up control"]),
+        (
+            ACTIVE._replace(gate=Intervention.RATE | Intervention.RANGE),
+            ["limited to the jets' range", "the largest step"],
+        ),
+        (
+            ACTIVE._replace(nodes={"ECU": BusState.BUS_OFF, "vehicle": BusState.ERROR_ACTIVE}),
+            ["ECU: CAN controller bus"],
+        ),
+        (ACTIVE._replace(state=OFF), ["ACTIVE to OFF: no supply"]),
+    ],
+)
+def test_each_change_is_told_once(now: Seen, told: list[str]):
+    texts = [text for _, text in noticed(ACTIVE, now)]
+    assert len(texts) == len(told)
+    assert all(part in text for part, text in zip(told, texts, strict=True))
+    assert list(noticed(now, now)) == []
+
+
+def test_every_state_and_reason_has_words():
+    for state in (*OperatingMode.__members__, OFF, BOOT):
+        before = START._replace(state="ARMED" if state == "INIT" else "INIT")
+        assert len(list(noticed(before, START._replace(state=state)))) == 1
+    for reason in set(Reason) - {Reason.NONE}:
+        assert list(noticed(ACTIVE, ACTIVE._replace(reason=reason)))
+
+
+def row(step_ms: float) -> Row:
+    sample = Oscillator(30).sample()
+    return Row(
+        sample=sample,
+        command=0.0,
+        predicted_Cd=1.0,
+        predicted_Cl=0.0,
+        mode=Mode.CONTROL,
+        reason=Reason.NONE,
+        step_ms=step_ms,
+        age_ms=8.5,
+    )
+
+
+def test_a_histogram_counts_the_steps_that_planned():
+    histogram = LatencyHistogram(20.0, 4)
+    for taken in (1.0, 3.1, 3.2, 30.0, 3.3):
+        histogram.add(row(taken), 8_000_000, 20.0)
+    histogram.add(replace(row(9.0), mode=Mode.HOLD), None, 20.0)
+    found = histogram.message(1)
+    # Of the latest four: one held, and 30 ms is beyond the last edge and counted in the last bin.
+    assert (sum(found["counts"]), found["counts"][6], found["counts"][-1]) == (3, 2, 1)
+    assert (found["edges"][6], found["edges"][7], len(found["edges"])) == (3.0, 3.5, 51)
+    assert (found["p50"], found["max"], found["over_budget"], found["sample_to_jets_ms"]) == (3.3, 30.0, 1, 28.5)
+    histogram.start(modelled=True)
+    assert histogram.message(1)["p50"] is None
+    histogram.add(row(3.0), 8_000_000, 0.0)
+    assert (histogram.message(1)["of"], histogram.message(1)["max"]) == (MODELLED, 8.0)

@@ -1,0 +1,236 @@
+"""What commands print: bars that fit a narrow terminal, lines where there is none, and text as it is."""
+
+import io
+import os
+import pty
+import subprocess
+import sys
+import time
+
+import pytest
+from rich.console import Console
+from rich.progress import Progress
+
+from stillwake.console.progress import ProgressLines, now_and_then, span
+from stillwake.console.terminal import PlainConsole, progress_bar, visible
+
+RUN_NOTE = "ACTIVE  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
+TRAIN_NOTE = "total 0.4317  prediction 0.2416  force 0.1201  variance 0.9000  covariance 0.0312"
+
+
+class Clock:
+    """Seconds that pass when a test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def terminal(width: int = 80) -> Console:
+    return Console(width=width, force_terminal=True, force_interactive=True, file=io.StringIO(), color_system=None)
+
+
+def log() -> Console:
+    return Console(force_terminal=False, file=io.StringIO(), width=10_000)
+
+
+def text(console: Console) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("width", [80, 100, 200])
+@pytest.mark.parametrize(
+    ("unit", "task", "total", "note"),
+    [
+        ("periods", "closed loop", 625, RUN_NOTE),
+        ("iterations", "distil predictor", 123_456, TRAIN_NOTE),
+        ("steps", "extended_chirp_0", 10_000, ""),
+        ("decades", "settling", 9.0, "t 1234  max |d/dt| 1.2e-05"),
+    ],
+)
+def test_bar_count_and_time_left_stay_and_the_note_gives_way(unit, task, total, note, width):
+    console, clock = terminal(width), Clock()
+    bar = progress_bar(unit, console=console, clock=clock)
+    number = bar.add_task(task, total=total, note=note)
+    for clock.now in (0.0, 10.0, 20.0):
+        # Not through `update`, which would show the bar from a thread of its own.
+        Progress.update(bar, number, completed=total * clock.now / 100.0, note=note)
+    console.print(bar)
+    (line,) = text(console).splitlines()
+    assert len(line) <= width
+    for part in (task, "━", f"{int(total * 0.2)}/{int(total)}", unit, "01:20"):
+        assert part in line
+    assert line.rstrip().endswith("…" if len(line.rstrip()) == width and note else note)
+    if width == 200:
+        assert note in line
+
+
+def test_nothing_is_shown_before_the_first_update():
+    console = terminal()
+    with progress_bar("periods", console=console) as bar:
+        task = bar.add_task("closed loop", total=None, note="")
+        assert text(console) == ""
+        bar.update(task, completed=1, total=4)
+        assert "1/4 periods" in text(console)
+    for console in (terminal(), log()):
+        with pytest.raises(ValueError, match="refused"), progress_bar("periods", console=console) as bar:
+            bar.add_task("closed loop", total=10, note="")
+            raise ValueError("refused")
+        assert text(console) == ""
+
+
+def test_a_log_has_a_line_at_the_start_every_half_minute_and_at_the_end():
+    console, clock = log(), Clock()
+    with progress_bar("periods", console=console, clock=clock) as bar:
+        task = bar.add_task("closed loop", total=1000, note="")
+        for done in range(1, 1001):
+            clock.now = done / 8.0  # exact in binary
+            bar.update(task, completed=done, note="Cd 1.03  [base]")
+    first, *middle, last = text(console).splitlines()
+    assert first.startswith("closed loop: 1/1000 periods (0 %)")
+    assert [line.partition(",")[0] for line in middle] == [
+        "closed loop: 241/1000 periods (24 %)",
+        "closed loop: 481/1000 periods (48 %)",
+        "closed loop: 721/1000 periods (72 %)",
+        "closed loop: 961/1000 periods (96 %)",
+    ]
+    assert middle[0].partition(", ")[2] == "8 periods/s, 1 min 35 s left, 30 s so far; Cd 1.03 [base]"
+    assert last == "closed loop: 1000/1000 periods (100 %), done in 2 min 5 s; Cd 1.03 [base]"
+
+
+def test_tasks_that_do_not_change_have_no_line():
+    console, clock = log(), Clock()
+    with progress_bar("steps", console=console, clock=clock) as bar:
+        bar.add_task("recorded before", total=5, completed=5, note="")
+        running = bar.add_task("running", total=5, note="")
+        bar.update(running, completed=2)
+    assert text(console).splitlines() == ["running: 2/5 steps (40 %), 0 s so far"]
+
+
+def test_of_many_tasks_those_that_move_have_lines():
+    console, clock = log(), Clock()
+    with progress_bar("steps", console=console, clock=clock) as bar:
+        tasks = [bar.add_task(f"episode {number}", total=2_000_000, note="") for number in range(4)]
+        for clock.now, moving in ((0.0, 0), (40.0, 1), (80.0, 1)):
+            for number, task in enumerate(tasks):
+                bar.update(task, completed=1_500_000 * (clock.now / 80.0) if number == moving else 0)
+    assert [line.partition(" (")[0] for line in text(console).splitlines()] == [
+        "episode 0: 0/2000000 steps",
+        "episode 1: 750000/2000000 steps",
+        "episode 1: 1500000/2000000 steps",
+    ]
+
+
+def test_a_stop_says_how_far_it_was():
+    console, clock = log(), Clock()
+    with pytest.raises(KeyboardInterrupt), progress_bar("steps", console=console, clock=clock) as bar:
+        task = bar.add_task("running", total=50, note="")
+        for done in (1, 2, 3):
+            clock.now += 5.0
+            bar.update(task, completed=done)
+        raise KeyboardInterrupt
+    assert text(console).splitlines()[-1].startswith("running: 3/50 steps (6 %), 0.2 steps/s")
+
+
+def test_one_long_step_is_no_silence():
+    console = log()
+    with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.5) as bar:
+        task = bar.add_task("compiling", total=None, note="")
+        bar.update(task, completed=0)
+        deadline = time.monotonic() + 20.0
+        while text(console).count("\n") < 2 and time.monotonic() < deadline:
+            time.sleep(0.05)
+    lines = text(console).splitlines()
+    assert lines[0] == "compiling: 0 steps, 0 s so far"
+    assert len(lines) >= 2
+
+
+def test_a_long_step_before_the_first_update_is_no_silence():
+    console = log()
+    with ProgressLines("files", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.4) as bar:
+        bar.add_task("reading", total=3, note="")
+        deadline = time.monotonic() + 20.0
+        while not text(console) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    assert text(console).startswith("reading: 0/3 files (0 %), ")
+
+
+def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
+    clock = Clock()
+    shown: list[float] = []
+    show = now_and_then(shown.append, interval=1.0, clock=clock)
+    for clock.now in (0.0, 0.5, 1.0, 1.5, 2.5, 2.75, 3.5):
+        show(clock.now)
+    assert shown == [1.0, 2.5, 3.5]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.4, "0 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (1e6, "11.6 days")],
+)
+def test_times_are_written_for_people(seconds, words):
+    assert span(seconds) == words
+
+
+def test_text_is_printed_as_it_is():
+    console = PlainConsole(file=io.StringIO(), markup=False, emoji=False, width=200)
+    for odd in ("[/x]", "[red]a[/red]", ":smile:", "a\x1b[2Jb", "\udcff", "Zürich"):
+        console.print(f"wrote {odd}")
+    assert text(console).splitlines() == [
+        "wrote [/x]",
+        "wrote [red]a[/red]",
+        "wrote :smile:",
+        "wrote a\\x1b[2Jb",
+        "wrote \\udcff",
+        "wrote Zürich",
+    ]
+
+
+def test_line_ends_and_tabs_are_no_control_characters():
+    assert visible("a\n\tb") == "a\n\tb"
+
+
+PRINTS = """
+import sys
+from stillwake.console.terminal import console
+console.print("x" * 300)
+"""
+
+
+def test_a_pipe_has_no_right_edge():
+    environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    done = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout == "x" * 300 + "\n"
+
+
+COLOURED = """
+from stillwake.console.terminal import console
+console.print("all is red 12", style="red")
+"""
+
+
+@pytest.mark.parametrize(("environment", "is_coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
+def test_no_color_is_respected(environment, is_coloured):
+    plain = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
+    shown = _on_terminal(COLOURED, {**plain, "TERM": "xterm-256color", **environment})
+    assert ("\x1b[31m" in shown) is is_coloured
+    assert "all is red" in shown
+
+
+def _on_terminal(program: str, environment: dict[str, str]) -> str:
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=theirs, env=environment)
+    os.close(theirs)
+    found = b""
+    try:
+        while part := os.read(ours, 4096):
+            found += part
+    except OSError:
+        pass  # Linux ends a terminal so.
+    finally:
+        os.close(ours)
+        assert process.wait(60.0) == 0
+    return found.decode()

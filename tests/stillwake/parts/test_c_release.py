@@ -1,0 +1,83 @@
+"""The ECU in C as an export writes it: what it is made of, what it says it goes without, and that it compiles."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.controller.c_folder import ECU_SETTINGS, library_sources, write_folder
+from contract.errors import LibraryError
+from contract.release.bundle import load
+from contract.shipped import BUNDLE
+from export.program.random_program import random_program, random_windows
+from export.release.lowering import int8_library
+from export.to_c.library import c_library
+from firmware_sim.in_c.compiler import host_compiler
+from stillwake.parts import c_release
+from stillwake.parts.c_release import ecu_files
+from stillwake.parts.c_samples import MODEL, MPC
+
+ROWS = np.zeros((10, 5))
+
+
+def test_a_release_without_estimator_has_an_ecu_that_checks_no_sensors_and_says_so(random_release):
+    lines: list[str] = []
+    found = ecu_files(random_release, ROWS, config=Config(), notice=lines.append)
+    assert len(lines) == 1
+    assert "does not check the sensors" in lines[0]
+    assert b"#define SW_SENSOR_CHECK 0\n" in found[ECU_SETTINGS]
+
+
+def test_so_has_one_whose_library_is_of_float32():
+    """The shipped release has an estimator, and says that it is int8."""
+    lines: list[str] = []
+    release = load(BUNDLE)
+    assert release.manifest.sensor_estimator is not None
+    assert c_release._without_check(release, Config(), lines.append) == Config()
+    assert lines == []
+    object.__setattr__(release.manifest, "precision", "float32")
+    assert not c_release._without_check(release, Config(), lines.append).ecu.sensor_check.enabled
+    assert "--precision int8" in lines[0]
+
+
+def test_what_c_cannot_do_leaves_the_control_step_alone_and_is_said(random_release):
+    lines: list[str] = []
+    keyed = replace(Config(), bus=replace(Config().bus, key="bus.key"))
+    assert ecu_files(random_release, ROWS, config=keyed, notice=lines.append) == {}
+    assert "no ECU in C" in lines[-1]
+    assert "bus.key" in lines[-1]
+    other = replace(Config(), operating_point=replace(Config().operating_point, width=2.6))
+    assert ecu_files(random_release, ROWS, config=other, notice=lines.append) == {}
+    assert "operating point" in lines[-1]
+
+
+def test_examples_are_written_below_the_library_and_not_compiled_into_it(tmp_path, random_release):
+    found = ecu_files(random_release, ROWS, config=Config(), notice=lambda line: None)
+    library = c_library(random_program(0, model=MODEL, mpc=MPC))
+    write_folder(tmp_path / "c", library | found)
+    examples = {name for name in found if name.startswith("examples/")}
+    assert {item.relative_to(tmp_path / "c").as_posix() for item in (tmp_path / "c" / "examples").iterdir()} == examples
+    assert examples
+    assert not examples & set(library_sources(found))
+
+
+@pytest.mark.parametrize("release", ["shipped", "random"])
+@pytest.mark.parametrize("frames", ["fd", "classic"])
+@pytest.mark.compiler
+def test_the_whole_ecu_compiles_without_a_warning(release, frames, random_release, tmp_path, shared_builds):
+    """With a release's estimator and without one; all of it links, so no part is missing."""
+    try:
+        compiler = host_compiler()
+    except LibraryError as error:
+        pytest.skip(str(error))
+    bundle: Path = BUNDLE if release == "shipped" else random_release
+    config = load_config()
+    config = replace(config, bus=replace(config.bus, frames=frames))
+    found = ecu_files(bundle, ROWS, config=config, notice=lambda line: None)
+    program = random_program(0, model=MODEL, mpc=MPC)
+    library = int8_library(program, random_windows(program, 4)) | found
+    flags = ("-shared", "-fPIC", "-O1", "-ffp-contract=off", "-Wl,--no-undefined")
+    shared_builds.compile_c(library_sources(library), tmp_path / "ecu.so", compiler=compiler, flags=flags)

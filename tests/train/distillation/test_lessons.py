@@ -1,0 +1,73 @@
+"""Lessons hold the teacher's own answers, and half of their plans go down its cost."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import torch
+
+from contract.config.tree import Config
+from contract.recording.dataset import Episode
+from contract.release.manifest import Scaling
+from train.distillation.distil import encode_all
+from train.distillation.lessons import Lessons, teach
+from train.networks.model import WakeModel
+from train.samples.rows import Rows, prepare
+from train.samples.scaling import fit_scaling
+
+
+@pytest.fixture(scope="module")
+def taught(
+    make_episode: Callable[..., Episode], small_config: Config
+) -> tuple[WakeModel, Rows, Scaling, Config, Lessons]:
+    episodes = (make_episode("a", "train", 300, 1),)
+    scaling = fit_scaling(episodes)
+    rows = prepare(episodes, scaling, mirrored=True)
+    config = replace(
+        small_config,
+        train=replace(small_config.train, predictor_lessons=1000),
+        mpc=replace(small_config.mpc, horizon=6),
+    )
+    torch.manual_seed(0)
+    teacher = WakeModel(rows.sensors, config.model).eval()
+    return teacher, rows, scaling, config, teach(teacher, encode_all(teacher.encoder, rows), rows, scaling, config)
+
+
+def test_there_are_as_many_as_asked_for_and_all_are_the_teachers(
+    taught: tuple[WakeModel, Rows, Scaling, Config, Lessons],
+) -> None:
+    teacher, _, _, _, lessons = taught
+    assert len(lessons) >= 1000
+    some = lessons.drawn(torch.tensor([0, 17, 999]))
+    with torch.no_grad():
+        ahead = teacher.dynamics.rollout(some.latents[:, 0], some.actions).transpose(0, 1)
+        assert torch.allclose(some.latents[:, 1:], ahead, atol=1e-5)  # float32, in other batches
+        assert torch.allclose(some.forces, teacher.decoder(some.latents), atol=1e-5)
+
+
+def test_plans_on_their_way_cost_less_step_by_step_and_stay_within_the_limit(
+    taught: tuple[WakeModel, Rows, Scaling, Config, Lessons],
+) -> None:
+    _, _, scaling, config, lessons = taught
+    weights = config.mpc.weights
+    drag, lift = (lessons.forces[:, 1:] * torch.tensor(scaling.force_std) + torch.tensor(scaling.force_mean)).unbind(-1)
+    cost = (
+        weights.drag_mean * drag.mean(1)
+        + weights.drag_fluctuation * (drag.amax(1) - drag.amin(1))
+        + weights.lift * lift.abs().mean(1)
+        + weights.lift_mean * lift.mean(1).square()
+    )
+    # Batches take turns: a plan's step, then lessons of recorded actions.
+    way = cost[: len(cost) // 32 * 32].reshape(-1, 2, 256)[:16, 0].mean(1)
+    assert way[-1] < way[0]
+    assert lessons.actions.abs().max() * scaling.action_std <= config.flow.action_limit * (1.0 + 1e-6)
+
+
+def test_the_same_seed_gives_the_same_lessons(taught: tuple[WakeModel, Rows, Scaling, Config, Lessons]) -> None:
+    teacher, rows, scaling, config, lessons = taught
+    latents = encode_all(teacher.encoder, rows)
+    again = teach(teacher, latents, rows, scaling, config)
+    assert torch.equal(again.actions, lessons.actions)
+    assert torch.equal(again.slope, lessons.slope)
+    other = replace(config, train=replace(config.train, seed=config.train.seed + 1))
+    assert not torch.equal(teach(teacher, latents, rows, scaling, other).actions, lessons.actions)

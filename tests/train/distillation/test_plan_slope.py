@@ -1,0 +1,99 @@
+"""The slope along a plan is that of the controller's reference, and falls where the cost falls."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program
+from export.reference.mpc import gradient
+from train.distillation.plan_slope import force_slope, plan_slope, predict
+from train.networks.model import Predictor
+
+MODEL = ModelConfig(dynamics_width=12, decoder_width=10, latent=3, dropout=0.0)
+# The terms in the plan alone are no part of what networks are taught.
+WEIGHTS = CostWeights(lift=0.2, lift_mean=0.7, smoothness=0.0)
+HORIZON = 9
+
+
+def _with_program() -> tuple[Predictor, ControllerProgram]:
+    program = random_program(3, model=MODEL, mpc=MpcConfig(horizon=HORIZON, weights=WEIGHTS))
+    torch.manual_seed(0)
+    predictor = Predictor(MODEL).double()
+    dynamics, decoder = predictor.dynamics.state_dict(), predictor.decoder.state_dict()
+    return predictor, ControllerProgram.from_state(
+        encoder=_encoder(program),
+        dynamics={name: value.numpy() for name, value in dynamics.items()},
+        decoder={name: value.numpy() for name, value in decoder.items()},
+        scaling=program.scaling,
+        mpc=program.mpc,
+        action_limit=program.action_limit,
+        sensors=program.sensors,
+        window=program.window,
+    )
+
+
+def _encoder(program: ControllerProgram) -> dict[str, np.ndarray]:
+    lstm, norm, hidden, output = (
+        program.encoder.lstm,
+        program.encoder.norm,
+        program.encoder.hidden,
+        program.encoder.output,
+    )
+    return {
+        "lstm.weight_ih_l0": lstm.weight_input,
+        "lstm.weight_hh_l0": lstm.weight_recurrent,
+        "lstm.bias_ih_l0": lstm.bias_input,
+        "lstm.bias_hh_l0": lstm.bias_recurrent,
+        "norm.weight": norm.weight,
+        "norm.bias": norm.bias,
+        "hidden.weight": hidden.weight,
+        "hidden.bias": hidden.bias,
+        "output.weight": output.weight,
+        "output.bias": output.bias,
+    }
+
+
+def test_the_slope_is_the_reference_adjoints() -> None:
+    predictor, program = _with_program()
+    generator = np.random.default_rng(1)
+    z = generator.standard_normal((4, 3))
+    plans = generator.uniform(-0.07, 0.07, (4, HORIZON))
+    actions = torch.tensor(plans / program.scaling.action_std).requires_grad_(True)
+    found = predict(predictor, torch.tensor(z), actions)
+    by_force = force_slope(found.forces[1:], WEIGHTS, program.scaling)
+    slope = plan_slope(found, actions, by_force)
+    expected = gradient(program, z, plans, 0.0)
+    # Float64 on both sides; the two differ in the order of sums.
+    assert np.allclose(slope.numpy() / program.scaling.action_std, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_slope_is_differentiable_by_the_weights() -> None:
+    predictor, _ = _with_program()
+    weight = predictor.dynamics.output.weight
+    actions = torch.linspace(-1.0, 1.0, HORIZON, dtype=torch.float64)[None].requires_grad_(True)
+    latent = torch.ones(1, 3, dtype=torch.float64)
+    by_force = torch.ones(HORIZON, 1, 2, dtype=torch.float64)
+
+    def first_slope(*, differentiable: bool) -> torch.Tensor:
+        return plan_slope(predict(predictor, latent, actions), actions, by_force, differentiable=differentiable)[0, 0]
+
+    (found,) = torch.autograd.grad(first_slope(differentiable=True), weight)
+    step, values = 1e-6, []
+    for sign in (1.0, -1.0):
+        with torch.no_grad():
+            weight[0, 0] += sign * step
+        values.append(first_slope(differentiable=False).item())
+        with torch.no_grad():
+            weight[0, 0] -= sign * step
+    # Central difference: its own error is near 1e-10 here.
+    assert abs((values[0] - values[1]) / (2.0 * step) - found[0, 0].item()) < 1e-7
+
+
+def test_terms_without_weight_have_no_slope() -> None:
+    _, program = _with_program()
+    nothing = replace(WEIGHTS, drag_mean=0.0, drag_fluctuation=0.0, lift=0.0, lift_mean=0.0)
+    assert not force_slope(torch.randn(HORIZON, 2, 2), nothing, program.scaling).any()

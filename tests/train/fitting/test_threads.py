@@ -1,0 +1,113 @@
+"""Training computes with the number of threads that it was given, and leaves the caller's as it was."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+import torch
+
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from contract.recording import dataset
+from contract.recording.dataset import Dataset
+from train import model_store
+from train.fitting import unfinished
+from train.fitting.progress import Phase, Progress
+from train.fitting.threads import torch_threads
+from train.pipeline import train_all
+from train.sensor_estimator import fit_estimator
+
+CHOSEN = ("base_0", "base_9")
+
+
+@pytest.fixture(autouse=True)
+def three_threads() -> Iterator[None]:
+    """What the caller has: neither the default of a training nor what is asked for below."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture
+def recording(small_recording: Dataset, tmp_path: Path) -> Path:
+    path = tmp_path / "recording.h5"
+    dataset.write(path, small_recording)
+    return path
+
+
+@pytest.fixture
+def brief(small_config: Config) -> Config:
+    """Every phase, in a few steps too small to be shared among threads: waiting threads would spin."""
+    narrow = replace(
+        small_config.model,
+        lstm_width=4, latent=2, dynamics_width=8, decoder_width=8, slim_dynamics_width=4, slim_decoder_width=4,
+    )  # fmt: skip
+    few = replace(
+        small_config.train,
+        batch_size=16, epochs=0.01, stream_epochs=1.0, distil_epochs=0.01, predictor_epochs=0.002, predictor_lessons=64,
+        finish=replace(small_config.train.finish, epochs=0.01, unroll=6),
+    )  # fmt: skip
+    return replace(small_config, model=narrow, train=few, mpc=replace(small_config.mpc, horizon=5))
+
+
+def seen_by(threads: dict[Phase, set[int]], *, stop: bool = False) -> Progress:
+    def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        threads.setdefault(phase, set()).add(torch.get_num_threads())
+        if stop:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_every_phase_has_one_unless_more_are_asked_for(recording: Path, brief: Config, tmp_path: Path) -> None:
+    seen: dict[Phase, set[int]] = {}
+    train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, progress=seen_by(seen))
+    assert set(seen) == set(Phase) - {Phase.RANK, Phase.SELECT}
+    assert set().union(*seen.values()) == {1}
+    assert torch.get_num_threads() == 3
+    assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1"
+
+
+def test_a_training_that_is_stopped_gives_them_back(recording: Path, brief: Config, tmp_path: Path) -> None:
+    seen: dict[Phase, set[int]] = {}
+    # Stopped at once, since two threads wait for each other where other work runs beside.
+    with pytest.raises(KeyboardInterrupt):
+        train_all(
+            recording, brief, tmp_path / "model", chosen=CHOSEN, threads=2, progress=seen_by(seen, stop=True)
+        )  # fmt: skip
+    assert seen == {Phase.FIT: {2}}
+    assert torch.get_num_threads() == 3
+
+
+def test_one_that_began_with_another_number_says_so_and_keeps_both(
+    recording: Path, brief: Config, tmp_path: Path
+) -> None:
+    lines: list[str] = []
+    digest = sha256(recording.read_bytes()).hexdigest()
+    begun = unfinished.Identity.of(brief, digest, "cpu", CHOSEN, threads=4)
+    reached = unfinished.Reached(phase=Phase.FIT, step=0, total=10)
+    unfinished.folder_of(tmp_path / "model").mkdir()
+    unfinished.note(unfinished.folder_of(tmp_path / "model"), begun, reached)
+    train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, notice=lines.append)
+    assert lines == ["torch's threads were 4 and are 1: bytes may differ"]
+    assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1, 4"
+
+
+def test_the_sensor_estimator_is_fitted_with_one(small_recording: Dataset) -> None:
+    seen: set[int] = set()
+
+    def progress(done: int, total: int) -> None:
+        seen.add(torch.get_num_threads())
+
+    fit_estimator(small_recording, CHOSEN, 12, epochs=1.0, progress=progress)
+    assert seen == {1}
+    assert torch.get_num_threads() == 3
+
+
+def test_none_are_refused() -> None:
+    with pytest.raises(ConfigError, match="threads = 0: must be at least 1"), torch_threads(0):
+        raise AssertionError("computed")
+    assert torch.get_num_threads() == 3

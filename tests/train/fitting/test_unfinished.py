@@ -1,0 +1,81 @@
+"""Whose the checkpoints in a folder are, known without torch."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from contract.config.tree import Config
+from contract.errors import ConfigError, DatasetError
+from train.fitting import unfinished
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity, Reached
+
+CONFIG = Config()
+DATA = "0" * 64
+REACHED = Reached(phase=Phase.FINISH, step=300, total=4000)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Of a training that wrote a checkpoint."""
+    folder = unfinished.folder_of(tmp_path / "model")
+    unfinished.note(folder, identity(), REACHED)
+    (folder / "fit.pt").write_bytes(b"")
+    return folder
+
+
+def identity(config: Config = CONFIG, data: str = DATA, chosen: tuple[str, ...] | None = None) -> Identity:
+    return Identity.of(config, data, "cpu", chosen)
+
+
+def test_it_lies_beside_the_model(tmp_path: Path) -> None:
+    assert unfinished.folder_of(tmp_path / "model") == tmp_path / "model.checkpoints"
+
+
+def test_the_same_training_goes_on_from_where_it_was(folder: Path) -> None:
+    assert unfinished.check(folder, identity()) == REACHED
+    assert str(REACHED) == "longer unroll, iteration 300 of 4000"
+    # What the training does not read does not bind it.
+    assert unfinished.check(folder, identity(replace(CONFIG, mpc=replace(CONFIG.mpc, iterations=3)))) == REACHED
+
+
+def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder: Path) -> None:
+    other = replace(CONFIG, train=replace(CONFIG.train, seed=5))
+    ways = "finish it with those, or start over with --restart"
+    with pytest.raises(
+        ConfigError, match=rf"{folder} holds an unfinished training with train\.seed = 0, not 5: {ways}"
+    ):
+        unfinished.check(folder, identity(other))
+    with pytest.raises(ConfigError, match=r"chosen = None, not \['base_0'\]"):
+        unfinished.check(folder, identity(chosen=("base_0",)))
+    with pytest.raises(DatasetError, match=rf"another recording: {ways}"):
+        unfinished.check(folder, identity(data="1" * 64))
+
+
+def test_a_folder_without_a_checkpoint_binds_nobody(folder: Path) -> None:
+    (folder / "fit.pt").unlink()
+    assert unfinished.check(folder, identity(data="1" * 64)) is None
+
+
+@pytest.mark.parametrize("label", [None, "{", "[]", "{}", '{"reached": {"phase": "lunch", "step": 1, "total": 2}}'])
+def test_a_damaged_label_is_no_reason_to_fail(folder: Path, label: str | None) -> None:
+    path = folder / "training.json"
+    path.unlink()
+    if label is not None:
+        path.write_text(label)
+    assert unfinished.reached(folder) is None
+
+
+def test_the_label_is_plain_json(folder: Path) -> None:
+    body = json.loads((folder / "training.json").read_text())
+    assert body["reached"] == {"phase": "finish", "step": 300, "total": 4000}
+    assert body["dataset_sha256"] == DATA
+
+
+def test_it_needs_no_torch() -> None:
+    script = "import sys; import train.fitting.unfinished; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

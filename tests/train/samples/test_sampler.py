@@ -1,0 +1,87 @@
+"""Batches against brute force, and the noise added to them."""
+
+import numpy as np
+import pytest
+import torch
+
+from contract import sensors
+from contract.errors import ConfigError, DatasetError
+from contract.recording.dataset import Dataset
+from train.samples.rows import Rows, prepare
+from train.samples.sampler import SegmentSampler, add_sensor_noise
+from train.samples.scaling import fit_scaling
+
+WINDOW, AHEAD = 8, 5
+
+
+def sampler(rows: Rows, segment: int, *, batch_size: int = 64, seed: int = 0) -> SegmentSampler:
+    return SegmentSampler(rows, window=WINDOW, ahead=AHEAD, segment=segment, batch_size=batch_size, seed=seed)
+
+
+@pytest.mark.parametrize("segment", [1, 4, 7])
+def test_one_pass_holds_every_sample_and_none_across_a_boundary(rows: Rows, segment: int) -> None:
+    drawn = sampler(rows, segment)
+    wanted = {
+        end
+        for span in rows.spans()
+        for end in range(span.start, span.stop)
+        if end - WINDOW + 1 >= span.start and end + AHEAD < span.stop
+    }
+    assert drawn.samples == len(wanted)
+    steps_in_pass = -(-len(wanted) // (64 // segment * segment))
+    # Ragged ends overlap, so segments can need a few batches more than samples do.
+    seen = {int(end) for step in range(steps_in_pass) for end in drawn.batch(step).ends[:, :segment].flatten()}
+    assert seen <= wanted
+    assert len(seen) >= (1.0 if segment == 1 else 0.9) * len(wanted)
+
+
+def test_a_batch_agrees_with_brute_force(rows: Rows) -> None:
+    drawn = sampler(rows, 3)
+    batch = drawn.batch(5)
+    for segment, first in enumerate(drawn.first_rows(5)):
+        for w in range(3 + AHEAD):
+            end = int(first) + WINDOW - 1 + w
+            window = batch.inputs[segment, w : w + WINDOW]
+            assert torch.equal(window, rows.inputs[end - WINDOW + 1 : end + 1])
+            assert batch.ends[segment, w] == end
+            assert batch.actions[segment, w] == rows.actions[end]
+            assert torch.equal(batch.forces[segment, w], rows.forces[end])
+
+
+def test_batches_depend_on_seed_and_step_alone(rows: Rows) -> None:
+    one, two = sampler(rows, 4, seed=3), sampler(rows, 4, seed=3)
+    later = one.first_rows(40)
+    for step in (0, 17):
+        two.first_rows(step)
+    np.testing.assert_array_equal(two.first_rows(40), later)
+    assert not np.array_equal(sampler(rows, 4, seed=4).first_rows(40), later)
+    assert not np.array_equal(one.first_rows(0), later)
+
+
+def test_the_shortest_episode_that_fits(make_episode) -> None:
+    episode = make_episode("short", "train", WINDOW - 1 + 4 + AHEAD, 1)
+    fits = prepare([episode], fit_scaling([episode]), mirrored=False)
+    assert sampler(fits, 4).samples == 4
+    with pytest.raises(DatasetError, match=r"episode short has 16 steps, too short.*need 17"):
+        sampler(fits, 5)
+
+
+def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording: Dataset) -> None:
+    episodes = small_recording.with_role("train")
+    scaling = fit_scaling(episodes)
+    rows = prepare(episodes, scaling, mirrored=False)
+    chosen = sensors.TRUCK.indices(["upper_00", "base_0"])
+    few = rows.with_sensors(chosen)
+    physical = few.noise(0.3).numpy() * np.array(scaling.pressure_std)[chosen]
+    assert physical == pytest.approx(0.3 * np.sqrt(np.square(scaling.pressure_std).mean()), rel=1e-5)
+    batch = SegmentSampler(few, window=12, ahead=0, segment=8, batch_size=256, seed=0).batch(0)
+    torch.manual_seed(0)
+    change = add_sensor_noise(batch, few.noise(0.3)).inputs - batch.inputs
+    assert bool((change[..., -1] == 0).all())
+    # some 600 draws a column: 3 % on a deviation
+    assert change[..., :-1].flatten(0, 1).std(dim=0).numpy() == pytest.approx(few.noise(0.3).numpy(), rel=0.1)
+    assert add_sensor_noise(batch, few.noise(0.0)) is batch
+    bare = Rows(inputs=rows.inputs, actions=rows.actions, forces=rows.forces, lengths=rows.lengths)
+    assert add_sensor_noise(batch, bare.with_sensors(chosen).noise(0.0)) is batch
+    with pytest.raises(ConfigError, match=r"sensor noise 0\.1: these rows"):
+        bare.noise(0.1)

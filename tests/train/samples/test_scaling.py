@@ -1,0 +1,80 @@
+"""Scaling against its mirror image, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from contract import sensors
+from contract.errors import DatasetError
+from contract.recording.dataset import Dataset, Episode
+from contract.release.manifest import Scaling
+from train.samples.rows import prepare
+from train.samples.scaling import fit_scaling, global_deviation, unit_steps
+
+
+def with_series(episode: Episode, **series: np.ndarray) -> Episode:
+    return replace(episode, series={**episode.series, **series})
+
+
+def test_scaling_commutes_with_mirroring(small_recording: Dataset) -> None:
+    scaling = fit_scaling(small_recording.with_role("train"))
+    (episode,) = small_recording.with_role("test")
+    reflected = replace(
+        with_series(
+            episode,
+            action=-episode.series["action"],
+            Cl=-episode.series["Cl"],
+            Cp=episode.series["Cp"][:, sensors.mirror_permutation()],
+        ),
+        initial_action=-episode.initial_action,
+    )
+    both = prepare([episode], scaling, mirrored=True)
+    direct = prepare([reflected], scaling, mirrored=False)
+    half = len(episode)
+    for name in ("inputs", "actions", "forces"):
+        torch.testing.assert_close(getattr(both, name)[half:], getattr(direct, name), rtol=1e-5, atol=1e-5)
+    assert scaling.force_mean[1] == 0.0
+    mirror = sensors.mirror_permutation()
+    np.testing.assert_array_equal(np.array(scaling.pressure_mean)[mirror], scaling.pressure_mean)
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [
+        ("Cp", "sensor upper_03 is constant at 0.25"),
+        ("action", "action is constant at 0 "),
+        ("Cl", "Cl is constant"),
+    ],
+)
+def test_a_signal_that_never_changes_is_refused(small_recording: Dataset, series: str, message: str) -> None:
+    def stuck(episode: Episode) -> Episode:
+        values = episode.series[series].copy()
+        if series == "Cp":
+            values[:, 3] = 0.25
+        else:
+            values[:] = 0.0
+        return with_series(episode, **{series: values})
+
+    with pytest.raises(DatasetError, match=message):
+        fit_scaling([stuck(episode) for episode in small_recording.with_role("train")])
+
+
+@pytest.fixture
+def scaling() -> Scaling:
+    std = np.linspace(0.05, 0.5, 90)
+    return Scaling(
+        pressure_mean=(0.0,) * 90,
+        pressure_std=tuple(std.tolist()),
+        action_std=0.05,
+        force_mean=(1.0, 0.0),
+        force_std=(0.1, 1.0),
+    )
+
+
+def test_one_level_is_the_same_pressure_at_every_sensor(scaling: Scaling) -> None:
+    assert global_deviation(scaling) == pytest.approx(np.sqrt(np.mean(np.array(scaling.pressure_std) ** 2)))
+    chosen = np.array([0, 89])
+    physical = unit_steps(scaling, chosen) * np.array(scaling.pressure_std)[chosen]
+    assert physical == pytest.approx(global_deviation(scaling))

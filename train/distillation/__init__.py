@@ -1,0 +1,1 @@
+"""Smaller networks from larger ones, and how they are judged."""

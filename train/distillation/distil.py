@@ -1,0 +1,82 @@
+"""The slim encoder: few sensors, the teacher's latents (paper, section 2.3.2).
+
+    L_distil = 1/(B N_z) sum || z_target - z_slim ||^2
+
+The mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`), is a constant factor
+that Adam undoes. The teacher is frozen, so its latents of every window are computed once.
+"""
+
+import torch
+from torch import Tensor
+
+from contract.arrays import Index
+from contract.config.tree import Config
+from train.fitting.fit import Checkpoints, Schedule, optimise, seeded
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.streaming import fit_stream
+from train.networks.loss import prediction_loss
+from train.networks.model import Encoder
+from train.samples.rows import Rows
+from train.samples.sampler import SegmentSampler, add_sensor_noise
+
+_CHUNK = 1024
+"""Windows encoded at a time: their gates stay in the processor's cache."""
+
+
+def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
+    """Latents of every full window, (n, N_z) beside the rows; NaN where an episode has no L rows yet."""
+    window = encoder.window
+    with torch.no_grad():
+        parts = []
+        for span in rows.spans():
+            inputs = rows.inputs[span]
+            missing = min(window - 1, len(inputs))
+            parts.append(inputs.new_full((missing, encoder.output.out_features), float("nan")))
+            for start in range(0, len(inputs) - missing, _CHUNK):
+                chunk = inputs[start : start + _CHUNK + window - 1]
+                parts.append(encoder.encode_segments(chunk[None])[0])
+        return torch.cat(parts)
+
+
+def distil(
+    teacher: Encoder,
+    rows: Rows,
+    chosen: Index,
+    config: Config,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> Encoder:
+    """Train an encoder on the chosen sensors to reproduce the teacher's latents.
+
+    First as a stream, where 64 samples cost little more than one window does, then window by window, as it will run.
+
+    Args:
+        rows: with all sensors' columns.
+        chosen: (N,) indices of the sensors, in the order of the slim encoder's inputs.
+
+    Returns:
+        The slim encoder in evaluation mode, on the device of `rows`.
+    """
+    settings, device = config.train, rows.inputs.device
+    target = encode_all(teacher, rows)
+    slim_rows = rows.with_sensors(chosen)
+    noise = slim_rows.noise(settings.sensor_noise)
+    # No unroll here, and few inputs: sharing between neighbours would save nothing, so windows are drawn one by one.
+    sampler = SegmentSampler(
+        slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
+    )
+    schedule = Schedule(
+        steps=sampler.steps(settings.distil_epochs), learning_rate=settings.learning_rate, shape=settings.schedule
+    )
+    with seeded(settings.seed, device):
+        slim = Encoder(len(chosen), config.model).to(device)
+        if settings.stream_epochs:
+            fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
+
+        def loss(step: int) -> dict[str, Tensor]:
+            batch = add_sensor_noise(sampler.batch(step), noise)
+            return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
+
+        optimise(slim, loss, schedule, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
+    return slim

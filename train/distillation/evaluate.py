@@ -1,0 +1,184 @@
+"""Held-out figures (paper, section 3.1): forces read from the latents, and open-loop prediction.
+
+R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test
+episodes; sigma is the reference signal's. Neither depends on the scaling, so scaled forces serve.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import dacite
+import torch
+from torch import Tensor
+
+from contract.arrays import Index
+from contract.errors import DatasetError
+from contract.recording.needs import HORIZONS as HORIZONS
+from train.distillation.distil import encode_all
+from train.networks.model import Encoder, Predictor, WakeModel
+from train.samples.rows import Rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceError:
+    """One force, decoded from the encoder's latents without prediction."""
+
+    r2: float
+    l1_over_sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutError:
+    """L1/sigma after `horizon` steps of the dynamics under the true actions.
+
+    `latent` is against the same encoder's own latents at that time, averaged over dimensions with each one's
+    sigma; `drag` and `lift` are the decoded forces against the recorded ones.
+    """
+
+    horizon: int
+    latent: float
+    drag: float
+    lift: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderMetrics:
+    """How an encoder does together with the shared dynamics and decoder."""
+
+    drag: ForceError
+    lift: ForceError
+    rollout: tuple[RolloutError, ...]
+
+    def as_tree(self) -> dict[str, Any]:
+        """Nested plain values for JSON."""
+        return {**asdict(self), "rollout": [asdict(item) for item in self.rollout]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelMetrics:
+    """How a trained model does on the test episodes.
+
+    Attributes:
+        teacher: the encoder on all sensors.
+        slim: the encoder on the chosen ones, with the teacher's dynamics and decoder.
+        slim_latent: L1/sigma of its latents against the teacher's.
+        deployed: the slim encoder with the narrower dynamics and decoder; None where there are none.
+    """
+
+    teacher: EncoderMetrics
+    slim: EncoderMetrics
+    slim_latent: float
+    deployed: EncoderMetrics | None = None
+
+    def as_tree(self) -> dict[str, Any]:
+        """Nested plain values for JSON; without "deployed" where that is None."""
+        tree = {"teacher": self.teacher.as_tree(), "slim": self.slim.as_tree(), "slim_latent": self.slim_latent}
+        return tree if self.deployed is None else {**tree, "deployed": self.deployed.as_tree()}
+
+    @classmethod
+    def from_tree(cls, tree: Mapping[str, Any]) -> "ModelMetrics":
+        """Back from `as_tree`; raises dacite.DaciteError for a tree of another form."""
+        return dacite.from_dict(cls, tree, config=dacite.Config(strict=True, cast=[tuple]))
+
+
+def evaluate_model(
+    teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
+) -> ModelMetrics:
+    """All figures of a trained model.
+
+    Args:
+        rows: test rows with all sensors' columns.
+        chosen: (N,) indices of the slim encoder's sensors.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    """
+    slim_rows = rows.with_sensors(chosen)
+    return ModelMetrics(
+        teacher=evaluate(teacher.encoder, teacher, rows),
+        slim=evaluate(slim, teacher, slim_rows),
+        slim_latent=latent_error(encode_all(slim, slim_rows), encode_all(teacher.encoder, rows)),
+        deployed=None if predictor is None else evaluate(slim, predictor, slim_rows),
+    )
+
+
+def evaluate(
+    encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
+) -> EncoderMetrics:
+    """Figures of an encoder, with these dynamics and decoder, on test rows that hold its sensors' columns.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    """
+    return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
+
+
+def evaluate_latents(
+    latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
+) -> EncoderMetrics:
+    """Figures of latents (n, N_z) that stand beside the rows, NaN where an episode has no window yet.
+
+    Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    """
+    dynamics, decoder = predictor.dynamics, predictor.decoder
+    longest = max(horizons)
+    with torch.no_grad():
+        full = ~latents[:, 0].isnan()
+        decoded = decoder(latents[full])
+        reference = rows.forces[full]
+        starts = rollout_starts(rows, window, longest)
+        actions = rows.actions[starts[:, None] + torch.arange(longest, device=starts.device)]
+        predicted = dynamics.rollout(latents[starts], actions)
+        force_sigma, latent_sigma = _sigma(reference), _sigma(latents[full])
+        rollout = []
+        for horizon in horizons:
+            after = starts + horizon
+            latent_error = (predicted[horizon - 1] - latents[after]).abs().mean(dim=0) / latent_sigma
+            force_error = (decoder(predicted[horizon - 1]) - rows.forces[after]).abs().mean(dim=0) / force_sigma
+            drag, lift = force_error.tolist()
+            rollout.append(RolloutError(horizon=horizon, latent=latent_error.mean().item(), drag=drag, lift=lift))
+    drag_error, lift_error = (_force_error(decoded[:, i], reference[:, i]) for i in range(2))
+    return EncoderMetrics(drag=drag_error, lift=lift_error, rollout=tuple(rollout))
+
+
+def latent_error(latents: Tensor, reference: Tensor) -> float:
+    """L1/sigma of one encoder's latents (n, N_z) against another's, averaged over dimensions; NaN rows skipped."""
+    full = ~reference[:, 0].isnan()
+    error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
+    return error.mean().item()
+
+
+def _force_error(decoded: Tensor, reference: Tensor) -> ForceError:
+    residual = reference - decoded
+    spread = reference - reference.mean()
+    return ForceError(
+        r2=1.0 - (residual.square().sum() / spread.square().sum()).item(),
+        l1_over_sigma=(residual.abs().mean() / spread.square().mean().sqrt()).item(),
+    )
+
+
+def _sigma(values: Tensor) -> Tensor:
+    sigma = values.std(dim=0, correction=0)
+    if not bool((sigma > 0).all()):
+        raise DatasetError("test episodes: a force or latent is constant, errors cannot be normalised")
+    return sigma
+
+
+def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
+    """Ends of the windows that have `longest` rows of the same episode after them, (m,) indices.
+
+    Raises:
+        DatasetError: if there is none.
+    """
+    starts = [
+        torch.arange(span.start + window - 1, span.stop - longest)
+        for span in rows.spans()
+        if span.stop - span.start >= window + longest
+    ]
+    if not starts:
+        raise DatasetError(f"test episodes are too short: a window of {window} and {longest} steps ahead are needed")
+    return torch.cat(starts).to(rows.inputs.device)

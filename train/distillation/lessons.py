@@ -1,0 +1,118 @@
+"""What a narrower predictor is taught: roll-outs of the trained one, its forces, and the slope of its cost (ours).
+
+The teacher gives a roll-out for any actions, not only for recorded ones. A quarter of the lessons take the actions
+recorded after their start, a quarter those recorded elsewhere, and half are plans on their way down the teacher's cost:
+they begin as recorded and step against its slope, as the optimiser's do.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from contract.config.tree import Config
+from contract.release.manifest import Scaling
+from train.distillation.evaluate import rollout_starts
+from train.distillation.plan_slope import force_slope, plan_slope, predict
+from train.fitting.progress import Phase, Progress, silent
+from train.networks.model import WakeModel
+from train.samples.rows import Rows
+
+_TOGETHER = 256
+"""Roll-outs of the teacher at a time."""
+_STEPS_DOWN = 16
+"""Lessons of one plan on its way down."""
+_LONGEST_STEP = 4e-3
+"""Of a plan on its way down, in U_inf W: `_STEPS_DOWN` of half of it reach across the actions' range."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lessons:
+    """n roll-outs of H steps, standardised.
+
+    Attributes:
+        actions: (n, H) at t .. t+H-1.
+        latents: (n, H + 1, N_z) at t .. t+H, by the teacher's dynamics.
+        forces: (n, H + 1, 2), by its decoder.
+        by_force: (n, H, 2) slope of the cost by the forces at t+1 .. t+H.
+        slope: (n, H) slope of the cost by the actions, through these forces.
+    """
+
+    actions: Tensor
+    latents: Tensor
+    forces: Tensor
+    by_force: Tensor
+    slope: Tensor
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def drawn(self, which: Tensor) -> "Lessons":
+        """The lessons of these numbers (B,)."""
+        return Lessons(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
+
+
+def teach(
+    teacher: WakeModel,
+    latents: Tensor,
+    rows: Rows,
+    scaling: Scaling,
+    config: Config,
+    *,
+    progress: Progress = silent,
+) -> Lessons:
+    """About `config.train.predictor_lessons` lessons, the same for the same seed.
+
+    Args:
+        latents: (n, N_z) beside the rows, of the encoder that serves on the vehicle.
+        scaling: of the rows.
+
+    Raises:
+        DatasetError: if no episode is long enough for a window and the horizon.
+    """
+    starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
+    ahead = torch.arange(config.mpc.horizon, device=starts.device)
+    generator = np.random.default_rng(config.train.seed)
+    batches = max(1, -(-config.train.predictor_lessons // (2 * _TOGETHER * _STEPS_DOWN)))
+    total, done = 2 * batches * _STEPS_DOWN, 0
+    taught: list[Lessons] = []
+
+    def kept(lessons: Lessons) -> Lessons:
+        nonlocal done
+        taught.append(lessons)
+        done += 1
+        progress(Phase.LESSONS, done, total, {})
+        return lessons
+
+    def drawn() -> tuple[Tensor, Tensor]:
+        which = torch.as_tensor(generator.integers(len(starts), size=(2, _TOGETHER)), device=starts.device)
+        begin, elsewhere = starts[which]
+        elsewhere[::2] = begin[::2]
+        return latents[begin], rows.actions[elsewhere[:, None] + ahead]
+
+    limit = config.flow.action_limit / scaling.action_std
+    for _ in range(batches):
+        latent, plans = drawn()
+        for _ in range(_STEPS_DOWN):
+            lesson = kept(_lesson(teacher, latent, plans, scaling, config))
+            step = torch.as_tensor(generator.random((_TOGETHER, 1)), dtype=plans.dtype, device=plans.device)
+            down = step * _LONGEST_STEP / scaling.action_std * lesson.slope.sign()
+            plans = (plans - down).clamp(-limit, limit)
+            kept(_lesson(teacher, *drawn(), scaling, config))
+    return Lessons(**{item.name: torch.cat([getattr(one, item.name) for one in taught]) for item in fields(Lessons)})
+
+
+def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scaling, config: Config) -> Lessons:
+    with torch.enable_grad():
+        leaf = actions.detach().requires_grad_(True)
+        found = predict(teacher, latent, leaf)
+        by_force = force_slope(found.forces[1:], config.mpc.weights, scaling)
+        slope = plan_slope(found, leaf, by_force)
+    return Lessons(
+        actions=actions,
+        latents=found.latents.detach().transpose(0, 1),
+        forces=found.forces.detach().transpose(0, 1),
+        by_force=by_force.transpose(0, 1),
+        slope=slope,
+    )

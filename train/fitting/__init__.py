@@ -1,0 +1,1 @@
+"""One phase of training: the loop over batches, its checkpoints and its progress."""

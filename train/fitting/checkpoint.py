@@ -1,0 +1,59 @@
+"""Training state on disk: written whole or not at all, and read back only into the run it came from."""
+
+import io
+import os
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+
+from contract.atomic import replacing
+from contract.errors import ConfigError, DatasetError, StillwakeError
+from train.fitting.unfinished import Identity as Identity
+
+SCHEMA: Final = "stillwake-checkpoint/1"
+_WAYS: Final = "delete it, or start over with --restart"
+
+
+def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
+    """Write `state` (tensors and plain values) atomically; raises StillwakeError if the place cannot be written."""
+    body = {
+        "schema": SCHEMA,
+        "settings": identity.settings,
+        "dataset_sha256": identity.dataset_sha256,
+        "state": dict(state),
+    }
+    # Packed in memory: torch does not say of a full disk what it is.
+    image = io.BytesIO()
+    torch.save(body, image)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(image.getbuffer())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def load(path: Path, identity: Identity) -> dict[str, Any] | None:
+    """The state saved at `path`, on the CPU; None if there is no file.
+
+    Raises:
+        StillwakeError: if the file is damaged or of another schema.
+        ConfigError: if it was written under other settings.
+        DatasetError: if it was written for another recording.
+    """
+    if not path.exists():
+        return None
+    try:
+        # weights_only: a checkpoint is data, it must not be able to run code.
+        body = torch.load(path, map_location="cpu", weights_only=True)
+        schema, state = body["schema"], dict(body["state"])
+    except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
+        raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_WAYS}") from error
+    if schema != SCHEMA:
+        raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {SCHEMA!r}; {_WAYS}")
+    if body["settings"] != identity.settings:
+        raise ConfigError(f"checkpoint {path}: made with other settings; {_WAYS}")
+    if body["dataset_sha256"] != identity.dataset_sha256:
+        raise DatasetError(f"checkpoint {path}: made from another recording; {_WAYS}")
+    return state

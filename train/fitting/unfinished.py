@@ -1,0 +1,150 @@
+"""The folder of a training that is not finished: which training it belongs to, and how far that has come.
+
+It is read before torch is loaded, which takes seconds: another training's checkpoints are refused at once.
+"""
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from contract.atomic import replacing
+from contract.config.tree import Config
+from contract.errors import ConfigError, DatasetError
+from train.fitting.progress import Phase
+
+_LABEL: Final = "training.json"
+_WAYS: Final = "finish it with those, or start over with --restart"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identity:
+    """What a checkpoint belongs to.
+
+    Attributes:
+        settings: canonical text of the configuration that decides the result.
+        dataset_sha256: of the recording.
+        threads: of torch. Another number is no other training: it goes on, with sums in another order.
+    """
+
+    settings: str
+    dataset_sha256: str
+    threads: int = 1
+
+    @classmethod
+    def of(
+        cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
+    ) -> "Identity":
+        """Of a training with these settings.
+
+        Args:
+            device: "cpu" or "cuda".
+            chosen: names of the sensors, if the caller chose them.
+            threads: of torch.
+        """
+        settings = {
+            "model": asdict(config.model),
+            "train": asdict(config.train),
+            "horizon": config.mpc.horizon,
+            **({"weights": asdict(config.mpc.weights)} if config.model.is_slimmed else {}),
+            "device": device,
+            "chosen": None if chosen is None else list(chosen),
+        }
+        return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reached:
+    """The last checkpoint of a training: `step` of `total` iterations of a phase."""
+
+    phase: Phase
+    step: int
+    total: int
+
+    def __str__(self) -> str:
+        return f"{self.phase.label}, iteration {self.step} of {self.total}"
+
+
+def folder_of(output: Path) -> Path:
+    """Where the training of the model `output` keeps its checkpoints."""
+    return output.with_name(f"{output.name}.checkpoints")
+
+
+def check(folder: Path, identity: Identity) -> Reached | None:
+    """How far the training in this folder has come; None if nothing is kept there.
+
+    Raises:
+        ConfigError: the checkpoints there are of other settings; the message names the first that differs.
+        DatasetError: they are of another recording.
+    """
+    if not has_checkpoints(folder):
+        return None
+    label = _label(folder)
+    # Without a label every checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
+    if label is not None and "settings" in label:
+        settings = json.loads(identity.settings)
+        difference = next(_differences(label.get("settings"), settings), None)
+        if difference is not None:
+            raise ConfigError(f"{folder} holds an unfinished training with {difference}: {_WAYS}")
+        if label.get("dataset_sha256") != identity.dataset_sha256:
+            raise DatasetError(f"{folder} holds an unfinished training on another recording: {_WAYS}")
+    return reached(folder)
+
+
+def note(folder: Path, identity: Identity, reached: Reached) -> None:
+    """Keep whose the folder is and how far the training has come, after a checkpoint is written.
+
+    Raises StillwakeError if it cannot be written.
+    """
+    label = {
+        "settings": json.loads(identity.settings),
+        "dataset_sha256": identity.dataset_sha256,
+        "reached": asdict(reached),
+        "threads": sorted({*threads(folder), identity.threads}),
+    }
+    with replacing(folder / _LABEL) as temporary:
+        temporary.write_text(json.dumps(label, sort_keys=True), encoding="utf-8")
+
+
+def reached(folder: Path) -> Reached | None:
+    """As it was kept last; None if nothing was."""
+    found = (_label(folder) or {}).get("reached", {})
+    try:
+        phase = next(phase for phase in Phase if phase == found["phase"])
+        return Reached(phase=phase, step=int(found["step"]), total=int(found["total"]))
+    except (TypeError, ValueError, KeyError, StopIteration):
+        return None
+
+
+def threads(folder: Path) -> tuple[int, ...]:
+    """Every number of threads that torch has had in this training; empty if that was not kept."""
+    found = (_label(folder) or {}).get("threads")
+    return tuple(found) if isinstance(found, list) and all(isinstance(item, int) for item in found) else ()
+
+
+def has_checkpoints(folder: Path) -> bool:
+    """Whether a training can be continued from it."""
+    return any(folder.glob("*.pt"))
+
+
+def clear(folder: Path) -> None:
+    """Remove all that is kept."""
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _label(folder: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads((folder / _LABEL).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _differences(there: Any, here: Any, name: str = "") -> Iterator[str]:
+    if isinstance(there, Mapping) and isinstance(here, Mapping):
+        for key in sorted(there.keys() | here.keys()):
+            yield from _differences(there.get(key), here.get(key), f"{name}.{key}".lstrip("."))
+    elif there != here:
+        yield f"{name} = {there}, not {here}"

@@ -1,0 +1,93 @@
+"""The joint loss (paper, equation 5) and its terms.
+
+    L = L_pred + lambda_force L_force + lambda_var L_var + lambda_cov L_cov [+ lambda_decode L_decode, ours]
+
+Predicted latents come from unrolling the dynamics k steps from the encoded z_t. Their targets are the encoder's
+own latents at t+1 .. t+k, and gradients flow through them as through the predictions: the encoder learns a
+state that is predictable, and the VICReg terms, which act on the predictions, keep it from collapsing.
+
+L_decode is L_force at h = 0, on the encoded latent itself. In the paper, forces enter through predictions only, which
+serves while these are short; over 20 steps the decoder learns to read what many steps have blurred.
+"""
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor, nn
+
+from contract.config.learning import TrainConfig
+from train.networks.model import WakeModel
+from train.samples.sampler import Batch
+
+EPSILON = 1e-4
+"""Inside the variance term's square root, the value of VICReg's authors; in the paper only "small"."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LossTerms:
+    """Scalars; `total` is the weighted sum, the others are unweighted."""
+
+    total: Tensor
+    prediction: Tensor
+    force: Tensor
+    decode: Tensor
+    variance: Tensor
+    covariance: Tensor
+
+    def as_dict(self) -> dict[str, Tensor]:
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+
+def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms:
+    """Loss of a batch whose segments hold W - k samples of k = `config.unroll` steps each."""
+    steps = config.unroll
+    encode = model.encoder.encode_stream if config.streamed else model.encoder.encode_segments
+    encoded = encode(batch.inputs)
+    samples = encoded.shape[1] - steps
+    start = encoded[:, :samples].flatten(0, 1)
+    actions = batch.actions.unfold(1, steps, 1)[:, :samples].flatten(0, 1)
+    predicted = model.dynamics.rollout(start, actions)
+    target = torch.stack([encoded[:, i : i + samples].flatten(0, 1) for i in range(1, steps + 1)])
+    forces = torch.stack([batch.forces[:, i : i + samples].flatten(0, 1) for i in range(1, steps + 1)])
+    prediction = prediction_loss(predicted, target)
+    force = nn.functional.smooth_l1_loss(model.decoder(predicted), forces)
+    decode = nn.functional.smooth_l1_loss(model.decoder(encoded), batch.forces)
+    variance, covariance = variance_loss(predicted), covariance_loss(predicted)
+    total = (
+        prediction
+        + config.force_weight * force
+        + config.decode_weight * decode
+        + config.variance_weight * variance
+        + config.covariance_weight * covariance
+    )
+    return LossTerms(
+        total=total, prediction=prediction, force=force, decode=decode, variance=variance, covariance=covariance
+    )
+
+
+def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
+    """Mean square over samples, steps and dimensions of latents (..., N_z).
+
+    The paper writes the squared L2 norm, a sum over the dimensions. That is N_z = 8 times this, and against a
+    variance weight of 0.02 it collapses the latent space: all deviations near 0.02 and forces at their mean on
+    an oscillator that this mean fits to R2 0.99 within the same steps.
+    """
+    return (predicted - target).square().mean()
+
+
+def variance_loss(latents: Tensor) -> Tensor:
+    """Mean over dimensions (and leading axes) of max(0, 1 - sqrt(Var + epsilon)); latents (..., B, D)."""
+    deviation = (latents.var(dim=-2) + EPSILON).sqrt()
+    return nn.functional.relu(1.0 - deviation).mean()
+
+
+def covariance_loss(latents: Tensor) -> Tensor:
+    """Mean square of the off-diagonal covariances; latents (..., B, D), averaged over leading axes."""
+    count, dimension = latents.shape[-2:]
+    if dimension == 1:
+        return latents.new_zeros(())
+    centred = latents - latents.mean(dim=-2, keepdim=True)
+    covariance = centred.transpose(-1, -2) @ centred / (count - 1)
+    squares = covariance.square()
+    off_diagonal = squares.sum(dim=(-2, -1)) - squares.diagonal(dim1=-2, dim2=-1).sum(dim=-1)
+    return (off_diagonal / (dimension * (dimension - 1))).mean()

@@ -1,0 +1,141 @@
+"""The latent model (paper, section 2.2 and table 1): encoder, dynamics, force decoder.
+
+    z_t       = f_enc(S_t)              S_t: the last L rows, row k is (Cp_k, a_{k-1})
+    z_{t+1}   = z_t + f_dyn(z_t, a_t)
+    C_t       = f_dec(z_t)              C = (Cd, Cl)
+
+Everything here is standardised (`train.samples.scaling`); shapes name B samples, L the window, F the features of a
+row, N_z the latent dimension.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from contract.config.learning import ModelConfig
+from train.networks.recurrence import last_hidden
+
+
+class Encoder(nn.Module):
+    """LSTM over the window, then LayerNorm and a two-layer ELU perceptron on its final hidden state.
+
+    The slim encoder is the same network on fewer features. The LSTM is held as `torch.nn.LSTM` for its weights
+    and initialisation, and evaluated by `train.networks.recurrence`, which shares work between overlapping windows.
+    """
+
+    def __init__(self, sensors: int, config: ModelConfig) -> None:
+        super().__init__()
+        self.window = config.window
+        self.lstm = nn.LSTM(sensors + 1, config.lstm_width, batch_first=True)
+        self.norm = nn.LayerNorm(config.lstm_width)
+        self.hidden = nn.Linear(config.lstm_width, config.lstm_width)
+        self.output = nn.Linear(config.lstm_width, config.latent)
+
+    def forward(self, windows: Tensor) -> Tensor:
+        """(B, L, F) windows -> (B, N_z) latents."""
+        return self.encode_segments(windows)[:, 0]
+
+    def encode_segments(self, segments: Tensor) -> Tensor:
+        """(S, R, F) stretches of rows -> (S, R - L + 1, N_z), the latents at rows L-1 .. R-1 of each."""
+        if segments.is_cuda:
+            # cuDNN runs all steps of a window in one kernel, which beats sharing there.
+            unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)
+            states, _ = self.lstm(unfolded.flatten(0, 1))
+            last = states[:, -1].unflatten(0, unfolded.shape[:2])
+        else:
+            last = last_hidden(segments, self.window, *self.lstm.all_weights[0])
+        return self.read_out(last)
+
+    def encode_stream(self, segments: Tensor) -> Tensor:
+        """As `encode_segments`, with the state carried through each stretch instead of begun anew in every window.
+
+        One LSTM step a row where windows take L. The latent at row k has read all rows of its stretch up to k.
+        """
+        hidden, _ = self.lstm(segments)
+        return self.read_out(hidden[:, self.window - 1 :])
+
+    def read_out(self, state: Tensor) -> Tensor:
+        """(..., H) hidden states of the LSTM -> (..., N_z) latents."""
+        latent: Tensor = self.output(nn.functional.elu(self.hidden(self.norm(state))))
+        return latent
+
+
+class Dynamics(nn.Module):
+    """Residual perceptron in latent space: z + f(z, a), one control period ahead."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        width = config.dynamics_width
+        self.input = nn.Linear(config.latent + 1, width)
+        self.norm_in = nn.LayerNorm(width)
+        self.hidden = nn.Linear(width, width)
+        self.norm_hidden = nn.LayerNorm(width)
+        self.output = nn.Linear(width, config.latent)
+
+    def forward(self, latent: Tensor, action: Tensor) -> Tensor:
+        """(..., N_z) latents at t and (...,) actions commanded at t -> (..., N_z) latents at t + 1."""
+        x = torch.cat([latent, action[..., None]], dim=-1)
+        x = nn.functional.elu(self.norm_in(self.input(x)))
+        x = nn.functional.elu(self.norm_hidden(self.hidden(x)))
+        change: Tensor = self.output(x)
+        return latent + change
+
+    def rollout(self, latent: Tensor, actions: Tensor) -> Tensor:
+        """(..., N_z) latents at t and (..., h) actions at t .. t+h-1 -> (h, ..., N_z) latents at t+1 .. t+h."""
+        states = []
+        for action in actions.unbind(-1):
+            latent = self(latent, action)
+            states.append(latent)
+        return torch.stack(states)
+
+
+class ResidualBlock(nn.Module):
+    """x + Dropout(ELU(LayerNorm(Linear(x)))), any shape (..., width)."""
+
+    def __init__(self, width: int, dropout: float) -> None:
+        super().__init__()
+        self.linear = nn.Linear(width, width)
+        self.norm = nn.LayerNorm(width)
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor) -> Tensor:
+        change: Tensor = self.dropout(nn.functional.elu(self.norm(self.linear(x))))
+        return x + change
+
+
+class Decoder(nn.Module):
+    """Residual perceptron from a latent to the forces."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.input = nn.Linear(config.latent, config.decoder_width)
+        self.blocks = nn.ModuleList(
+            ResidualBlock(config.decoder_width, config.dropout) for _ in range(config.decoder_blocks)
+        )
+        self.output = nn.Linear(config.decoder_width, 2)
+
+    def forward(self, latent: Tensor) -> Tensor:
+        """(..., N_z) latents -> (..., 2) scaled (Cd, Cl)."""
+        x: Tensor = self.input(latent)
+        for block in self.blocks:
+            x = block(x)
+        forces: Tensor = self.output(x)
+        return forces
+
+
+class Predictor(nn.Module):
+    """What the optimiser rolls out: dynamics and decoder."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.dynamics = Dynamics(config)
+        self.decoder = Decoder(config)
+
+
+class WakeModel(nn.Module):
+    """The three networks that are trained together."""
+
+    def __init__(self, sensors: int, config: ModelConfig) -> None:
+        super().__init__()
+        self.encoder = Encoder(sensors, config)
+        self.dynamics = Dynamics(config)
+        self.decoder = Decoder(config)

@@ -1,0 +1,1 @@
+"""Rows of a data set, scaled, and the draws from them."""

@@ -1,0 +1,133 @@
+"""Recorded episodes as standardised rows.
+
+Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), a column a sensor and one for the action. With it
+stand a_k, the action commanded at t_k that the dynamics take, and the forces (Cd_k, Cl_k). A window ending at k is rows
+k-L+1 .. k; it never crosses an episode's boundary. N counts the sensors.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from contract.arrays import Array, Index
+from contract.errors import ConfigError
+from contract.recording.dataset import Episode
+from contract.release.manifest import Scaling
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
+from train.samples.scaling import unit_steps
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rows:
+    """Standardised episodes, one after the other, single precision.
+
+    Attributes:
+        inputs: (n, N + 1) encoder rows.
+        actions: (n,) a_k.
+        forces: (n, 2) Cd, Cl.
+        lengths: rows of each episode, in order; sums to n.
+        unit: (N,) one global deviation of pressure in each sensor's column; None where the scaling is not known.
+        layout: of the sensors, in the order of their columns.
+        names: of each episode, in order; may be left out.
+    """
+
+    inputs: Tensor
+    actions: Tensor
+    forces: Tensor
+    lengths: tuple[int, ...]
+    unit: Tensor | None = None
+    layout: SensorLayout = TRUCK
+    names: tuple[str, ...] = ()
+
+    @property
+    def sensors(self) -> int:
+        """N, the number of sensors."""
+        return self.inputs.shape[1] - 1
+
+    def name_of(self, episode: int) -> str:
+        """The name of the episode of that number; the number itself where no names are known."""
+        return self.names[episode] if self.names else str(episode)
+
+    def to(self, device: torch.device) -> "Rows":
+        """The same rows in the memory of `device`."""
+        return replace(
+            self,
+            inputs=self.inputs.to(device),
+            actions=self.actions.to(device),
+            forces=self.forces.to(device),
+            unit=None if self.unit is None else self.unit.to(device),
+        )
+
+    def spans(self) -> Iterator[slice]:
+        """The rows of each episode."""
+        stop = 0
+        for length in self.lengths:
+            start, stop = stop, stop + length
+            yield slice(start, stop)
+
+    def with_sensors(self, chosen: Index) -> "Rows":
+        """Only the columns of the chosen sensors, in that order, and the action."""
+        columns = torch.as_tensor(np.append(chosen, self.sensors), device=self.inputs.device)
+        return replace(
+            self,
+            inputs=self.inputs[:, columns],
+            unit=None if self.unit is None else self.unit[columns[:-1]],
+            layout=self.layout.only(chosen),
+        )
+
+    def noise(self, level: float) -> Tensor:
+        """(N,) standard deviation of noise of `level` global deviations, in each sensor's column; zero at level 0.
+
+        Raises:
+            ConfigError: if these rows have no global deviation.
+        """
+        if self.unit is None:
+            if level:
+                raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
+            return self.inputs.new_zeros(self.inputs.shape[1] - 1)
+        return level * self.unit
+
+
+def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, layout: SensorLayout = TRUCK) -> Rows:
+    """Standardised rows of the episodes, followed by those of their mirror images if `mirrored`.
+
+    Raises:
+        ConfigError: if mirror images are asked for and the layout has none.
+    """
+    mirror = layout.mirror
+    if mirrored and mirror is None:
+        raise ConfigError("mirrored rows: these sensors have no mirror images")
+    pressure_mean, pressure_std = np.array(scaling.pressure_mean), np.array(scaling.pressure_std)
+    force_mean, force_std = np.array(scaling.force_mean), np.array(scaling.force_std)
+    inputs, actions, forces = [], [], []
+    for episode in episodes:
+        pressure = (episode.series["Cp"] - pressure_mean) / pressure_std
+        inputs.append(np.column_stack([pressure, episode.previous_action / scaling.action_std]))
+        actions.append(episode.series["action"] / scaling.action_std)
+        physical = np.column_stack([episode.series["Cd"], episode.series["Cl"]])
+        forces.append((physical - force_mean) / force_std)
+    names = tuple(episode.name for episode in episodes)
+    if mirrored and mirror is not None:
+        permutation = np.append(mirror, len(layout))
+        sign = np.append(np.ones(len(layout)), -1.0)
+        names += tuple(f"{name} (mirror image)" for name in names)
+        inputs += [rows[:, permutation] * sign for rows in inputs]
+        actions += [-rows for rows in actions]
+        forces += [rows * (1.0, -1.0) for rows in forces]
+    return Rows(
+        inputs=_joined(inputs),
+        actions=_joined(actions),
+        forces=_joined(forces),
+        lengths=tuple(len(rows) for rows in actions),
+        unit=torch.from_numpy(unit_steps(scaling, np.arange(len(layout))).astype(np.float32)),
+        layout=layout,
+        names=names,
+    )
+
+
+def _joined(parts: Sequence[Array]) -> Tensor:
+    return torch.from_numpy(np.concatenate(parts).astype(np.float32))
