@@ -43,7 +43,7 @@ GROUPS: Final = (
 """Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP ACTIVE HOLD DECAY"
 CHOICE: Final = (560, 245)
-"""Middle of the diamond, which is no state: where ARMED and what stands under a wish are led on."""
+"""Middle of the diamond, which is no state: where ARMED and what stands under a request are led on."""
 
 
 class Line(NamedTuple):
@@ -82,8 +82,8 @@ For ECU and validation engineers: what the ECU does in each control period, and 
 
 ![the states, and by which rows of the table they are left](../states.svg)
 
-Numbers are rows of the table below. The diamond is no state: a wish that rises, and in each later period the wish that
-stands, is led on from there by whether the window is full and pressures came.
+Numbers are rows of the table below. The diamond is no state: a request that rises, and in each later period the request
+that stands, is led on from there by whether the window is full and pressures came.
 
 ## States
 
@@ -97,8 +97,8 @@ The rows are looked at in this order, once a control period, and the first one t
 whose condition holds is taken. A fault of the ECU's own that shows in the course of the period, such as a controller
 without an answer, takes its row in the same period. With 1 in the last column the reaction is in the JetCommand of the
 period that has the cause; otherwise the cause has to last for so many. Names in code style are settings of the section
-`ecu`. The wish is the last one heard of the vehicle; at power-on and when a fault begins it is taken to stand, so that
-it must be seen low before a rise counts. With `ecu.plan_ahead` the jets follow a command in the period after, so one
+`ecu`. The request is the last one heard of the vehicle; at power-on and when a fault begins it is taken to stand, so
+that it must be seen low before a rise counts. With `ecu.plan_ahead` the jets follow a command in the period after, so one
 period later than the column says.
 
 | row | from | when | to | Reason on the wire | within periods |
@@ -110,7 +110,7 @@ _LOSSES: Final = """
 Control of this kind is (m, k)-firm: so many of any k periods in a row may be missed. With the settings as they are, up
 to **{borne} of any {window} periods** may have no usable pressures, and no more than **{row} in a row**: the first
 {hold} with the last command held, the others with the command halved each time. One more, of either, and the jets are
-shut in that period and the fault latches. Periods count from the one in which the wish rises. Lost, corrupted,
+shut in that period and the fault latches. Periods count from the one in which the request rises. Lost, corrupted,
 repeated, stale and invalid pressures are all the same in this; a stream with more than `bus.e2e.max_errors` wrong CRCs
 among the latest `bus.e2e.window` periods is not to be trusted and shuts the jets without hold or decay (row {invalid}).
 """
@@ -188,7 +188,7 @@ def draw() -> str:
         _path(((x, 345), (x, y + 34))),
         f'<path d="M{x - 34} {y} L{x} {y - 34} L{x + 34} {y} L{x} {y + 34} z" fill="white" stroke="{LINE}"/>',
         _text(x, 362, "each period while", 13),
-        _text(x, 378, "the wish stands", 13),
+        _text(x, 378, "the request stands", 13),
         _text(268, 330, "rises", 13),
     ]
     parts += [_path(line.corners) for line in LINES]

@@ -124,7 +124,7 @@ def _windows(count: int) -> list[Array]:
 
 
 def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list[Frame]]]:
-    """A frame of pressures a control period; the wish for control rises in the second one."""
+    """A frame of pressures a control period; the request for control rises in the second one."""
     pressure = message_set(config.bus).pressure
     sender = E2eSender(pressure.spec)
     for k in range(count):

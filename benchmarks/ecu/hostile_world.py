@@ -41,7 +41,7 @@ class Events:
     """What happens in one control period.
 
     Attributes:
-        wish: of the vehicle.
+        request: of the vehicle.
         pressure, command: fates of the two frames.
         valid: all four transducers work.
         queued_ns: how long the pressure frame waited where its receiver knows of it.
@@ -53,7 +53,7 @@ class Events:
         chance: seed of where bits flip and which frame comes again.
     """
 
-    wish: bool = True
+    request: bool = True
     pressure: str = "pass"
     command: str = "pass"
     valid: bool = True
@@ -135,7 +135,7 @@ class World:
     def __init__(self, config: Config, judged_by: Config | None = None) -> None:
         self.config = config
         self.now_ns = START_NS
-        self.seen = Seen(period=-1, wish=False)
+        self.seen = Seen(period=-1, request=False)
         self._bundle = small_bundle(config)
         self._controller = HostileController()
         self._judges = EcuJudge(judged_by or config), VehicleJudge(judged_by or config)
@@ -149,7 +149,7 @@ class World:
         """Run one control period; names of the promises that it broke."""
         seen = Seen(
             period=self.seen.period + 1,
-            wish=events.wish,
+            request=events.request,
             reset_ecu=events.reset_ecu,
             reset_vehicle=events.reset_vehicle,
         )
@@ -172,7 +172,9 @@ class World:
             self.node = VehicleNode(NAMES, self.config)
             self._pressures.forget()
         cp = np.full(sensors.COUNT, rng.uniform(-1.0, 1.0) if events.valid else rng.choice((np.nan, np.inf, 1e300)))
-        frame = self.node.sample(cp, enable_request=events.wish, now_ns=START_NS + seen.period * self.config.period_ns)
+        frame = self.node.sample(
+            cp, enable_request=events.request, now_ns=START_NS + seen.period * self.config.period_ns
+        )
         for item in self._pressures.carried(Delivered(frame, seen.period), events.pressure, seen.period, rng):
             stamped = replace(item.frame, timestamp_ns=max(0, now_ns - events.queued_ns))
             self._inbox.append(Delivered(stamped, item.sampled))
@@ -251,7 +253,7 @@ class RandomEvents:
 
     def __init__(self, seed: int | str, hostility: float | None = None) -> None:
         self._rng = Random(seed)
-        self._wish = False
+        self._request = False
         self._fixed = hostility
         self._odd = hostility or 0.0
         self._burst: list[str] = []
@@ -266,11 +268,11 @@ class RandomEvents:
         rng = self._rng
         if self._fixed is None and rng.random() < 1 / 300:
             self._odd = rng.choice((0.0, 0.003, 0.01, 0.03, 0.1, 0.4))
-        if rng.random() < (0.01 if self._wish else 0.15):
-            self._wish = not self._wish
+        if rng.random() < (0.01 if self._request else 0.15):
+            self._request = not self._request
         odd = self._odd
         return Events(
-            wish=self._wish,
+            request=self._request,
             pressure=self._fate(),
             command=rng.choice(FATES) if rng.random() < odd else "pass",
             valid=rng.random() >= odd / 4,

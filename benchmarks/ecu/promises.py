@@ -23,19 +23,20 @@ PROMISES: Final = {
     "clock": "shut in a step at which time stood still, went back or was negative",
     "bus-off": "shut while the CAN controller is bus-off and in the first step after",
     "controller": "shut, and FAULT, in a step in which the controller gave no finite plan",
-    "fresh pressures": "a command in CONTROL echoes a sound frame of this step, with the wish, of pressures that are "
-    "fresh enough",
+    "fresh pressures": "a command in CONTROL echoes a sound frame of this step, with the request, of pressures that "
+    "are fresh enough",
     "held pressures": "a command in HOLD is the one before, in DECAY half of it, and its pressures are within their "
     "longer budget",
     "loss limits": "while control is wanted, fewer than the limit of the latest periods have no usable frame, and no "
     "more than hold and decay in a row",
-    "re-arming": "FAULT ends in a step with the wish, after enough usable frames in a row, the wish low since it began",
-    "power-on": "after a reset nothing is driven before the wish was seen low and then raised",
+    "re-arming": "FAULT ends in a step with the request, after enough usable frames in a row, the request low "
+    "since it began",
+    "power-on": "after a reset nothing is driven before the request was seen low and then raised",
     "reasons": "FAULT and jets that are shut in a driving mode have a Reason, CONTROL has none",
     "counts": "the status counts each period without a usable frame, and no count falls",
     "vehicle: bounds": "the jets' action is within the action limit",
     "vehicle: rate": "it moves by no more than one step a period; shutting is free",
-    "vehicle: wish": "it is zero while the vehicle does not want control",
+    "vehicle: request": "it is zero while the vehicle does not want control",
     "vehicle: loss limits": "it is zero once as many of the latest periods under control as the limit says had no "
     "command, until the vehicle does not want control",
     "vehicle: doubt": "it is zero unless by a sound enabled command of a driving mode that echoes pressures which the "
@@ -62,7 +63,7 @@ class Seen:
 
     Attributes:
         period: number.
-        wish: of the vehicle.
+        request: of the vehicle.
         reset_ecu, reset_vehicle: powered on anew before it.
         now_ns: of the ECU's step; None if it did not step.
         pressures: what the ECU received since its step before.
@@ -75,7 +76,7 @@ class Seen:
     """
 
     period: int
-    wish: bool
+    request: bool
     reset_ecu: bool = False
     reset_vehicle: bool = False
     now_ns: int | None = None
@@ -93,7 +94,7 @@ class Used(NamedTuple):
 
     counter: int
     sampled_ns: int
-    wish: bool
+    request: bool
     sampled: int | None
 
 
@@ -145,8 +146,8 @@ class EcuJudge:
         named = [item for item in candidates if item.counter == echo]
         if named:
             self.used = named[-1]
-        raised = any(item.wish for item in candidates)
-        # A frame of an invalid sensor or of old pressures has a wish all the same.
+        raised = any(item.request for item in candidates)
+        # A frame of an invalid sensor or of old pressures has a request all the same.
         self._raised |= self._low_since_power_on and any(item["EnableRequest"] for item in sound)
 
         if abs(flow) > self._limit + 1e-9:
@@ -161,7 +162,7 @@ class EcuJudge:
             yield "bus-off"
         if seen.bad_answer and (enable or mode != wire.FAULT):
             yield "controller"
-        if enable and mode == wire.CONTROL and not any(item.wish for item in named):
+        if enable and mode == wire.CONTROL and not any(item.request for item in named):
             yield "fresh pressures"
         if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(command, now_ns, elapsed_ns):
             yield "held pressures"
@@ -203,8 +204,8 @@ class EcuJudge:
             sampled_ns = item.frame.timestamp_ns - round(signals["Age"] * 1e6)
             valid = all(signals[f"Valid{sensor}"] for sensor in range(4))
             if valid and 0 <= now_ns - sampled_ns <= self._fresh_ns:
-                wish = bool(signals["EnableRequest"])
-                candidates.append(Used(signals["E2E_Counter"], sampled_ns, wish, item.sampled))
+                request = bool(signals["EnableRequest"])
+                candidates.append(Used(signals["E2E_Counter"], sampled_ns, request, item.sampled))
         return sound, candidates
 
     def _reach(self, elapsed_ns: int | None) -> float:
@@ -284,8 +285,8 @@ class VehicleJudge:
         # Rounding of the sum of two numbers.
         if seen.action != 0.0 and abs(seen.action - self._action) > self._step + 1e-12:
             yield "vehicle: rate"
-        if seen.action != 0.0 and not seen.wish:
-            yield "vehicle: wish"
+        if seen.action != 0.0 and not seen.request:
+            yield "vehicle: request"
         if seen.action != 0.0 and self._gave_up:
             yield "vehicle: loss limits"
         newest = seen.period - self._due[0]
@@ -309,11 +310,11 @@ class VehicleJudge:
             self._clear.append(seen.period)
         # A command that may have been refused as well ends the count: the limit is then reached later, at most.
         without_control = any(command and command["Mode"] in (wire.OFF, wire.FAULT) for command, _ in commands)
-        if not seen.wish or without_control:
+        if not seen.request or without_control:
             self._silent.clear()
         elif self._silent or self._in_order >= 5:
             self._silent.append(not commands)
-        self._gave_up = seen.wish and (self._gave_up or sum(self._silent) >= self._loss_limit)
+        self._gave_up = seen.request and (self._gave_up or sum(self._silent) >= self._loss_limit)
 
     def _enables(self, command: dict[str, Any] | None, item: Delivered, period: int) -> bool:
         if command is None or not (command["Enable"] and command["PressureCounterValid"]):

@@ -48,7 +48,7 @@ _NEXT_PERIOD: Final = 1 << 1
 
 # "x" is the CRC; the byte behind it holds the counter and what shares it. Fields that cross bytes are put together from
 # pieces: numbers that fit one machine word are faster than one of 64 bits.
-_PRESSURE: Final = struct.Struct("<x B 3H")  # wish and age, pressures
+_PRESSURE: Final = struct.Struct("<x B 3H")  # request and age, pressures
 _JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
 _ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state, reason and bus-off, counts, hash
 

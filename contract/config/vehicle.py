@@ -216,7 +216,7 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """Latest periods under control that are judged together by `vehicle.loss_limit`: a second, as by the ECU."""
     loss_limit: Annotated[int, PERIODS] = 25
     """Periods without a usable command among them from which on the vehicle shuts its jets and withdraws its request,
-    until its own wish was low once. Like `ecu.loss_limit`, for the other direction: jets that follow every other
+    until its own request was low once. Like `ecu.loss_limit`, for the other direction: jets that follow every other
     command at best are not under control."""
 
     def __post_init__(self) -> None:

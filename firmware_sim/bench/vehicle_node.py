@@ -195,7 +195,7 @@ class VehicleNode:
 
     @property
     def has_given_up(self) -> bool:
-        """Too many commands were missing, and the vehicle's own wish has not been low since."""
+        """Too many commands were missing, and the vehicle's own request has not been low since."""
         return self._losses.is_latched
 
     @property

@@ -23,10 +23,10 @@ class OperatingMode(Enum):
     INIT = auto()
     """Since power-on there have been no usable pressures."""
     STANDBY = auto()
-    """Pressures come. The vehicle's wish for control stands as it did at power-on: it may be of the time before a
+    """Pressures come. The vehicle's request for control stands as it did at power-on: it may be of the time before a
     fault, so it must fall first."""
     ARMED = auto()
-    """The wish is low: control starts when it rises."""
+    """The request is low: control starts when it rises."""
     WARMUP = auto()
     """Control is wanted, but the controller's window is not full."""
     ACTIVE = auto()
@@ -36,7 +36,7 @@ class OperatingMode(Enum):
     DECAY = auto()
     """They are missing for longer: the command is halved each period."""
     FAULT = auto()
-    """The jets are shut and stay so until good frames have come and the wish rises anew."""
+    """The jets are shut and stay so until good frames have come and the request rises anew."""
     UPDATE = auto()
     """A new release is being written; a reset alone leads out. Whoever writes it says so (`Ecu.step`, `updating`)."""
 
@@ -88,7 +88,7 @@ class Period(NamedTuple):
 
     Attributes:
         inputs: of the period.
-        wish: of the vehicle, as last received.
+        request: of the vehicle, as last received.
         rises: it was low before this period and stands now.
         misses: periods in a row without usable pressures.
         good: usable ones in a row.
@@ -98,7 +98,7 @@ class Period(NamedTuple):
     """
 
     inputs: PeriodInputs
-    wish: bool
+    request: bool
     rises: bool
     misses: int
     good: int
@@ -126,7 +126,7 @@ def _missing(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """A vehicle none of whose frames is authentic cannot make its wish heard: the reason alone says why."""
+    """A vehicle none of whose frames is authentic cannot make its request heard: the reason alone says why."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -146,18 +146,18 @@ OWN_FAULT: Final = Condition(
     lambda period: period.inputs.fault is not None,
 )
 REARMED: Final = Condition(
-    "the wish rises with usable pressures, `rearm_frames` or more in a row",
+    "the request rises with usable pressures, `rearm_frames` or more in a row",
     lambda period: period.inputs.usable and period.rises and period.good >= period.config.rearm_frames,
 )
-LOW: Final = Condition("the wish is low", lambda period: not period.wish)
+LOW: Final = Condition("the request is low", lambda period: not period.request)
 NEVER_YET: Final = Condition(
-    "no usable pressures, and the wish does not rise", lambda period: not (period.inputs.usable or period.rises)
+    "no usable pressures, and the request does not rise", lambda period: not (period.inputs.usable or period.rises)
 )
 LOW_AND_USABLE: Final = Condition(
-    "usable pressures, and the wish is low", lambda period: period.inputs.usable and not period.wish
+    "usable pressures, and the request is low", lambda period: period.inputs.usable and not period.request
 )
 STANDING: Final = Condition(
-    "usable pressures, and the wish stands from before", lambda period: period.inputs.usable and not period.rises
+    "usable pressures, and the request stands from before", lambda period: period.inputs.usable and not period.rises
 )
 INVALID: Final = Condition("the stream is not to be trusted", lambda period: _missing(period) is Reason.STREAM_INVALID)
 TOO_LONG: Final = Condition(
@@ -209,13 +209,13 @@ TRANSITIONS: Final = (
     _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, WRITING),
     _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, OWN),
     _row("FAULT", OWN_FAULT, _S.FAULT, FIRST),
-    # Power-on, and no wish.
+    # Power-on, and no request.
     _row("INIT", NEVER_YET, _S.INIT, QUIET),
     _row("INIT", LOW_AND_USABLE, _S.ARMED, QUIET),
     _row("INIT", STANDING, _S.STANDBY, STANDS),
     _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, QUIET),
     _row("STANDBY", ALWAYS, _S.STANDBY, STANDS),
-    # The wish rises, or it stands and control is wanted.
+    # The request rises, or it stands and control is wanted.
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, MISSING, "loss_limit"),
@@ -272,22 +272,27 @@ class FailSafe:
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
         """The state in the next period; config has the lengths of hold, decay and re-arming and the most losses."""
-        wish = self.enable_request if inputs.enable_request is None else inputs.enable_request
-        rises = wish and not self.enable_request
+        request = self.enable_request if inputs.enable_request is None else inputs.enable_request
+        rises = request and not self.enable_request
         usable = inputs.usable
         misses = 0 if usable else self.misses + 1
         # Good frames that re-arm are counted from the last period with a fault of the ECU's own.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
-        if wish and inputs.fault is None and self.mode not in _COUNTS_NO_LOSS and (rises or self.mode not in _UNWANTED):
+        if (
+            request
+            and inputs.fault is None
+            and self.mode not in _COUNTS_NO_LOSS
+            and (rises or self.mode not in _UNWANTED)
+        ):
             lost = (self.lost << 1 | (not usable)) & ((1 << config.loss_window) - 1)
-        period = Period(inputs, wish, rises, misses, good, lost.bit_count(), config, self.reason)
+        period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
             # As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault.
-            wish = inputs.enable_request is not False
+            request = inputs.enable_request is not False
         return FailSafe(
-            mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=wish
+            mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
@@ -295,10 +300,12 @@ class FailSafe:
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )
-        wish, misses = self.enable_request, self.misses
-        period = Period(inputs, wish, False, misses, 0, 0, _NO_LIMITS, self.reason)
+        request, misses = self.enable_request, self.misses
+        period = Period(inputs, request, False, misses, 0, 0, _NO_LIMITS, self.reason)
         row = taken(self.mode, period)
-        return FailSafe(mode=row.to, misses=misses, good=0, lost=0, reason=row.reason.of(period), enable_request=wish)
+        return FailSafe(
+            mode=row.to, misses=misses, good=0, lost=0, reason=row.reason.of(period), enable_request=request
+        )
 
 
 _NO_LIMITS: Final = EcuConfig()

@@ -12,7 +12,7 @@ PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
 """Two seconds at 20 ms: 1600 bytes of flash."""
 ASKED_FROM: Final = 5
-"""Periods before the vehicle asks for control: a wish that stands from the start is not believed."""
+"""Periods before the vehicle asks for control: a request that stands from the start is not believed."""
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:

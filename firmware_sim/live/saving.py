@@ -67,7 +67,7 @@ def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
                 for frame in unpacked(period.frames):
                     append(frame)
         folder.summary.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
-        last, requested = run.scene.still(), run.wish.first is not None
+        last, requested = run.scene.still(), run.request.first is not None
         before = run.before_control if requested else last
         draw(before, sensors, "without control", folder.uncontrolled_picture)
         draw(last, sensors, "under control" if requested else "never under control", folder.controlled_picture)

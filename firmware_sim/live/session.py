@@ -122,7 +122,7 @@ class LiveSession:
         if self._paused:
             return
         run = self._run
-        if run.wish.begins(run.k):
+        if run.request.begins(run.k):
             self._settings = replace(self._settings, enable=True)
             self._settings_due = True
             self._say("loop", "the lead-in is over: the vehicle requests control")
@@ -195,7 +195,7 @@ class LiveSession:
         enable = values.pop("enable", None)
         own, sensors = self._bundle.manifest.mpc.weights, self._bundle.manifest.sensors
         after = LiveSettings(enable=self._settings.enable).changed(values, sensors, own)
-        if enable is None or self._run.wish.waits:
+        if enable is None or self._run.request.waits:
             self._apply(after, enable=None)
         else:
             self._apply(replace(after, enable=enable), enable=enable)
@@ -211,9 +211,9 @@ class LiveSession:
             self._exchange(before, after)
         if enable is not None:
             self._automatic = enable
-            run.wish.set(enable)
+            run.request.set(enable)
         run.set_disturbances(after.disturbances)
-        self._settings = replace(after, enable=run.wish.wanted)
+        self._settings = replace(after, enable=run.request.wanted)
         self._settings_due = True
         for text in changes(before, self._settings, self._bundle.manifest.mpc.weights):
             self._say("set", text)
@@ -295,7 +295,7 @@ class LiveSession:
         run.set_disturbances(settings.disturbances)
         if is_off:
             run.cut_supply()
-        run.wish.waits = self._automatic
+        run.request.waits = self._automatic
         self._run, self._runs = run, run.number
         self._settings = replace(settings, enable=False)
         self._seen = START

@@ -79,7 +79,7 @@ def vehicle(
     control period are four times as slow. Its ECU needs a bundle of that
     operating point (`bundle renew --set operating_point.speed=...`).
 
-    Ctrl-C, SIGTERM and --periods end it well: the wish for control is
+    Ctrl-C, SIGTERM and --periods end it well: the request for control is
     withdrawn, and the ECU is told so. Exit status 3: no usable command came.
     A lost bus ends it with one line and exit status 1: it is not opened again.
     """
@@ -144,7 +144,9 @@ def vehicle(
         }
         write_result(json_file, figures=figures.as_dict(), facts=facts, on=date.today())
     ended = "stopped" if is_stopped() else "done"
-    console.print(f"{ended}: the wish for control is withdrawn, also on the bus, and the jets are shut", soft_wrap=True)
+    console.print(
+        f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut", soft_wrap=True
+    )
     if was_cut_short:
         raise KeyboardInterrupt
     if figures.commands == 0:

@@ -67,7 +67,7 @@ PLANTED: Final = (
         "(sum - values[own]) / (double)(SW_SENSORS - 1)", "(sum - values[own]) / (double)SW_SENSORS",
     ),
     Planted(
-        "a fault does not ask for a wish that falls", "as shipped", "sw_fail_safe.c",
-        "now.wish = !inputs->has_request || inputs->enable_request;", "",
+        "a fault does not ask for a request that falls", "as shipped", "sw_fail_safe.c",
+        "now.request = !inputs->has_request || inputs->enable_request;", "",
     ),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """What can come to an ECU, by chance: calm and hostile times of bus, clock, sensors and networks.
 
-The wish, the clock, the fates of frames and the controller's deeds are those of the benchmark `hostile`; what follows
-here is beyond it: frames of the ECU's own identifiers, of other nodes and of no use, payloads of any content under a
+The request, the clock, the fates of frames and the controller's deeds are those of the benchmark `hostile`; what
+follows here is beyond it: frames of the ECU's own identifiers, of other nodes and of no use, payloads of any content under a
 sound CRC, times at the ends of what C can hold, faults from outside, sensors that lie, and estimates that do.
 """
 
@@ -78,7 +78,7 @@ class Traffic:
         if events.reset_vehicle:
             self._counter = rng.randrange(256)
             self._path.forget()
-        self._sample(events, cp, now_ns, odd, wish=events.wish)
+        self._sample(events, cp, now_ns, odd, request=events.request)
         self._number += 1
         if not events.steps:
             return self.next()
@@ -146,7 +146,7 @@ class Traffic:
         # As a network's answer in float32 is read.
         return found.astype(np.float32).astype(np.float64)
 
-    def _sample(self, events: Any, cp: Array, now_ns: int, odd: float, *, wish: bool) -> None:
+    def _sample(self, events: Any, cp: Array, now_ns: int, odd: float, *, request: bool) -> None:
         """The vehicle's frame on its way, and what else is on the bus, into the inbox."""
         rng, spec = self._rng, self._spec
         pascal = np.clip(self._read(cp) * self._pascal, -self._limit, self._limit)
@@ -154,7 +154,7 @@ class Traffic:
         pressure = Pressure(
             pressure_pa=tuple(map(float, pascal)),
             valid=valid,
-            enable_request=wish,
+            enable_request=request,
             age_ns=rng.choice((0, 1_000_000, 10_000_000)) if rng.random() >= odd / 10 else rng.randrange(655_000_000),
         )
         data = self._messages.pressure.emit(pressure)

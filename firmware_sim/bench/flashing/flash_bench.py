@@ -58,7 +58,7 @@ class FlashBench:
         ecu: just powered on.
         config: of the vehicle; the bit rates are the bus's.
         faults: of the tester's connection.
-        wish: whether the vehicle asks for control at a time in ns.
+        request: whether the vehicle asks for control at a time in ns.
 
     Attributes:
         bus: all three are on.
@@ -73,12 +73,12 @@ class FlashBench:
         config: Config,
         *,
         faults: Faults = Faults(),
-        wish: Callable[[int], bool] = lambda now_ns: False,
+        request: Callable[[int], bool] = lambda now_ns: False,
         capture: Callable[[Frame], None] = lambda frame: None,
     ) -> None:
         self.bus = SimulatedBus(config.bus, self._heard)
         self.ecu = ecu
-        self._config, self._wish, self._capture = config, wish, capture
+        self._config, self._request, self._capture = config, request, capture
         self._messages = message_set(config.bus)
         self._vehicle = VehicleNode(_SENSORS, config)
         self._vehicle_port, self._ecu_port = self.bus.port("vehicle"), self.bus.port("ecu")
@@ -120,7 +120,7 @@ class FlashBench:
         phase = 0.25 * self.periods
         cp = _AMPLITUDE_CP * np.sin(phase + np.arange(sensors.COUNT))
         self._hear_ecu()
-        self._send(self._vehicle_port, [self._vehicle.sample(cp, enable_request=self._wish(now_ns), now_ns=now_ns)])
+        self._send(self._vehicle_port, [self._vehicle.sample(cp, enable_request=self._request(now_ns), now_ns=now_ns)])
         # Time alone ends what waits for a frame that was lost.
         self._look_soon()
         self.bus.call_at(now_ns + STEP_OFFSET_NS, self._step)

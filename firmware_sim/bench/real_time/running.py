@@ -64,7 +64,7 @@ def run_vehicle(
     tell: Callable[[str], None] = lambda line: None,
     progress: Callable[[Figures], None] = lambda figures: None,
 ) -> Figures:
-    """Run until the course is done or a stop is asked for; then withdraw the wish for control and tell the ECU so.
+    """Run until the course is done or a stop is asked for; then withdraw the request for control and tell the ECU so.
 
     Args:
         bus: open.
@@ -106,7 +106,7 @@ def run_vehicle(
                 has_given_up = True
                 tell(
                     f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: jets "
-                    "shut, control given up and the request withdrawn until the wish falls (vehicle.loss_limit)"
+                    "shut, control given up and the request withdrawn until the request falls (vehicle.loss_limit)"
                 )
             receiving.check()
             if begun % per_second == 0:

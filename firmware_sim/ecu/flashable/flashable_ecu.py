@@ -26,7 +26,7 @@ from firmware_sim.ecu.flashable.power_cycle import PowerCycle
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
 from firmware_sim.ecu.flashable.telling import Access, tell_access
-from firmware_sim.ecu.flashable.vehicle_wish import VehicleWish
+from firmware_sim.ecu.flashable.vehicle_request import VehicleRequest
 
 
 class FlashableEcu:
@@ -57,7 +57,7 @@ class FlashableEcu:
     ) -> None:
         self._backing, self._config, self._supplies = backing, config, supplies
         self._authentication, self._boot_ns = authentication, boot_ns
-        self._wish = VehicleWish()
+        self._request = VehicleRequest()
         self._silent_until_ns: int | None = None
         self._service_ns = 0
         self._wants_reset = False
@@ -146,7 +146,7 @@ class FlashableEcu:
             fault = Reason.UPDATING
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
-        self._wish = self._wish.seen(before, self._ecu.state, now_ns)
+        self._request = self._request.seen(before, self._ecu.state, now_ns)
         return sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
@@ -173,7 +173,7 @@ class FlashableEcu:
             self._config,
             self._supplies,
             self._authentication,
-            wish=lambda: self._wish,
+            request=lambda: self._request,
             now_ns=lambda: self._service_ns,
             on_reset=self._ask_for_reset,
         )
@@ -196,7 +196,7 @@ class FlashableEcu:
             return
         before = self._ecu.state
         cycle.ecu.restore(replace(cycle.ecu.state, verifier=before.verifier, freshness=before.freshness))
-        self._ecu, self._wish = cycle.ecu, VehicleWish()
+        self._ecu, self._request = cycle.ecu, VehicleRequest()
         self._wants_reset = False
         self._controlled = cycle
 

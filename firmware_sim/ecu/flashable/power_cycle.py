@@ -23,14 +23,14 @@ from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
 from firmware_sim.ecu.flashable.telling import Access, tell_boot
-from firmware_sim.ecu.flashable.vehicle_wish import VehicleWish
+from firmware_sim.ecu.flashable.vehicle_request import VehicleRequest
 
 
 class PowerCycle:
     """From one boot to the next reset.
 
     Args:
-        wish: of the vehicle, as last seen.
+        request: of the vehicle, as last seen.
         now_ns: time of the service under way.
         on_reset: called when a tester's reset is due.
 
@@ -51,7 +51,7 @@ class PowerCycle:
         supplies: Supplies,
         authentication: Authentication | None,
         *,
-        wish: Callable[[], VehicleWish],
+        request: Callable[[], VehicleRequest],
         now_ns: Callable[[], int],
         on_reset: Callable[[], None],
     ) -> None:
@@ -64,7 +64,7 @@ class PowerCycle:
         self.ecu = _control(bundle, controller, config, authentication)
         self.calibration: CalibrationLink | None = None
         if bundle is not None:
-            jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if wish().drives_jets else None  # noqa: E731
+            jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
             self.calibration = CalibrationLink(bundle, self.store, config, supplies, refusal=jets)
         inside = Inside(
             facts(supplies, config),
@@ -76,7 +76,7 @@ class PowerCycle:
         self._programming = ToldProgramming(
             self.store,
             inside,
-            refusal=lambda: wish().refusal(now_ns()),
+            refusal=lambda: request().refusal(now_ns()),
             report=lambda store: encode(report_of(store)),
             tell=supplies.tell,
         )

@@ -15,6 +15,7 @@ from firmware_sim.bench.wiring import wire
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live.loop.bus_table import BusTable
+from firmware_sim.live.loop.control_request import ControlRequest
 from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.kept import Counted, KeptPeriod, packed
 from firmware_sim.live.loop.latency_histogram import LatencyHistogram
@@ -22,7 +23,6 @@ from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, OFF, Seen
 from firmware_sim.live.loop.scene import Still, scene_of
 from firmware_sim.live.loop.switching import LINGER_S, Happening, SwitchedDisturbances
-from firmware_sim.live.loop.wish import Wish
 from firmware_sim.runs.bus_traffic import NodeErrors
 from wake.plant.protocol import LoopPlant
 
@@ -61,7 +61,7 @@ class LiveRun:
 
     Attributes:
         number, wake, ecu: as given; the ECU may be exchanged.
-        wish: when control is requested.
+        request: when control is requested.
         disturbances: at work.
         scene: the flow as it is shown.
         before_control: the flow when control was first requested; None before, and without a flow to be shown.
@@ -90,7 +90,7 @@ class LiveRun:
         sensors = bundle.manifest.sensors
         self.number, self.wake, self.ecu = number, wake, ecu
         self._config, self._sensors = config, sensors
-        self.wish = Wish(lead_in=lead_in, rearm_frames=config.ecu.rearm_frames)
+        self.request = ControlRequest(lead_in=lead_in, rearm_frames=config.ecu.rearm_frames)
         self.disturbances = SwitchedDisturbances(config, sensors, seed)
         self.drag = DragMeans(config.flow.control_period, kept)
         self.latency = LatencyHistogram(bundle.manifest.budget_ms, kept)
@@ -145,10 +145,12 @@ class LiveRun:
         """
         k, loop = self._k, self._loop
         before = Counted(activity=self._bus.activity(), bus=loop.totals(), acted=self.disturbances.acted())
-        requested = self.wish.requests(k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up)
+        requested = self.request.requests(
+            k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
+        )
         self._tell_withheld(k, requested)
         self.picture = self.scene.look(k)
-        if self.wish.first == k:
+        if self.request.first == k:
             self.before_control = self.scene.still()
         row = loop.period(enable_request=requested)
         self.state = self.ecu.ecu.state
@@ -171,9 +173,9 @@ class LiveRun:
         self.disturbances.forget(self.periods[0].k)
         self.bus_table.period_over(self._bus.activity())
         self.latency.add(row, planned, self._config.vehicle.actuator_delay * self._config.period_ns / 1e6)
-        without = self.wish.first is None or self.wish.first == k
+        without = self.request.first is None or self.request.first == k
         self.drag.add(row.sample)
-        if k % _AVERAGES_EVERY == 0 or self.wish.first == k:
+        if k % _AVERAGES_EVERY == 0 or self.request.first == k:
             self.drag.update(anew=without)
         return kept
 
@@ -196,8 +198,8 @@ class LiveRun:
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_cycle()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
-        self.wish.helped_until = self._k + longest + round(LINGER_S * 1e9 / self._config.period_ns)
-        return self.wish.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
+        self.request.helped_until = self._k + longest + round(LINGER_S * 1e9 / self._config.period_ns)
+        return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_cycle(self) -> None:
         """Cut the ECU's supply for a moment: it starts anew."""
@@ -235,7 +237,7 @@ class LiveRun:
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
         """Have these at work from the next period on. What comes of them is theirs, and not helped."""
-        self.wish.helped_until = 0
+        self.request.helped_until = 0
         self.disturbances.set(texts, self._k)
 
     def errors(self) -> dict[str, NodeErrors]:
@@ -247,7 +249,7 @@ class LiveRun:
         return Counted(activity=self._bus.activity(), bus=self._loop.totals(), acted=self.disturbances.acted())
 
     def _reset(self, boot_ns: int) -> None:
-        self.wish.helped_until = 0
+        self.request.helped_until = 0
         self._bus.advance_to(self._loop.now_ns)
         self._loop.reset_ecu(boot_ns)
         self.state = self.ecu.ecu.state
@@ -256,7 +258,7 @@ class LiveRun:
         """A request that is taken back after the first is a disturbance of the run."""
         if requested and self._withheld is not None:
             self._withheld.end, self._withheld = k, None
-        elif not requested and self.wish.first is not None:
+        elif not requested and self.request.first is not None:
             if self._withheld is None:
                 self._withheld = self.disturbances.note("no_request", k)
             self._withheld.acted += 1

@@ -20,7 +20,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return element;
   };
 
-  /** On or off. `set(true)` tells a wish; `show` follows the loop. */
+  /** On or off. `set(true)` tells a request; `show` follows the loop. */
   stillwake.Switch = class {
     constructor(words, set) {
       this.input = make('input', {type: 'checkbox', role: 'switch'});

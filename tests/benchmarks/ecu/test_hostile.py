@@ -34,8 +34,8 @@ def broken_first(world: World, seed: int, periods: int, hostility: float = 0.1) 
     return set()
 
 
-CALM = [Events(wish=k > 0) for k in range(10)]
-"""Into control: the wish rises with the second frame."""
+CALM = [Events(request=k > 0) for k in range(10)]
+"""Into control: the request rises with the second frame."""
 SWINGS = [Events(value=value) for value in (0.15, -0.15) * 3]
 LOST = [Events(pressure="lost")] * 5
 STORIES = {
@@ -50,13 +50,13 @@ STORIES = {
     "fresh pressures": [Events(queued_ns=35_000_000)],
     "held pressures": LOST,
     "loss limits": LOST,
-    "re-arming": [*LOST, *[Events(wish=False)] * 3, Events()],
+    "re-arming": [*LOST, *[Events(request=False)] * 3, Events()],
     "power-on": [Events(reset_ecu=True), *[Events()] * 6],
     "reasons": LOST,
     "counts": LOST,
     "vehicle: bounds": [Events(value=0.15)] * 3,
     "vehicle: rate": SWINGS,
-    "vehicle: wish": [Events(wish=False)],
+    "vehicle: request": [Events(request=False)],
     "vehicle: loss limits": [Events(command="lost" if k % 2 else "pass") for k in range(60)],
     "vehicle: doubt": [Events(command="lost")] * 4,
 }
@@ -110,10 +110,10 @@ def test_a_lax_setting_is_found(lax):
 def test_one_loss_more_than_the_limit_is_found():
     """In a pattern, so that none is lost in a row."""
     world = World(Config(ecu=EcuConfig(loss_limit=26)), judged_by=CONFIG)
-    found = [world.period(Events(wish=k > 0, pressure="lost" if k > 10 and k % 2 else "pass")) for k in range(80)]
+    found = [world.period(Events(request=k > 0, pressure="lost" if k > 10 and k % 2 else "pass")) for k in range(80)]
     assert {name for broken in found for name in broken} == {"loss limits"}
     assert not any(
-        World(CONFIG).period(Events(wish=k > 0, pressure="lost" if k > 10 and k % 2 else "pass")) for k in range(80)
+        World(CONFIG).period(Events(request=k > 0, pressure="lost" if k > 10 and k % 2 else "pass")) for k in range(80)
     )
 
 
@@ -178,7 +178,7 @@ def plant(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
                 OperatingMode.ACTIVE if mode is OperatingMode.FAULT else mode, period
             ),
         )
-    elif name == "vehicle: wish":
+    elif name == "vehicle: request":
         sample = VehicleNode.sample
 
         def always_wanted(self, *args, **kwargs):
@@ -195,7 +195,7 @@ def plant(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ("defect", "promise"),
     [
         *((name, name) for name in ("clock", "bus-off", "controller", "power-on", "shut unless active", "reasons")),
-        *((name, name) for name in ("counts", "frames", "exceptions", "re-arming", "vehicle: wish")),
+        *((name, name) for name in ("counts", "frames", "exceptions", "re-arming", "vehicle: request")),
         ("decay", "held pressures"),
         ("echo", "fresh pressures"),
         ("vehicle: age", "vehicle: doubt"),

@@ -21,18 +21,18 @@ class HostilePeriods(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.wish = False
+        self.request = False
         self.world = World(Config())
 
     @initialize(plan_ahead=st.booleans(), hold=st.integers(0, 2), decay=st.integers(0, 2), rearm=st.integers(1, 5))
     def begin(self, plan_ahead, hold, decay, rearm) -> None:
         ecu = EcuConfig(plan_ahead=plan_ahead, hold_periods=hold, decay_periods=decay, rearm_frames=rearm)
         self.world = World(Config(ecu=ecu))
-        self.period(wish=False)
+        self.period(request=False)
 
     def period(self, **events) -> None:
-        self.wish = events.pop("wish", self.wish)
-        assert self.world.period(Events(wish=self.wish, **events)) == [], self.world.seen
+        self.request = events.pop("request", self.request)
+        assert self.world.period(Events(request=self.request, **events)) == [], self.world.seen
 
     @rule(number=st.integers(1, 8), value=VALUES, deed=st.sampled_from(GOOD))
     def in_order(self, number, value, deed) -> None:
@@ -40,14 +40,14 @@ class HostilePeriods(RuleBasedStateMachine):
             self.period(value=value, deed=deed)
 
     @rule()
-    def wish_changes(self) -> None:
-        self.period(wish=not self.wish)
+    def request_changes(self) -> None:
+        self.period(request=not self.request)
 
-    @precondition(lambda self: not self.wish)
+    @precondition(lambda self: not self.request)
     @rule(value=VALUES)
     def into_control(self, value) -> None:
-        for wish in [False] * 5 + [True] * 6:
-            self.period(wish=wish, value=value)
+        for request in [False] * 5 + [True] * 6:
+            self.period(request=request, value=value)
 
     @rule(fate=st.sampled_from(FATES), number=st.integers(1, 6), chance=SEEDS, value=VALUES)
     def pressures_on_a_bad_bus(self, fate, number, chance, value) -> None:
@@ -59,9 +59,9 @@ class HostilePeriods(RuleBasedStateMachine):
         for k in range(number):
             self.period(command=fate, chance=chance + k, value=-value)
 
-    @rule(queued_ns=st.sampled_from(QUEUED_NS), valid=st.booleans(), wish=st.booleans(), chance=SEEDS)
-    def pressures_that_are_not_usable(self, queued_ns, valid, wish, chance) -> None:
-        self.period(queued_ns=queued_ns, valid=valid, wish=wish, chance=chance)
+    @rule(queued_ns=st.sampled_from(QUEUED_NS), valid=st.booleans(), request=st.booleans(), chance=SEEDS)
+    def pressures_that_are_not_usable(self, queued_ns, valid, request, chance) -> None:
+        self.period(queued_ns=queued_ns, valid=valid, request=request, chance=chance)
 
     @rule(deed=st.sampled_from(BAD), value=VALUES)
     def controller_fails(self, deed, value) -> None:
@@ -127,7 +127,7 @@ def test_the_world_leads_everywhere():
     found = set()
     for way in WAYS:
         world = World(Config())
-        for events in [*(Events(wish=k > 0) for k in range(10)), *way]:
+        for events in [*(Events(request=k > 0) for k in range(10)), *way]:
             assert world.period(events) == [], world.seen
             status = world.ecu.status()
             found.add((status.state, status.reason))
@@ -135,10 +135,10 @@ def test_the_world_leads_everywhere():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_reset_under_a_standing_wish_drives_nothing_until_it_is_raised_anew(seed):
+def test_a_reset_under_a_standing_request_drives_nothing_until_it_is_raised_anew(seed):
     world = World(Config())
     for k in range(12):
-        world.period(Events(wish=k > 0, value=0.07))
+        world.period(Events(request=k > 0, value=0.07))
     assert world.seen.action != 0.0
     world.period(Events(reset_ecu=True, chance=seed))
     for _ in range(60):
@@ -146,7 +146,7 @@ def test_a_reset_under_a_standing_wish_drives_nothing_until_it_is_raised_anew(se
     assert world.seen.action == 0.0
     assert world.ecu.state.fail_safe.mode is OperatingMode.STANDBY
     for k in range(4):
-        world.period(Events(wish=k > 0, value=0.07))
+        world.period(Events(request=k > 0, value=0.07))
     assert world.seen.action != 0.0
 
 
@@ -154,5 +154,5 @@ def test_the_world_notices_an_ecu_that_forgets_to_latch(monkeypatch):
     """The same machine finds a planted defect."""
     monkeypatch.setattr(FailSafe, "latch", lambda self, reason: self)
     world = World(Config())
-    stories = [Events(wish=k > 0) for k in range(10)] + [Events(deed="raise")]
+    stories = [Events(request=k > 0) for k in range(10)] + [Events(deed="raise")]
     assert "controller" in {name for events in stories for name in world.period(events)}

@@ -200,7 +200,7 @@ def test_control_without_an_edge_is_caught(monkeypatch):
         def step(self, now_ns, frames, *rest, **more):
             idle = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
             if self.state.fail_safe.mode in idle:
-                # As if the wish had been seen low: it rises in any frame that has it.
+                # As if the request had been seen low: it rises in any frame that has it.
                 self.restore(replace(self.state, fail_safe=FailSafe(mode=OperatingMode.ARMED, enable_request=False)))
             return super().step(now_ns, frames, *rest, **more)
 

@@ -49,7 +49,7 @@ class Commands:
 
 
 def request(node: VehicleNode, *, wanted=True, frames=1, now_ns=0) -> Frame:
-    """Sample, with the wish for control."""
+    """Sample, with the request for control."""
     return [node.sample(np.zeros(sensors.COUNT), enable_request=wanted, now_ns=now_ns) for _ in range(frames)][-1]
 
 
@@ -183,7 +183,7 @@ def test_a_command_that_rests_on_a_frame_that_was_never_sent_does_not_drive(node
     assert node.apply_commands([trusted(0.05, echo=1)]).action != 0.0
 
 
-def test_without_a_wish_of_its_own_the_vehicle_drives_nothing(node, trusted):
+def test_without_a_request_of_its_own_the_vehicle_drives_nothing(node, trusted):
     assert node.apply_commands([trusted(0.05)]).action != 0.0
     request(node, wanted=False)
     assert node.apply_commands([trusted(0.05)]).action == 0.0
@@ -211,7 +211,7 @@ def test_an_echo_that_stands_still_drives_for_as_long_as_pressures_may_be_old_an
 
 
 def driven_through(node: VehicleNode, commands: Commands, came: Iterable[bool]) -> list[bool]:
-    """Whether the jets moved, in periods with a command and without; the wish for control stands."""
+    """Whether the jets moved, in periods with a command and without; the request for control stands."""
     moved = []
     for k, comes in enumerate(came):
         frame = request(node)
@@ -251,11 +251,11 @@ def test_control_ends_exactly_when_so_many_of_the_latest_periods_were_lost(came,
     assert node.has_given_up == given_up
 
 
-def test_control_given_up_comes_back_only_after_the_wish_was_low_once():
+def test_control_given_up_comes_back_only_after_the_request_was_low_once():
     node, commands = in_control(CONFIG)
     driven_through(node, commands, [True, False] * 25)
     assert node.has_given_up
-    # Whatever the ECU says, and however long; on the bus the wish is low.
+    # Whatever the ECU says, and however long; on the bus the request is low.
     assert not any(driven_through(node, commands, [True] * 300))
     assert not parsed(request(node)).enable_request
     assert not parsed(request(node, wanted=False)).enable_request

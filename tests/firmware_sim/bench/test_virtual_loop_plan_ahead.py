@@ -40,7 +40,7 @@ def test_a_command_that_misses_its_boundary_leaves_the_jets_for_a_period(harness
     assert h.targets()[AHEAD + 1 :] == [row.command for row in rows[AHEAD - 1 : -2]]
 
 
-def test_the_jets_shut_at_once_when_the_vehicle_withdraws_its_wish(harness):
+def test_the_jets_shut_at_once_when_the_vehicle_withdraws_its_request(harness):
     h = harness(8.0, plan_ahead=True)
     h.run(15)
     assert h.targets()[-1] != 0.0

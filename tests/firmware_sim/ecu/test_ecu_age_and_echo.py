@@ -70,7 +70,7 @@ def test_pressures_of_the_future_are_stale(bench):
     assert (command.mode, bench.status.reason) == (Mode.HOLD, Reason.STALE)
 
 
-def test_a_stale_wish_is_a_wish_all_the_same(bench):
+def test_a_stale_request_is_a_request_all_the_same(bench):
     bench.into_control()
     command = bench.step(aged(bench, 90.0, True, enable=False))
     assert (command.mode, command.enable) == (Mode.OFF, False)

@@ -135,8 +135,8 @@ def test_a_quarter_of_the_pressures_lost_at_random_is_borne(bench_of):
 
 
 @pytest.mark.parametrize("reset_in", ["x" * 8, "G"])
-def test_an_ecu_reset_under_a_standing_wish_stays_off(bench_of, reset_in):
-    """In control, or with a fault latched, which power-on forgets: the wish is of the time before."""
+def test_an_ecu_reset_under_a_standing_request_stays_off(bench_of, reset_in):
+    """In control, or with a fault latched, which power-on forgets: the request is of the time before."""
     bench = bench_of()
     bench.into_control()
     before = run_pattern(bench, reset_in, 1)[-1]
@@ -147,8 +147,8 @@ def test_an_ecu_reset_under_a_standing_wish_stays_off(bench_of, reset_in):
     assert bench.good(1)[0].mode is Mode.CONTROL
 
 
-def test_the_wish_may_rise_with_the_second_frame_of_all(bench):
-    """The first one, from a stream not yet trusted, is believed that there is no wish, and never that there is one."""
+def test_the_request_may_rise_with_the_second_frame_of_all(bench):
+    """The first one, from a stream not yet trusted, is believed when it withdraws the request, never when it makes one."""
     assert [command.mode for command in bench.good(WINDOW + 1)][1:] == [Mode.WARMUP] * 3 + [Mode.CONTROL]
     bench.into_control()
     jumped = SenderState(counter=(bench.sender.state.counter + 100) % 256)

@@ -156,7 +156,7 @@ RECOVERED = BusHealth(bus_off=1)
 
 
 @pytest.mark.parametrize("unseen", [True, False])
-def test_after_bus_off_the_jets_stay_shut_until_the_wish_is_raised_anew(bench, unseen):
+def test_after_bus_off_the_jets_stay_shut_until_the_request_is_raised_anew(bench, unseen):
     """Whether the ECU stepped while it was bus-off, or only finds that it has been."""
     bench.into_control()
     for _ in range(1 if unseen else 3):

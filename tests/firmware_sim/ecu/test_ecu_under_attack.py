@@ -39,7 +39,7 @@ class Bench:
 
     def pressure(self, *, number: int | None = None, enable=True, cp=TRUE, key: Key = KEY) -> Frame:
         number = self.sent if number is None else number
-        # The wish has to rise after power-on, so the first frame is without it.
+        # The request has to rise after power-on, so the first frame is without it.
         enable = enable and number > 0
         message = message_set(self.config.bus).pressure
         scale = self.config.operating_point.dynamic_pressure
@@ -143,19 +143,19 @@ def test_frames_of_256_periods_ago_with_the_vehicle_silent(bench):
         assert command.mode is Mode.CONTROL
 
 
-def test_a_forged_wish_does_not_re_arm_a_latched_fault(bench):
+def test_a_forged_request_does_not_re_arm_a_latched_fault(bench):
     for _ in range(10):
         command, _ = bench.step()
     assert command.mode is Mode.FAULT
     bench.good(8)
-    # The vehicle's wish stays 1 throughout: only its own edge may end the fault.
+    # The vehicle's request stays 1 throughout: only its own edge may end the fault.
     command, _ = bench.step(bench.forged(enable=False), bench.genuine())
     bench.sent += not bench.authenticated  # the forgery took the genuine frame's counter
     command, _ = bench.good(8)
     assert command.mode is (Mode.FAULT if bench.authenticated else Mode.CONTROL)
 
 
-def test_a_forged_end_of_the_wish_does_not_switch_off(bench):
+def test_a_forged_end_of_the_request_does_not_switch_off(bench):
     command, _ = bench.step(bench.forged(enable=False), bench.genuine())
     assert command.mode is (Mode.CONTROL if bench.authenticated else Mode.OFF)
 
@@ -190,7 +190,7 @@ def test_every_flipped_bit_is_refused_before_e2e_sees_it(bench_in):
 
 
 def test_two_keys_are_told_from_the_first_period_on(bench_in):
-    """The vehicle's wish is never heard: the reason alone says why nothing happens."""
+    """The vehicle's request is never heard: the reason alone says why nothing happens."""
     bench = bench_in(authenticated=True, key=ANOTHER)
     for period in range(1, 30):
         command, status = bench.step(bench.genuine())

@@ -106,7 +106,7 @@ def test_an_edge_in_a_period_with_a_fault_is_spent(rearm):
     assert after(ON, "xxxxggggT").good == 1
 
 
-def test_a_wish_that_is_low_when_a_fault_begins_must_be_seen_low_again():
+def test_a_request_that_is_low_when_a_fault_begins_must_be_seen_low_again():
     """It may have risen before the fault, in frames that were lost or not to be trusted."""
     config = EcuConfig(rearm_frames=1)
     lost = PeriodInputs(
@@ -184,7 +184,7 @@ def test_the_jets_run_in_three_modes():
     assert running == {OperatingMode.ACTIVE, OperatingMode.HOLD, OperatingMode.DECAY}
 
 
-def test_a_wish_that_stands_at_power_on_is_seen_on_the_wire():
+def test_a_request_that_stands_at_power_on_is_seen_on_the_wire():
     state = after(FailSafe(), "G")
     assert (state.mode, state.reason) == (OperatingMode.STANDBY, Reason.NOT_ARMED)
     assert after(state, "x" * 9).reason is Reason.NOT_ARMED
@@ -192,7 +192,7 @@ def test_a_wish_that_stands_at_power_on_is_seen_on_the_wire():
     assert (after(state, "g").mode, after(state, "g").reason) == (OperatingMode.ARMED, Reason.NONE)
 
 
-def test_before_the_first_pressures_a_wish_is_heard_all_the_same():
+def test_before_the_first_pressures_a_request_is_heard_all_the_same():
     assert after(FailSafe(), "i").mode is OperatingMode.INIT
     assert after(FailSafe(), "ix", reason=Reason.NOT_AUTHENTIC).reason is Reason.NOT_AUTHENTIC
     assert after(FailSafe(), "iG", window_full=False).mode is OperatingMode.WARMUP
@@ -209,7 +209,7 @@ def written(state: FailSafe, **changes) -> FailSafe:
 def test_an_update_begins_where_no_jet_may_run_and_ends_with_a_reset_alone(mode):
     state = written(FailSafe(mode=mode, reason=Reason.DEADLINE), enable_request=None)
     assert (state.mode is OperatingMode.UPDATE) != mode.drives_jets
-    if mode.drives_jets:  # once the wish has ended
+    if mode.drives_jets:  # once the request has ended
         state = written(written(state, enable_request=False))
     assert state.mode is OperatingMode.UPDATE
     for event in "GgGxgGggggggGTgG":

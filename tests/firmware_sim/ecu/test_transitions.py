@@ -22,9 +22,14 @@ OTHERS = [
 
 INPUTS = [
     PeriodInputs(
-        usable=usable, enable_request=wish, unusable_because=because, window_full=full, fault=fault, updating=updating
+        usable=usable,
+        enable_request=request,
+        unusable_because=because,
+        window_full=full,
+        fault=fault,
+        updating=updating,
     )
-    for (usable, wish), because, full, fault, updating in product(
+    for (usable, request), because, full, fault, updating in product(
         [(True, True), (True, False), (False, None), (False, True), (False, False)],
         [Reason.STREAM_LOST, Reason.STREAM_INVALID],
         [True, False],
@@ -34,8 +39,8 @@ INPUTS = [
     if not (usable and because is Reason.STREAM_INVALID)
 ]
 GOOD, LOW, LOST = (
-    PeriodInputs(usable=usable, enable_request=wish, unusable_because=Reason.STREAM_LOST, window_full=True)
-    for usable, wish in ((True, True), (True, False), (False, None))
+    PeriodInputs(usable=usable, enable_request=request, unusable_because=Reason.STREAM_LOST, window_full=True)
+    for usable, request in ((True, True), (True, False), (False, None))
 )
 
 
@@ -92,10 +97,10 @@ def test_every_row_is_reached_from_each_of_its_states_and_leads_where_it_says(ro
 def test_the_first_row_that_holds_is_the_one_that_is_taken():
     """The order of the table, looked through once more without the index that the code uses."""
     for config, before, inputs, row, after in HAPPENED:
-        wish = before.enable_request if inputs.enable_request is None else inputs.enable_request
-        rises = wish and not before.enable_request
+        request = before.enable_request if inputs.enable_request is None else inputs.enable_request
+        rises = request and not before.enable_request
         period = state_machine.Period(
-            inputs, wish, rises, after.misses, after.good, after.lost.bit_count(), config, before.reason
+            inputs, request, rises, after.misses, after.good, after.lost.bit_count(), config, before.reason
         )
         assert row is next(item for item in TRANSITIONS if before.mode in item.start and item.when.holds(period))
 
@@ -107,7 +112,7 @@ def test_no_state_is_left_without_a_row_and_none_is_out_of_reach():
 
 
 STATED = {
-    # Pressures are lost from now on; or, with a fault latched, come in order, and the wish falls and rises.
+    # Pressures are lost from now on; or, with a fault latched, come in order, and the request falls and rises.
     "hold_periods + 1": (OperatingMode.DECAY, SHORT_HOLD, "x" * 9),
     "hold_periods + decay_periods + 1": (OperatingMode.FAULT, SHORT_HOLD, "x" * 9),
     "loss_limit": (OperatingMode.FAULT, LONG_HOLD, "x" * 9),

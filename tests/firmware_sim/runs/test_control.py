@@ -47,7 +47,7 @@ def test_a_fault_is_named_with_reason_time_and_period(shedding):
 
 @pytest.mark.parametrize("mode", [Mode.OFF, Mode.FAULT])
 def test_two_keys_are_said_plainly(shedding, mode):
-    """OFF: no wish of the vehicle's was ever authentic. FAULT: the other node's key was changed under way."""
+    """OFF: no request of the vehicle's was ever authentic. FAULT: the other node's key was changed under way."""
     log = shedding(modes=dict.fromkeys(range(100), mode), reasons=dict.fromkeys(range(100), Reason.NOT_AUTHENTIC))
     text = trouble(log) or ""
     assert text.startswith(

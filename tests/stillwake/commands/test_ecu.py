@@ -159,17 +159,17 @@ def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_p
     environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
     arguments = ("--metrics", str(metrics), "--stage-times", str(stages))
     with systemd(tmp_path / "notify", heard), process(short_release, *arguments, environment=environment) as ecu:
-        # The wish stands when the ECU starts, and for as long as it takes: the jets stay shut.
-        vehicle.until(lambda: len(vehicle.commands) > 30, wish=True)
+        # The request stands when the ECU starts, and for as long as it takes: the jets stay shut.
+        vehicle.until(lambda: len(vehicle.commands) > 30, request=True)
         assert {command.enable for command in vehicle.commands} == {False}
         vehicle.into_control()
         vehicle.until(metrics.exists)
         vehicle.until(lambda: vehicle.commands[-1].enable)
         ecu.popen.send_signal(number)
-        vehicle.until(lambda: ecu.popen.poll() is not None, wish=True)
+        vehicle.until(lambda: ecu.popen.poll() is not None, request=True)
         # It was asked to run until stopped, and did.
         assert ecu.popen.returncode == 0
-        vehicle.period(wish=True)
+        vehicle.period(request=True)
     assert [(c.enable, c.flow_m2_per_s) for c in vehicle.commands[-3:]] == [(False, 0.0)] * 3
     assert vehicle.action == 0.0
     assert any(said.startswith("READY=1") for said in heard)
@@ -191,13 +191,13 @@ def test_two_ecus_on_one_bus_shut_both_and_say_so(vehicle: Vehicle, short_releas
     with process(short_release) as first:
         vehicle.into_control()
         with process(short_release) as second:
-            vehicle.until(lambda: "other_ecu" in first.names() and "other_ecu" in second.names(), wish=True)
+            vehicle.until(lambda: "other_ecu" in first.names() and "other_ecu" in second.names(), request=True)
             begin = len(vehicle.commands)
             vehicle.until(lambda: len(vehicle.commands) > begin + 20)
             assert {(c.enable, c.mode) for c in vehicle.commands[begin + 2 :]} == {(False, Mode.FAULT)}
             assert second.ends(signal.SIGTERM) == 0
         # With the other gone, an enable edge is enough.
-        vehicle.until(lambda: "other_ecu_gone" in first.names(), wish=True)
+        vehicle.until(lambda: "other_ecu_gone" in first.names(), request=True)
         assert vehicle.action == 0.0
         vehicle.into_control()
 

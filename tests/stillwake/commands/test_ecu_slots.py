@@ -196,7 +196,7 @@ def test_flashed_killed_amid_a_transfer_and_flashed_again(works: Works) -> None:
         # The control is there all along, and the new release does it.
         with PythonCanBus.open(config.bus) as bus:
             vehicle = Vehicle(config, bus)
-            vehicle.until(lambda: len(vehicle.statuses) > 10, wish=False)
+            vehicle.until(lambda: len(vehicle.statuses) > 10, request=False)
             assert vehicle.statuses[-1].bundle_hash == int(again.until("trial")["digest"][:8], 16)
         again.popen.send_signal(signal.SIGTERM)
         assert again.popen.wait(PATIENCE_S) == 0

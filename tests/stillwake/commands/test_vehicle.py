@@ -56,7 +56,7 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     said = " ".join(outcome.out.split())
     assert "vehicle at 25 m/s, control period 20 ms, on virtual test-stillwake-vehicle" in said
     assert "the pressures do not answer the jets" in said
-    assert "done: the wish for control is withdrawn" in said
+    assert "done: the request for control is withdrawn" in said
     found = json.loads((tmp_path / "f.json").read_text(encoding="utf-8"))
     assert (found["figures"]["periods"], found["figures"]["commands"]) == (5, 0)
     assert found["figures"]["age_p50_ms"] is None
@@ -100,7 +100,7 @@ def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path) -> None:
     assert "ecu: runs bundle" in first
     assert told[2].startswith("real time: ")
     assert (vehicle.returncode, err) == (0, "")
-    assert "stopped: the wish for control is withdrawn" in out
+    assert "stopped: the request for control is withdrawn" in out
     figures = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["figures"]
     assert 0 < figures["commands"] <= figures["periods"]
     assert sum(figures["modes"].values()) == figures["commands"]

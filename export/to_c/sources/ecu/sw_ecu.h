@@ -51,13 +51,13 @@ typedef struct {
 /* What the ECU does in a control period; on the wire these are SW_MODE_ (sw_ecu_settings.h). */
 typedef enum {
     SW_INIT,    /* no usable pressures since power-on */
-    SW_STANDBY, /* the wish for control stands as it did at power-on: it must fall first */
-    SW_ARMED,   /* the wish is low */
+    SW_STANDBY, /* the request for control stands as it did at power-on: it must fall first */
+    SW_ARMED,   /* the request is low */
     SW_WARMUP,  /* control is wanted, but the window is not full */
     SW_ACTIVE,  /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command stays */
     SW_DECAY,   /* for longer: it is halved each period */
-    SW_FAULT,   /* the jets are shut until good frames have come and the wish rises anew */
+    SW_FAULT,   /* the jets are shut until good frames have come and the request rises anew */
     SW_UPDATE   /* a new release is being written; a reset alone leads out */
 } sw_operating_mode;
 
@@ -195,7 +195,7 @@ typedef struct {
 } sw_ecu;
 
 /* Power-on: nothing received, nothing sent, jets shut, the release's cost weights. Memory of zeros is no substitute: it
- * would hold a wish for control that was seen low, and a sensor set aside.
+ * would hold a request for control that was seen low, and a sensor set aside.
  */
 void sw_ecu_init(sw_ecu *ecu);
 

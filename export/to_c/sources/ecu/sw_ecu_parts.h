@@ -96,7 +96,7 @@ const sw_frame *sw_receive(sw_receiver *receiver, const sw_frame *frames, int co
 
 typedef struct {
     uint8_t usable;
-    uint8_t has_request; /* whether a frame came whose wish is to be believed */
+    uint8_t has_request; /* whether a frame came whose request is to be believed */
     uint8_t enable_request;
     uint8_t unusable_because; /* SW_REASON_ */
     uint8_t counter;          /* of the usable ones' frame */

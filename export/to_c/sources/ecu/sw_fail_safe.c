@@ -11,12 +11,12 @@ typedef enum {
     ALWAYS,
     UPDATING,  /* a release is to be written */
     OWN_FAULT, /* clock, deadline, bus-off, sensors, another ECU, controller */
-    REARMED,   /* the wish rises with usable pressures, SW_REARM_FRAMES or more in a row */
+    REARMED,   /* the request rises with usable pressures, SW_REARM_FRAMES or more in a row */
     REARMED_FILLING,
-    LOW,            /* the wish */
-    NEVER_YET,      /* no usable pressures, and the wish does not rise */
-    LOW_AND_USABLE, /* usable pressures, and the wish is low */
-    STANDING,       /* usable pressures, and the wish stands from before */
+    LOW,            /* the request */
+    NEVER_YET,      /* no usable pressures, and the request does not rise */
+    LOW_AND_USABLE, /* usable pressures, and the request is low */
+    STANDING,       /* usable pressures, and the request stands from before */
     INVALID,        /* the stream is not to be trusted */
     TOO_LONG,       /* more than hold and decay periods missing in a row */
     TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW missing, this one too */
@@ -45,7 +45,7 @@ typedef struct {
 /* What conditions are about: one period's inputs, and what has been counted up to it. */
 typedef struct {
     const sw_period_inputs *inputs;
-    uint8_t wish;
+    uint8_t request;
     uint8_t rises; /* it was low before this period and stands now */
     uint8_t kept;  /* reason of the state before */
     uint32_t misses;
@@ -71,13 +71,13 @@ static const transition transitions[] = {
     {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, WRITING},
     {INIT | STANDBY | ARMED | WANTED, OWN_FAULT, SW_FAULT, OWN},
     {FAULT, OWN_FAULT, SW_FAULT, FIRST},
-    /* Power-on, and no wish. */
+    /* Power-on, and no request. */
     {INIT, NEVER_YET, SW_INIT, QUIET},
     {INIT, LOW_AND_USABLE, SW_ARMED, QUIET},
     {INIT, STANDING, SW_STANDBY, STANDS},
     {STANDBY | ARMED | WANTED, LOW, SW_ARMED, QUIET},
     {STANDBY, ALWAYS, SW_STANDBY, STANDS},
-    /* The wish rises, or it stands and control is wanted. */
+    /* The request rises, or it stands and control is wanted. */
     {INIT | ARMED | WANTED, INVALID, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_LONG, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* A vehicle none of whose frames is authentic cannot make its wish heard: the reason alone says why. */
+/* A vehicle none of whose frames is authentic cannot make its request heard: the reason alone says why. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
@@ -126,13 +126,13 @@ static int holds(uint8_t when, const period *now)
         result = rearmed(now) && !now->inputs->window_full;
         break;
     case LOW:
-        result = !now->wish;
+        result = !now->request;
         break;
     case NEVER_YET:
         result = !usable && !now->rises;
         break;
     case LOW_AND_USABLE:
-        result = usable && !now->wish;
+        result = usable && !now->request;
         break;
     case STANDING:
         result = usable && !now->rises;
@@ -205,7 +205,7 @@ static uint64_t lost_with(const sw_fail_safe *before, const period *now)
     const unsigned unwanted = INIT | STANDBY | ARMED;
     const uint64_t judged = UINT64_MAX >> (64 - SW_LOSS_WINDOW);
     const uint64_t newest = now->inputs->usable ? 0u : 1u;
-    const int counted = now->wish && now->inputs->fault == SW_REASON_NONE &&
+    const int counted = now->request && now->inputs->fault == SW_REASON_NONE &&
                         (IN(before->mode) & counts_no_loss) == 0u &&
                         (now->rises || (IN(before->mode) & unwanted) == 0u);
     return counted ? ((before->lost << 1) | newest) & judged : 0u;
@@ -224,8 +224,8 @@ void sw_fail_safe_start(sw_fail_safe *fail_safe)
 void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
 {
     period now = {inputs, 0, 0, fail_safe->reason, 0, 0, 0};
-    now.wish = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
-    now.rises = now.wish && !fail_safe->enable_request;
+    now.request = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
+    now.rises = now.request && !fail_safe->enable_request;
     if (inputs->usable) {
         /* Good frames that re-arm are counted from the last period with a fault of the ECU's own. */
         now.good = inputs->fault == SW_REASON_NONE ? sw_counted(fail_safe->good, 1) : 1u;
@@ -237,11 +237,11 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     const transition *row = taken(fail_safe->mode, &now);
     if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
         /* As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault. */
-        now.wish = !inputs->has_request || inputs->enable_request;
+        now.request = !inputs->has_request || inputs->enable_request;
     }
     fail_safe->mode = row->to;
     fail_safe->reason = reason_of(row->reason, &now);
-    fail_safe->enable_request = now.wish;
+    fail_safe->enable_request = now.request;
     fail_safe->misses = now.misses;
     fail_safe->good = now.good;
     fail_safe->lost = lost;

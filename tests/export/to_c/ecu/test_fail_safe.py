@@ -101,8 +101,8 @@ def test_every_mode_takes_the_same_way_on_every_input(core):
     beside += [(0, 0, lost) for lost in losses]
     flags = (False, True)
     taken = set()
-    for mode, wished, (missed, good, lost) in itertools.product(MODES, flags, beside):
-        state = FailSafe(mode=mode, misses=missed, good=good, lost=lost, reason=Reason.STALE, enable_request=wished)
+    for mode, requested, (missed, good, lost) in itertools.product(MODES, flags, beside):
+        state = FailSafe(mode=mode, misses=missed, good=good, lost=lost, reason=Reason.STALE, enable_request=requested)
         for usable, request, because, full, fault, updating in itertools.product(
             flags,
             (None, False, True),

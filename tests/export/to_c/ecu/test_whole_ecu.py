@@ -153,12 +153,12 @@ class BothEcus(RuleBasedStateMachine):
         time_ns = max(0, min(2**63 - 1, self.now_ns - late_ns))
         return Frame(frame_id=spec.frame_id, data=data, timestamp_ns=time_ns, is_fd=spec.is_fd)
 
-    @rule(periods=st.integers(1, 12), wish=st.booleans(), value=st.floats(-300, 300))
-    def calm(self, periods, wish, value):
+    @rule(periods=st.integers(1, 12), request=st.booleans(), value=st.floats(-300, 300))
+    def calm(self, periods, request, value):
         for number in range(periods):
             self.now_ns += 20_000_000
             pressures = (value, value + number, -value, value - number)
-            pressure = Pressure(pressure_pa=pressures, valid=(True,) * 4, enable_request=wish, age_ns=0)
+            pressure = Pressure(pressure_pa=pressures, valid=(True,) * 4, enable_request=request, age_ns=0)
             self._step([self._frame(pressure, 1_000_000)])
 
     @rule(elapsed=ELAPSED, pressures=st.lists(PRESSURES, max_size=3), late_ns=st.integers(-5_000_000, 60_000_000))

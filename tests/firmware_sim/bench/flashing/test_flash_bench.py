@@ -65,7 +65,7 @@ def test_a_vehicle_in_control_keeps_it(tmp_path: Path) -> None:
     # The bench's pressures are sines: no wake, and the check of the sensors would say so.
     config = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
     ecu, rig = made(tmp_path, config)
-    bench = FlashBench(ecu, config, wish=lambda now_ns: now_ns > 100_000_000)
+    bench = FlashBench(ecu, config, request=lambda now_ns: now_ns > 100_000_000)
     bench.advance(2.0)
     assert bench.status is not None
     assert bench.status.state is Mode.CONTROL

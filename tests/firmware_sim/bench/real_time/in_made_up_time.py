@@ -102,9 +102,9 @@ class MadeUpTime:
         if self.ecu is not None:
             self.arriving += [(self.now_ns + self.way_ns(number), item) for item in self.ecu.step(self.now_ns, [frame])]
 
-    def run(self, periods: int, *, wish_from: int = 1) -> None:
+    def run(self, periods: int, *, request_from: int = 1) -> None:
         for k in range(periods):
-            self.loop.period(enable_request=k >= wish_from)
+            self.loop.period(enable_request=k >= request_from)
 
     @property
     def instants(self) -> list[int]:

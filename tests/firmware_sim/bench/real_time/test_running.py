@@ -83,10 +83,10 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
             tell=lines.append,
             progress=lambda found: shown.append(found.periods),
         )
-    wishes = [pressure_in(frame).enable_request for frame in seen]
+    requests = [pressure_in(frame).enable_request for frame in seen]
     # Wanted from six periods of 6.7 ms on; withdrawn at the end.
-    assert not any(wishes[:6])
-    assert wishes[-3:] == [False, False, False]
+    assert not any(requests[:6])
+    assert requests[-3:] == [False, False, False]
     assert figures.periods == 160
     assert 0 < figures.commands + figures.misses < 160
     assert figures.modes[Mode.CONTROL] > 0
@@ -142,10 +142,10 @@ def test_a_vehicle_that_loses_every_second_command_says_once_that_it_gives_up(
         figures = run_vehicle(bus, NAMES, replay, config, course(periods=160), tell=lines.append)
     assert figures.modes[Mode.CONTROL] > 0
     assert len([line for line in lines if line.startswith("12 of 30 periods had no usable command: jets shut")]) == 1
-    wishes = [pressure_in(frame).enable_request for frame in seen]
+    requests = [pressure_in(frame).enable_request for frame in seen]
     # It rises once, falls once, and stays low though the run wants control to its end.
-    assert [wish for k, wish in enumerate(wishes) if wish != wishes[k - 1]] == [True, False]
-    assert not any(wishes[-60:])
+    assert [request for k, request in enumerate(requests) if request != requests[k - 1]] == [True, False]
+    assert not any(requests[-60:])
 
 
 def test_a_vehicle_of_another_set_says_which(bundle_of, recording_controller, replay) -> None:

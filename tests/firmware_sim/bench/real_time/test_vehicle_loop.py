@@ -116,20 +116,20 @@ def test_jets_shut_when_the_ecu_falls_silent(made) -> None:
     real.run(20)
     assert real.flow.driven[-1] != 0.0
     real.ecu = None
-    real.run(5, wish_from=0)
+    real.run(5, request_from=0)
     held = Config().ecu.hold_periods
     # The last command acts, is held, and is then given up.
     assert real.flow.driven[-(4 - held) :] == [0.0] * (4 - held)
     assert real.loop.figures.misses == 4
 
 
-def test_the_end_withdraws_the_wish_and_shuts_the_jets(made) -> None:
+def test_the_end_withdraws_the_request_and_shuts_the_jets(made) -> None:
     real = made()
     real.run(20)
     before = real.loop.figures.periods, len(real.sent)
     real.loop.finish()
-    wishes = [pressure_in(frame).enable_request for _, frame in real.sent]
-    assert wishes[1:] == [True] * (before[1] - 1) + [False] * FAREWELL
+    requests = [pressure_in(frame).enable_request for _, frame in real.sent]
+    assert requests[1:] == [True] * (before[1] - 1) + [False] * FAREWELL
     assert real.flow.driven[-FAREWELL:] == [0.0] * FAREWELL
     # The ECU has them all, and its own command is zero.
     assert real.ecu.trace.action == 0.0

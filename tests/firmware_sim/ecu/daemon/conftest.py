@@ -80,7 +80,7 @@ class Rig:
             stage_times=self.stages,
             real_time=RealTime(now_ns=lambda: self.now, sleep_until=self.sleep_until),
         )
-        self.wish = True
+        self.request = True
         self.samples = 0
         self.delay = lambda number: 0
         self.pending: list[tuple[int, object]] = []
@@ -114,9 +114,9 @@ class Rig:
 
     def _sample(self) -> None:
         self._apply()
-        # The wish is raised in the second frame of all: one that stands at power-on is none.
+        # The request is raised in the second frame of all: one that stands at power-on is none.
         cp = np.full(sensors.COUNT, 0.1)
-        frame = self.vehicle.sample(cp, enable_request=self.wish and self.samples > 0, now_ns=self.now)
+        frame = self.vehicle.sample(cp, enable_request=self.request and self.samples > 0, now_ns=self.now)
         late_ns = self.delay(self.samples)
         self.samples += 1
         self.next_sample += self.period_ns

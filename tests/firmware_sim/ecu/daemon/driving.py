@@ -20,7 +20,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
 ANEW = 50
-"""Periods after which the wish is raised again."""
+"""Periods after which the request is raised again."""
 
 
 class Vehicle:
@@ -37,27 +37,27 @@ class Vehicle:
         self.action = 0.0
         self.largest_action = 0.0
 
-    def period(self, *, wish: bool) -> None:
+    def period(self, *, request: bool) -> None:
         """Wait for it, send pressures, and do what was commanded since the last one."""
         self._due = max(self._due + self._period_s, time.monotonic())
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._phase += 1
         cp = 0.3 * np.sin(0.25 * self._phase + np.arange(sensors.COUNT))
-        self._bus.send(self.node.sample(cp, enable_request=wish, now_ns=time.monotonic_ns()))
+        self._bus.send(self.node.sample(cp, enable_request=request, now_ns=time.monotonic_ns()))
         heard = self._bus.receive_all()
         self._read(heard)
         spec = self._messages.command.spec
         self.action = self.node.apply_commands([frame for frame in heard if spec.names(frame)]).action
         self.largest_action = max(self.largest_action, abs(self.action))
 
-    def until(self, condition: Callable[[], object], *, wish: bool | None = None) -> None:
-        """Drive until it holds; without a stated wish, one that is raised anew again and again."""
+    def until(self, condition: Callable[[], object], *, request: bool | None = None) -> None:
+        """Drive until it holds; without a stated request, one that is raised anew again and again."""
         begin = time.monotonic()
         number = 0
         while not condition():
             assert time.monotonic() - begin < PATIENCE_S, f"it did not happen: {self.statuses[-1:]}"
             number += 1
-            self.period(wish=number % ANEW > 5 if wish is None else wish)
+            self.period(request=number % ANEW > 5 if request is None else request)
 
     def into_control(self) -> None:
         """Drive until the jets move."""

@@ -158,9 +158,9 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
     rig.run(100)
     assert rig.told.count("other_ecu_gone") == 1
     modes = [rig.commands[-1].mode]
-    rig.wish = False
+    rig.request = False
     rig.run(2)
-    rig.wish = True
+    rig.request = True
     rig.run(8)
     assert [*modes, rig.commands[-1].mode] == [Mode.FAULT, Mode.CONTROL]
 
@@ -169,7 +169,7 @@ def test_an_edge_does_not_arm_while_the_other_ecu_is_there(rig):
     rig.into_control()
     other = E2eSender(JET_COMMAND).frame(bytes(8), now_ns=0)
     for number in range(60):
-        rig.wish = number % 20 > 3
+        rig.request = number % 20 > 3
         rig.pending.append((rig.next_sample + MS, other))
         rig.run(1)
     assert {command.enable for command in rig.commands[-58:]} == {False}
@@ -192,9 +192,9 @@ def test_a_lost_bus_is_told_opened_again_and_gives_no_control_back_by_itself(rig
     assert (rig.statuses[-1].state, rig.statuses[-1].bus_off) == (Mode.FAULT, 1)
     assert not any(command.enable for command in rig.commands[-30:])
     assert rig.actions[-1] == 0.0
-    rig.wish = False
+    rig.request = False
     rig.run(2)
-    rig.wish = True
+    rig.request = True
     rig.run(8)
     assert rig.commands[-1].mode is Mode.CONTROL
 

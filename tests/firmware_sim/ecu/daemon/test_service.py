@@ -94,13 +94,13 @@ def test_from_power_on_to_control_and_off_again(release, config, tmp_path):
     with PythonCanBus.open(config.bus) as bus:
         vehicle = Vehicle(config, bus)
         with running(release, config, **files) as its:
-            vehicle.until(lambda: len(vehicle.commands) > 10, wish=True)
-            # The wish stood when it was switched on: that is no edge.
+            vehicle.until(lambda: len(vehicle.commands) > 10, request=True)
+            # The request stood when it was switched on: that is no edge.
             assert {command.enable for command in vehicle.commands} == {False}
             vehicle.into_control()
             its.stop.set()
-            vehicle.until(lambda: its.counters, wish=True)
-        vehicle.period(wish=True)
+            vehicle.until(lambda: its.counters, request=True)
+        vehicle.period(request=True)
         assert [(c.enable, c.flow_m2_per_s) for c in vehicle.commands[-3:]] == [(False, 0.0)] * 3
         assert vehicle.action == 0.0
     assert its.events()[0] == "runs"
@@ -138,14 +138,14 @@ def test_with_a_key_a_restart_is_accepted_and_a_lost_file_is_not(release, config
             with running(release, config, freshness=freshness):
                 vehicle.into_control()
                 # A second look at the counters, in which the vehicle's power cycle is kept.
-                vehicle.until(lambda: "290" in json.loads(freshness.read_text())["heard"], wish=True)
+                vehicle.until(lambda: "290" in json.loads(freshness.read_text())["heard"], request=True)
             kept = json.loads(freshness.read_text())
             assert kept["trip"] == trip
             assert kept["heard"]["290"] >> 32 == 5
         assert vehicle.node.frames_not_authentic == 0
         freshness.unlink()
         with running(release, config, freshness=freshness):
-            vehicle.until(lambda: vehicle.node.frames_not_authentic > 20, wish=True)
+            vehicle.until(lambda: vehicle.node.frames_not_authentic > 20, request=True)
             assert vehicle.action == 0.0
 
 
@@ -224,7 +224,7 @@ def test_whatever_ends_it_the_jets_are_shut(release, config):
                 write=lambda line: None,
                 signature="",
             )
-        vehicle.period(wish=True)
+        vehicle.period(request=True)
         assert [command.enable for command in vehicle.commands] == [False] * 8
 
 

@@ -29,9 +29,9 @@ def rig(tmp_path: Path) -> Rig:
 
 
 def into_control(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(100)
-    rig.wish = True
+    rig.request = True
     rig.run(2000)
     assert rig.statuses[-1].state is Mode.CONTROL
 
@@ -103,8 +103,8 @@ def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
     rig.good(EXTENDED)
     assert rig.ask(PRECONDITIONS)[2] == NOT_NOW
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
-    # The pressures end: the jets shut, but whether the wish still stands nobody knows for a second.
-    rig.wish = None
+    # The pressures end: the jets shut, but whether the request still stands nobody knows for a second.
+    rig.request = None
     rig.run(500)
     assert not rig.commands[-1].enable
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
@@ -115,21 +115,21 @@ def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
 
 
 def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(rig: Rig) -> None:
-    # From power-on: the wish stands and has not risen, so the jets stay shut.
-    rig.wish = True
+    # From power-on: the request stands and has not risen, so the jets stay shut.
+    rig.request = True
     rig.run(1000)
     assert rig.statuses[-1].reason is Reason.NOT_ARMED
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
-    rig.wish = False
+    rig.request = False
     rig.run(1100)
     rig.good(PROGRAMMING)
 
 
-def test_a_wish_between_session_and_announcement_stands_against_it(rig: Rig) -> None:
-    rig.wish = False
+def test_a_request_between_session_and_announcement_stands_against_it(rig: Rig) -> None:
+    rig.request = False
     rig.run(100)
     rig.programming()
-    rig.wish = True
+    rig.request = True
     rig.run(2000)
     assert rig.statuses[-1].state is Mode.CONTROL
     assert rig.ask(b"\x31\x01\xff\x00" + bytes(36))[2] == NOT_NOW
@@ -138,36 +138,36 @@ def test_a_wish_between_session_and_announcement_stands_against_it(rig: Rig) -> 
 
 
 def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(100)
     rig.programming()
     rig.announce(image("second"))
-    rig.wish = True
+    rig.request = True
     for _ in range(4):
         rig.run(2000)
         rig.good(b"\x3e\x00")
     assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
     assert not any(command.enable for command in rig.commands)
     rig.power_on()
-    rig.wish = False
+    rig.request = False
     rig.run(100)
-    rig.wish = True
+    rig.request = True
     rig.run(2000)
     assert rig.statuses[-1].state is Mode.CONTROL
 
 
 def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(100)
     rig.programming()
-    rig.wish = True
+    rig.request = True
     rig.run(2000)
     assert rig.commands[-1].enable
-    # A tester's is refused by now; one that was answered before the wish came is not.
+    # A tester's is refused by now; one that was answered before the request came is not.
     rig.ecu._ask_for_reset()
     rig.run(100)
     assert rig.ecu.resets == 1
-    # The wish that stands is none of the new power cycle's.
+    # The request that stands is none of the new power cycle's.
     rig.commands.clear()
     rig.run(500)
     assert not any(command.enable for command in rig.commands)

@@ -49,9 +49,9 @@ def until(rig: Rig, holds: Callable[[], bool]) -> None:
 
 
 def into_control(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(100)
-    rig.wish = True
+    rig.request = True
     until(rig, lambda: rig.commands[-1].mode is Mode.CONTROL)
     rig.run(60)
 
@@ -92,7 +92,7 @@ def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> 
     into_control(rig)
     write(rig, lift=0.5)
     assert rig.ask(STORE) == b"\x7f\x2e\x22"
-    rig.wish = False
+    rig.request = False
     rig.run(1200)
     rig.good(STORE)
     rig.power_on()

@@ -40,9 +40,9 @@ def narrowed(rig: Rig) -> Calibration:
 
 
 def test_half_the_limit_is_half_the_command_from_one_period_on(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(100)
-    rig.wish = True
+    rig.request = True
     rig.run(2000)
     full = rig.commands[-1].flow_m2_per_s
     assert full > 0.0

@@ -49,15 +49,15 @@ def hash_of(raw: bytes) -> int:
 def test_without_a_release_it_says_so_and_can_be_flashed(tmp_path: Path) -> None:
     provision(tmp_path / "ecu", None)
     rig = Rig(tmp_path / "ecu")
-    rig.wish = True
+    rig.request = True
     rig.run(100)
     last = rig.statuses[-1]
     assert (last.state, last.reason, last.bundle_hash) == (Mode.FAULT, Reason.NO_RELEASE, 0)
     assert {(c.enable, c.flow_m2_per_s, c.mode) for c in rig.commands} == {(False, 0.0, Mode.FAULT)}
-    # A wish does not stand against it: there is nothing to interrupt. It does once a release runs.
+    # A request does not stand against it: there is nothing to interrupt. It does once a release runs.
     rig.start(image("first"))
     assert (Mode.OFF, Reason.UPDATING) in {(status.state, status.reason) for status in rig.statuses}
-    rig.wish = False
+    rig.request = False
     rig.run(1100)
     rig.programming()
     rig.good(CONFIRM_ROUTINE)
@@ -119,7 +119,7 @@ def test_a_wrong_image_is_never_booted(rig: Rig) -> None:
 
 
 def test_the_reset_is_answered_before_it_happens_and_restarts_all_counters(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(300)
     rig.programming()
     counter = rig.sender.state.counter

@@ -70,9 +70,9 @@ def value(rig: Rig, name: str) -> float:
 
 
 def into_control(rig: Rig) -> None:
-    rig.wish = False
+    rig.request = False
     rig.run(100)
-    rig.wish = True
+    rig.request = True
     for _ in range(5000):
         if rig.commands[-1].mode is Mode.CONTROL:
             break
@@ -129,7 +129,7 @@ def test_storing_waits_until_the_jets_are_shut_and_outlives_power(rig: Rig) -> N
     good(rig, STORE)
     rig.run(500)
     assert STORED_EVENT not in packets(rig)
-    rig.wish = False
+    rig.request = False
     rig.run(1200)
     assert packets(rig).count(STORED_EVENT) == 1
     rig.power_on()

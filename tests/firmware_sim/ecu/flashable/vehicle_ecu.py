@@ -105,7 +105,7 @@ class Rig:
         self.due_ns = self.now_ns
         self.sender = E2eSender(PRESSURE)
         self.tester = Endpoint(IsoTpSettings(receive_id=RESPONSE_ID, send_id=REQUEST_ID))
-        self.wish: bool | None = None
+        self.request: bool | None = None
         self.answers: list[bytes] = []
         self.commands: list[JetCommand] = []
         self.statuses: list[EcuStatus] = []
@@ -121,7 +121,7 @@ class Rig:
     def millisecond(self) -> None:
         if self.now_ns >= self.due_ns:
             self.due_ns += self.config.period_ns
-            frames = [] if self.wish is None else [self.pressure(self.wish)]
+            frames = [] if self.request is None else [self.pressure(self.request)]
             commanded = self.ecu.control(self.now_ns, frames)
             self.controls.append((self.now_ns, frames, commanded))
             self.take(commanded)

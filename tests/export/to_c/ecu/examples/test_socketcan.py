@@ -104,13 +104,13 @@ def started(program: Path, bus: socket.socket) -> Iterator[subprocess.Popen[byte
 
 
 class Vehicle:
-    """The other end of the socket: sends pressures, hears commands, lets its wish fall and rise in a fault."""
+    """The other end of the socket: sends pressures, hears commands, lets its request fall and rise in a fault."""
 
     def __init__(self, bus: socket.socket, config: Config, messages: MessageSet) -> None:
         self._bus, self._config, self._messages = bus, config, messages
         self._sender = E2eSender(messages.pressure.spec)
         self._receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
-        self._wish, self._due = False, time.monotonic()
+        self._request, self._due = False, time.monotonic()
         self.commands: list[JetCommand] = []
 
     def until(self, holds: Callable[[JetCommand], bool], most_s: float = 60.0) -> None:
@@ -119,7 +119,7 @@ class Vehicle:
         while not (self.commands and holds(self.commands[-1])):
             assert time.monotonic() < end, self.commands[-1:]
             pressure = Pressure(
-                pressure_pa=(10.0, -20.0, 5.0, 0.0), valid=(True,) * 4, enable_request=self._wish, age_ns=0
+                pressure_pa=(10.0, -20.0, 5.0, 0.0), valid=(True,) * 4, enable_request=self._request, age_ns=0
             )
             frame = self._sender.frame(self._messages.pressure.emit(pressure), now_ns=0)
             form = FD_FRAME if frame.is_fd else CLASSIC_FRAME
@@ -128,8 +128,8 @@ class Vehicle:
             time.sleep(max(0.0, self._due - time.monotonic()))
             self.hear()
             if self.commands:
-                # A fault ends with a wish that rises.
-                self._wish = self.commands[-1].mode is not Mode.FAULT or len(self.commands) % 40 >= 20
+                # A fault ends with a request that rises.
+                self._request = self.commands[-1].mode is not Mode.FAULT or len(self.commands) % 40 >= 20
 
     def hear(self) -> None:
         """Every frame that has come is one of ours, sound and in sequence."""

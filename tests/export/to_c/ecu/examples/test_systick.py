@@ -91,7 +91,7 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
 
 
 def expected_mode(period: int, window: int) -> Mode:
-    """The wish rises with period ASKED_FROM; the first frame, of a stream not trusted yet, leaves no row."""
+    """The request rises with period ASKED_FROM; the first frame, of a stream not trusted yet, leaves no row."""
     if period < ASKED_FROM:
         return Mode.OFF
     return Mode.WARMUP if period < window else Mode.CONTROL

@@ -7,11 +7,11 @@ from can_bridge.uds.services import Nrc
 from firmware_sim.ecu.ecu_state import EcuState
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""For which a wish counts after the frame that carried it: what a lost bus or a lying sensor leaves open."""
+"""For which a request counts after the frame that carried it: what a lost bus or a lying sensor leaves open."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleWish:
+class VehicleRequest:
     """As seen in the control steps.
 
     Attributes:

@@ -9,7 +9,7 @@ _NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
 
 
 @dataclass(kw_only=True)
-class Wish:
+class ControlRequest:
     """Of one run of the loop.
 
     Attributes:
@@ -53,7 +53,7 @@ class Wish:
         Args:
             fail_safe: of the ECU after the period before.
             is_up: the ECU has booted.
-            given_up: the vehicle has, until its own wish was low.
+            given_up: the vehicle has, until its own request was low.
         """
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
