@@ -1,8 +1,8 @@
 """What can come to an ECU, by chance: calm and hostile times of bus, clock, sensors and networks.
 
 The request, the clock, the fates of frames and the controller's deeds are those of the benchmark `hostile`; what
-follows here is beyond it: frames of the ECU's own identifiers, of other nodes and of no use, payloads of any content under a
-sound CRC, times at the ends of what C can hold, faults from outside, sensors that lie, and estimates that do.
+follows here is beyond it: frames of the ECU's own identifiers, of other nodes and of no use, payloads of any content
+under a sound CRC, times at the ends of what C can hold, faults from outside, sensors that lie, and estimates that do.
 """
 
 from dataclasses import replace

@@ -148,7 +148,7 @@ def test_an_ecu_reset_under_a_standing_request_stays_off(bench_of, reset_in):
 
 
 def test_the_request_may_rise_with_the_second_frame_of_all(bench):
-    """The first one, from a stream not yet trusted, is believed when it withdraws the request, never when it makes one."""
+    """The first one, from a stream not yet trusted, may withdraw the request and never make one."""
     assert [command.mode for command in bench.good(WINDOW + 1)][1:] == [Mode.WARMUP] * 3 + [Mode.CONTROL]
     bench.into_control()
     jumped = SenderState(counter=(bench.sender.state.counter + 100) % 256)
