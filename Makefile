@@ -5,23 +5,30 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test lint coverage pristine packages c retrain release full openfoam tables generated docs \
+.PHONY: demo check fast test everything lint coverage pristine packages c retrain release full openfoam tables generated docs \
 	pictures clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
 
 # Two workers with two threads each would spin on two cores.
-check test: export OMP_NUM_THREADS := 1
+check fast test everything: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
-check: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile=fast -m "not (openfoam or pages or slow or compiler or mcu or browser or processes)"
+check: $(VENV)/dev.stamp
+	$(BIN)/python tests/measured.py --wall-s 60 $(MAKE) --no-print-directory fast
+
+fast: lint
+	$(BIN)/python -m pytest -n 2 --dist loadfile --budget --hypothesis-profile=fast \
+		-m "not (openfoam or proofs or pages or slow or compiler or mcu or browser or processes)"
 
 # Side by side, since coverage and the site are one process each, and the linters wait for each other.
 test: $(VENV)/dev.stamp
-	$(MAKE) --jobs 2 --output-sync lint coverage docs
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not openfoam and not pages"
+	$(BIN)/python tests/measured.py --cpu-minutes 12 $(MAKE) --no-print-directory everything
+
+everything:
+	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage docs
+	$(BIN)/python -m pytest -n 2 --dist loadfile --budget -m "not (openfoam or proofs or pages)"
 
 # Every branch of what stands between the controller and the jets, or decides which release runs, by tests that do not
 # depend on chance.

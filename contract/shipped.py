@@ -4,7 +4,6 @@ The bundle comes with the package. The data are a distribution of their own, `st
 out; a checkout has them in `data/`, whether or not they are installed.
 """
 
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -23,7 +22,7 @@ def _folder() -> Path:
 
 _DATA: Final = _folder()
 
-BUNDLE: Final = Path(str(files("firmware_sim").joinpath("data/bundle")))
+BUNDLE: Final = Path(__file__).resolve().parents[1] / "firmware_sim" / "data" / "bundle"
 """The shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
 """A flow state with shedding established and no action: where episodes begin. `developed` says if it is missing."""

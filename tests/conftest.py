@@ -23,6 +23,8 @@ from tests.c_builds import MODULES, SharedBuilds
 if TYPE_CHECKING:
     from wake.truck.truck_wake import TruckWake
 
+pytest_plugins = ["tests.budget"]
+
 # How long an example takes is the machine's affair: no test fails because another process had the processor.
 settings.register_profile("whole", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 # Of `make check`: tests that do not say how many examples they need take a quarter of them.

@@ -1,0 +1,112 @@
+"""What a test may cost: CPU seconds of its call by its markers, its children included; held with `--budget`.
+
+CPU seconds and not wall time, because other processes lengthen the latter. Fixtures of a session are not counted: who
+comes first pays for them. `make check` and `make test` give the option; a single file is run without.
+"""
+
+import os
+from collections.abc import Iterator
+from typing import Any, Final
+
+import pytest
+
+SECONDS: Final = {
+    "openfoam": 600.0,
+    "proofs": 3600.0,
+    "pages": 600.0,
+    "slow": 10.0,
+    "compiler": 10.0,
+    "mcu": 10.0,
+    "processes": 10.0,
+    "browser": 10.0,
+}
+"""By marker; the largest counts."""
+UNMARKED: Final = 0.5
+ALLOWANCE: Final = 2.0
+"""A test fails at this multiple of its budget: machines differ, and neighbours on a core cost time too."""
+MOST_TESTS: Final = 6000
+SHOWN: Final = 10
+"""Slowest tests in the summary."""
+
+_Cost = tuple[float, float, str]
+"""CPU seconds, the budget, the test."""
+
+
+def budget_s(markers: set[str]) -> float:
+    """CPU seconds that a test with these markers may take."""
+    return max((SECONDS[name] for name in markers & SECONDS.keys()), default=UNMARKED)
+
+
+def _cpu_s() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+class Budget:
+    """Measures every test of a process, and reports what all processes measured."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self._costs: list[_Cost] = []
+        self._count = 0
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        """Charge the CPU time of the call to the test."""
+        before = _cpu_s()
+        try:
+            return (yield)
+        finally:
+            markers = {marker.name for marker in item.iter_markers()}
+            self._costs.append((_cpu_s() - before, budget_s(markers), item.nodeid))
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        """Count the tests."""
+        self._count = len(session.items)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        """Take what a worker measured."""
+        output = getattr(node, "workeroutput", {})
+        self._costs += [tuple(cost) for cost in output.get("costs", ())]
+        self._count = max(self._count, output.get("count", 0))
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """Hand over what this process measured, or fail where a test was over its budget."""
+        if hasattr(self._config, "workeroutput"):
+            self._config.workeroutput.update(costs=self._costs, count=self._count)
+        elif (self._over() or self._count > MOST_TESTS) and session.exitstatus == pytest.ExitCode.OK:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        """Print the slowest tests, and those over their budget by name."""
+        if hasattr(self._config, "workeroutput"):
+            return
+        write = terminalreporter.write_line
+        total = sum(cost for cost, _, _ in self._costs)
+        terminalreporter.section("CPU seconds of calls")
+        write(f"{total:.0f} s in {self._count} tests (at most {MOST_TESTS}); the slowest:")
+        for cost, _, name in sorted(self._costs, reverse=True)[:SHOWN]:
+            write(f"{cost:6.2f} s  {name}")
+        for cost, budget, name in self._over():
+            write(
+                f"OVER BUDGET {name}: {cost:.2f} s, {ALLOWANCE * budget:g} s are allowed; make it cheaper, or give it "
+                f"the marker that says why it is slow",
+                red=True,
+            )
+        if self._count > MOST_TESTS:
+            write(f"OVER BUDGET: {self._count} tests, {MOST_TESTS} are allowed; loop over values in one", red=True)
+
+    def _over(self) -> list[_Cost]:
+        return [cost for cost in self._costs if cost[0] > ALLOWANCE * cost[1]]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The option that holds the budget."""
+    parser.addoption("--budget", action="store_true", help="fail for a test that costs more than its markers allow")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Measure where the option asks for it; workers are asked by the process that starts them."""
+    if config.getoption("--budget"):
+        config.pluginmanager.register(Budget(config), "budget")
