@@ -2,7 +2,7 @@
 
     python -m benchmarks bus --json results/bus.json
 
-Each part is a module of this folder with a function `measure`; `--part` runs some of them, for a look.
+Each part is a module of this folder, or a proof, with a function `measure`; `--part` runs some of them, for a look.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,6 +25,8 @@ PARTS: Final[Mapping[str, str]] = {
     "response_time": "random message sets, simulated and bounded",
     "gate_mutation": "faults planted in the command gate",
 }
+MODULES: Final[Mapping[str, str]] = {"gate_mutation": "tests.proofs.gate.mutation"}
+"""Of parts that are proofs."""
 HEADLINES: Final[Mapping[str, str]] = {
     "codec_times_cantools": "codec: times as fast as cantools, at least",
     "flips_accepted": "frames with one to three flipped bits accepted",
@@ -55,7 +57,7 @@ def main(
             def show(done: int, total: int, task: Any = task) -> None:
                 bar.update(task, completed=done, total=total)
 
-            measure: Callable[..., dict[str, Any]] = import_module(f"benchmarks.bus.{name}").measure
+            measure: Callable[..., dict[str, Any]] = import_module(MODULES.get(name, f"benchmarks.bus.{name}")).measure
             found = measure(progress=show)
             # The headline figures stand alone, what is behind them under the name of its part.
             figures |= {key: value for key, value in found.items() if key in HEADLINES}

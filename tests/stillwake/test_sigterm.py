@@ -72,7 +72,6 @@ COMMANDS = {
     "can replay": stillwake("can", "replay", "slow.log", *VIRTUAL),
     "can replay --loop": stillwake("can", "replay", "slow.log", "--loop", *VIRTUAL, status=0),
     "can send": stillwake("can", "send", "Pressure", "Valid0=1", "--count", "100000", *VIRTUAL),
-    "soak": benchmarks("soak", "--json", "out.json"),
     "bundle-fuzz": benchmarks("bundle-fuzz", "--workers", "2", "--json", "out.json"),
     "bus: processes": benchmarks("bus", "--part", "flips"),
     "bus": benchmarks("bus", "--part", "response_time"),

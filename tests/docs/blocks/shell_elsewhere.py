@@ -119,7 +119,10 @@ CANNOT: Final = (
     Cannot(form=r"python -m tests\.fuzz .*", why="needs atheris, which no install here has"),
     Cannot(form=r"(python -m )?pytest .*", why="tests of this suite"),
     Cannot(form=r"python -m benchmarks NAME --help|.*=\.\.\.|.*\b(BUNDLE|FOLDER)\b.*", why="has a place for a name"),
-    Cannot(form=r"python -m benchmarks .*", why="minutes to hours; test_pages.py looks at its name and options"),
+    Cannot(
+        form=r"python -m (benchmarks|tests\.proofs\.\w+) .*",
+        why="minutes to hours; test_pages.py looks at the name and options of benchmarks",
+    ),
     Cannot(form=r".*--plant openfoam.*", why="needs icoFoam, and hours"),
     Cannot(form=r"stillwake record \S+ --paper .*", why="hours, and the shipped recording is its result"),
     Cannot(form=r"stillwake flash new\.zip .*", why="what a fleet's server sent goes to the reader's ECU"),

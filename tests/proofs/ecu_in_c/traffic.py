@@ -11,11 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.ecu.hostile_world import START_NS, Path, RandomEvents
-from benchmarks.ecu.in_c.library import FRAMES
-from benchmarks.ecu.in_c.python_twin import Answers, Period
-from benchmarks.ecu.in_c.variants import DEVIATION
-from benchmarks.ecu.promises import Delivered
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
@@ -24,6 +19,11 @@ from can_bridge.wire.message_specs import MessageSpec
 from can_bridge.wire.messages import Pressure, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
+from tests.proofs.ecu.hostile_world import START_NS, Path, RandomEvents
+from tests.proofs.ecu.promises import Delivered
+from tests.proofs.ecu_in_c.library import FRAMES
+from tests.proofs.ecu_in_c.python_twin import Answers, Period
+from tests.proofs.ecu_in_c.variants import DEVIATION
 
 VIEWS: Final = 34
 """Of four sensors (`contract.controller.estimator.views`)."""

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.bus import gate_mutation
 from contract.errors import StillwakeError
+from tests.proofs.gate import mutation
 
 GATE = '''\
 """A gate of one bound."""
@@ -32,7 +32,7 @@ def measured(folder: Path, tests: str) -> dict:
     (folder / "gate.py").write_text(GATE)
     (folder / "test_gate.py").write_text(tests)
     seen: list[tuple[int, int]] = []
-    found = gate_mutation.measure(
+    found = mutation.measure(
         gate=folder / "gate.py",
         tests=folder / "test_gate.py",
         progress=lambda done, total: seen.append((done, total)),
@@ -66,6 +66,6 @@ def test_without_mutmut_it_says_what_to_install(monkeypatch):
     def missing(name: str) -> str:
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(gate_mutation, "version", missing)
+    monkeypatch.setattr(mutation, "version", missing)
     with pytest.raises(StillwakeError, match=r"needs mutmut: pip install 'stillwake\[dev\]'"):
-        gate_mutation.measure()
+        mutation.measure()

@@ -56,4 +56,4 @@ class HostileController:
         elif deed == "write":
             window.fill(0.0)  # read-only
         self._kept = [values, forces]
-        return answer  # type: ignore[no-any-return]
+        return answer

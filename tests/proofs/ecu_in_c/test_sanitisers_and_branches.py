@@ -4,9 +4,9 @@ import subprocess
 
 import pytest
 
-from benchmarks.ecu.in_c import branch_coverage, campaign
-from benchmarks.ecu.in_c.library import Layout, sources
-from benchmarks.ecu.in_c.variants import VARIANTS
+from tests.proofs.ecu_in_c import branch_coverage, campaign
+from tests.proofs.ecu_in_c.library import Layout, sources
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = [
     pytest.mark.compiler,

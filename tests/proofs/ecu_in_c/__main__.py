@@ -1,10 +1,9 @@
 """The ECU in C held against the Python ECU, and how sharp that comparison is.
 
-    python -m benchmarks ecu-c --steps 1000000 --json results/ecu_c.json
+    python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
 
 A million random control periods through both, in vehicles with six kinds of settings; faults planted in C; branches
 of C that were taken; mutants of its gate, protection, reception, timing and fail-safe; deviations from MISRA C.
-Finished stretches are kept in a folder named by the sources: a stopped run goes on.
 """
 
 import hashlib
@@ -19,15 +18,13 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, Parts, console, save, track
-from benchmarks.common.parts import part
-from benchmarks.common.workers import process_pool
-from benchmarks.ecu.in_c import branch_coverage, campaign, misra, mutants
-from benchmarks.ecu.in_c.library import Library, sources
-from benchmarks.ecu.in_c.planted import PLANTED
-from benchmarks.ecu.in_c.variants import VARIANTS
 from contract.results import versions
 from firmware_sim.in_c.compiler import compiler_version, host_compiler
+from tests.proofs.command_line import JsonFile, Processes, console, main, save, spread, track
+from tests.proofs.ecu_in_c import branch_coverage, campaign, misra, mutants
+from tests.proofs.ecu_in_c.library import Library, sources
+from tests.proofs.ecu_in_c.planted import PLANTED
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 STRETCH: Final = 2_500
 """Periods of one seed."""
@@ -37,17 +34,14 @@ SEEDS: Final = ("1", "3", "0")
 """Of the recordings; odd ones start from states near an edge now and then."""
 
 
-def main(
+def ecu_in_c(
     steps: Annotated[int, typer.Option("--steps", min=1, help="Control periods in all.")] = 1_000_000,
     seed: Annotated[int, typer.Option("--seed", help="Of the first stretch.")] = 0,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="Beside each other.")] = 2,
-    parts: Parts = Path("runs/ecu_c"),
+    processes: Processes = 2,
     json_file: JsonFile = None,
 ) -> None:
     """Live through random control periods with both ECUs, and measure how sharp the comparison is."""
-    folder = parts / sources_hash()
-    found = list(_stretches(steps, seed, processes, folder))
-    figures = _summed(found)
+    figures = _summed(list(_stretches(steps, seed, processes)))
     console.print(_modes(figures))
     for line in figures["first_mismatches"]:
         console.print(line)
@@ -78,28 +72,17 @@ def sources_hash() -> str:
     return everything.hexdigest()[:16]
 
 
-def _stretches(steps: int, seed: int, processes: int, folder: Path) -> Iterator[dict[str, Any]]:
-    folder.mkdir(parents=True, exist_ok=True)
+def _stretches(steps: int, seed: int, processes: int) -> Iterator[campaign.Stretch]:
     lengths = [min(STRETCH, steps - start) for start in range(0, steps, STRETCH)]
-    work = partial(_part, seed=seed, folder=folder)
-    with process_pool(processes) as pool:
-        unit = f"stretches of {STRETCH} periods"
-        yield from track(pool.map(work, enumerate(lengths)), "ecu-c", unit, total=len(lengths))
+    work = partial(_lived_through, seed=seed)
+    unit = f"stretches of {STRETCH} periods"
+    yield from track(spread(work, enumerate(lengths), processes), "ecu-c", unit, total=len(lengths))
 
 
-def _part(item: tuple[int, int], *, seed: int, folder: Path) -> dict[str, Any]:
+def _lived_through(item: tuple[int, int], *, seed: int) -> campaign.Stretch:
     number, length = item
     name = list(VARIANTS)[number % len(VARIANTS)]
-    own = str(seed + number // len(VARIANTS))
-    file = folder / f"{name.replace(' ', '_')}-{own}-{length}.json"
-    found: dict[str, Any] = part(file, partial(_lived_through, name, own, length))
-    return found
-
-
-def _lived_through(name: str, seed: str, length: int) -> dict[str, Any]:
-    found = campaign.stretch(_library(name), name, seed, length)
-    mismatch = None if found.mismatch is None else str(found.mismatch)
-    return {"steps": found.steps, "mismatch": mismatch, "modes": dict(found.modes)}
+    return campaign.stretch(_library(name), name, str(seed + number // len(VARIANTS)), length)
 
 
 @cache
@@ -110,16 +93,13 @@ def _library(name: str) -> Library:
         return campaign.build(name, Path(folder))
 
 
-def _summed(found: list[dict[str, Any]]) -> dict[str, Any]:
-    modes = Counter[str]()
-    for one in found:
-        modes.update(one["modes"])
-    mismatches = [one["mismatch"] for one in found if one["mismatch"] is not None]
+def _summed(stretches: list[campaign.Stretch]) -> dict[str, Any]:
+    mismatches = [str(one.mismatch) for one in stretches if one.mismatch is not None]
     return {
-        "steps": sum(one["steps"] for one in found),
+        "steps": sum(one.steps for one in stretches),
         "mismatches": len(mismatches),
         "first_mismatches": mismatches[:10],
-        "modes": dict(modes),
+        "modes": dict(sum((one.modes for one in stretches), Counter[str]())),
     }
 
 
@@ -188,3 +168,7 @@ def _table(figures: dict[str, Any]) -> Table:
     if "misra_deviations" in figures:
         table.add_row("deviations from MISRA C", f"{figures['misra_deviations']} of {figures['misra_rules']} rules")
     return table
+
+
+if __name__ == "__main__":
+    main({"ecu-c": ecu_in_c})

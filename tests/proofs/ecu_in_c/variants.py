@@ -3,11 +3,11 @@
 from dataclasses import replace
 from typing import Final
 
-from benchmarks.ecu.hostile_world import small_bundle
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig, SensorCheckConfig
 from contract.release.bundle import Bundle
 from contract.release.manifest import SensorEstimator
+from tests.proofs.ecu.hostile_world import small_bundle
 
 UNCHECKED: Final = SensorCheckConfig(enabled=False)
 QUICK: Final = SensorCheckConfig(

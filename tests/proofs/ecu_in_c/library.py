@@ -5,13 +5,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from benchmarks.ecu.in_c.variants import bundle_of
 from contract.config.tree import Config
 from contract.controller.c_folder import settings_header
 from contract.controller.interface import TERMS
 from firmware_sim.in_c.c_settings import HEADER, ecu_settings
 from firmware_sim.in_c.c_structs import Structs
 from firmware_sim.in_c.compiler import compile_c, host_compiler
+from tests.proofs.ecu_in_c.variants import bundle_of
 
 EXACT: Final = ("-O1", "-ffp-contract=off")
 """No multiplication is fused with an addition: decisions are compared to the bit."""
@@ -36,7 +36,7 @@ def sources(config: Config) -> dict[str, bytes]:
     bundle = bundle_of(config)
     manifest = bundle.manifest
     sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
-    own = files("benchmarks.ecu.in_c").joinpath("c")
+    own = Path(__file__).with_name("c")
     return ecu_files() | {
         **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, "sw_workspace.h", "sw_estimator.h")},
         "sw_settings.h": settings_header({**sizes, "SW_TERMS": len(TERMS)}),

@@ -1,6 +1,6 @@
 """An hour of virtual time through the whole loop, on a bus that loses, damages and doubles frames: what adds up?
 
-    python -m benchmarks soak --hours 1 --json results/soak.json
+    python -m tests.proofs.ecu soak --hours 1 --json results/soak.json
 
 ECU, vehicle and simulated bus are those of `stillwake run`; the plant replays recorded pressures for ever, because the
 wake would take hours. The bus carries other nodes' traffic. Seeded faults move every counter, and what each has done is
@@ -20,9 +20,6 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
-from benchmarks.ecu.replay import ReplayedPlant
-from benchmarks.ecu.witness import COUNTERS, Passed, Witness
 from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.loss import BurstLoss, Drop
@@ -48,6 +45,9 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from stillwake.parts.releases import open_release
+from tests.proofs.command_line import JsonFile, console, save, track
+from tests.proofs.ecu.replay import ReplayedPlant
+from tests.proofs.ecu.witness import COUNTERS, Passed, Witness
 
 EPISODE: Final = "chirp_0"
 """Of the shipped recording: 10,000 periods that no model was fitted to."""

@@ -10,9 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.ecu import soak
-from benchmarks.ecu.replay import ReplayedPlant
-from benchmarks.ecu.witness import Passed
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE
 from contract.arrays import Array
@@ -23,6 +20,9 @@ from contract.release.bundle import Bundle
 from contract.shipped import recording
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.ecu_state import EcuState
+from tests.proofs.ecu import soak
+from tests.proofs.ecu.replay import ReplayedPlant
+from tests.proofs.ecu.witness import Passed
 
 PERIODS = 3300
 """66 s: past the minute in which the ECU goes bus-off."""

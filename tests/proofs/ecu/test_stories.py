@@ -5,12 +5,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
-from benchmarks.ecu.hostile_controller import BAD, GOOD
-from benchmarks.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, RandomEvents, World
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
+from tests.proofs.ecu.hostile_controller import BAD, GOOD
+from tests.proofs.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, RandomEvents, World
 
 SEEDS = st.integers(0, 2**32 - 1)
 VALUES = st.floats(-0.2, 0.2)

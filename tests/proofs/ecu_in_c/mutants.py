@@ -14,16 +14,15 @@ import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.common.command_line import track
-from benchmarks.ecu.in_c import gate_cases
-from benchmarks.ecu.in_c.library import Layout, sources
-from benchmarks.ecu.in_c.mutator import Mutant, all_mutated
-from benchmarks.ecu.in_c.variants import VARIANTS
 from firmware_sim.in_c.compiler import compile_c, host_compiler
+from tests.proofs.command_line import track
+from tests.proofs.ecu_in_c import gate_cases
+from tests.proofs.ecu_in_c.library import Layout, sources
+from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 MUTATED: Final = ("sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c")
 TRAPPED: Final = (
@@ -107,7 +106,7 @@ def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
 
 def unexplained(texts: Iterable[str]) -> list[str]:
     """Survivors that no explanation fits, and explanations that fit none."""
-    listed = tomllib.loads(files("benchmarks.ecu.in_c").joinpath("survivors.toml").read_text(encoding="utf-8"))
+    listed = tomllib.loads(Path(__file__).with_name("survivors.toml").read_text(encoding="utf-8"))
     patterns = [(item["file"], re.compile(item["mutant"])) for item in listed.get("survivor", [])]
     fits = {
         text: [place for place, (file, fit) in enumerate(patterns) if text.startswith(f"{file}:") and fit.search(text)]

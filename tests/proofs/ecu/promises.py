@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from benchmarks.ecu import wire_witness as wire
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
+from tests.proofs.ecu import wire_witness as wire
 
 PROMISES: Final = {
     "exceptions": "no exception leaves the ECU's step or the vehicle's node",

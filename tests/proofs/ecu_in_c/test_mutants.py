@@ -2,10 +2,10 @@
 
 import pytest
 
-from benchmarks.ecu.in_c import campaign, mutants
-from benchmarks.ecu.in_c.library import Layout, sources
-from benchmarks.ecu.in_c.mutator import mutated
-from benchmarks.ecu.in_c.variants import VARIANTS
+from tests.proofs.ecu_in_c import campaign, mutants
+from tests.proofs.ecu_in_c.library import Layout, sources
+from tests.proofs.ecu_in_c.mutator import mutated
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = pytest.mark.compiler
 NAME = "not planning ahead"

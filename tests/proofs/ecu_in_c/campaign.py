@@ -10,11 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.ecu.in_c.edges import Edges
-from benchmarks.ecu.in_c.library import Layout, Library, sources
-from benchmarks.ecu.in_c.python_twin import Answers, Period, PythonTwin
-from benchmarks.ecu.in_c.traffic import EDGES, Traffic
-from benchmarks.ecu.in_c.variants import VARIANTS
+from tests.proofs.ecu_in_c.edges import Edges
+from tests.proofs.ecu_in_c.library import Layout, Library, sources
+from tests.proofs.ecu_in_c.python_twin import Answers, Period, PythonTwin
+from tests.proofs.ecu_in_c.traffic import EDGES, Traffic
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 MOVED: Final = 0.3
 """Periods that start from a state near an edge, in stretches with an odd seed."""

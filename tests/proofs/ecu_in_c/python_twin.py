@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.ecu.in_c.library import Layout
-from benchmarks.ecu.in_c.variants import bundle_of
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -19,6 +17,8 @@ from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.sensor_check import SensorCheck
 from firmware_sim.in_c.c_structs import c_time
+from tests.proofs.ecu_in_c.library import Layout
+from tests.proofs.ecu_in_c.variants import bundle_of
 
 HYPOTHESES = Hypotheses.of(4)
 

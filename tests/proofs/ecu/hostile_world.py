@@ -13,8 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.ecu.hostile_controller import BAD, GOOD, HostileController
-from benchmarks.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.e2e import profile5
 from can_bridge.wire.message_specs import PRESSURE
@@ -25,6 +23,8 @@ from contract.release.bundle import Bundle
 from contract.release.manifest import Manifest, Scaling
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
+from tests.proofs.ecu.hostile_controller import BAD, GOOD, HostileController
+from tests.proofs.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
 
 NAMES: Final = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS: Final = 10**12

@@ -15,8 +15,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from benchmarks.ecu.in_c.library import ecu_files, sources
-from benchmarks.ecu.in_c.variants import VARIANTS
+from tests.proofs.ecu_in_c.library import ecu_files, sources
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 CHECKED: Final = {"quick to doubt": ("",), "classic": ("sw_codec_classic.c", "sw_e2e.c", "sw_receiver.c")}
 """Variants that have all code between them, and which files are checked: all, or those that differ."""

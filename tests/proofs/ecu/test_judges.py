@@ -6,9 +6,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from benchmarks.ecu import hostile
-from benchmarks.ecu.hostile_world import Events, RandomEvents, World
-from benchmarks.ecu.promises import PROMISES
 from can_bridge.command_gate import GatedCommand, Intervention
 from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.messages import Reason
@@ -21,6 +18,9 @@ from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.pressure_reception import PressureReception
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from firmware_sim.ecu.timing import Timing
+from tests.proofs.ecu import hostile
+from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
+from tests.proofs.ecu.promises import PROMISES
 
 CONFIG = Config()
 

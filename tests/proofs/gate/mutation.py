@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from contract.errors import StillwakeError
 
-ROOT: Final = Path(__file__).parents[2]
+ROOT: Final = Path(__file__).parents[3]
 GATE: Final = "can_bridge/command_gate.py"
 TESTS: Final = "tests/can_bridge/test_command_gate.py"
 _SETTINGS: Final = f"""\

@@ -9,19 +9,19 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
-from benchmarks.ecu.in_c import campaign
-from benchmarks.ecu.in_c.edges import Edges
-from benchmarks.ecu.in_c.library import Layout, Library, sources
-from benchmarks.ecu.in_c.planted import PLANTED
-from benchmarks.ecu.in_c.python_twin import Answers, Period, PythonTwin
-from benchmarks.ecu.in_c.traffic import EDGES, FAULTS, Traffic
-from benchmarks.ecu.in_c.variants import VARIANTS
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
 from tests.examples import examples
+from tests.proofs.ecu_in_c import campaign
+from tests.proofs.ecu_in_c.edges import Edges
+from tests.proofs.ecu_in_c.library import Layout, Library, sources
+from tests.proofs.ecu_in_c.planted import PLANTED
+from tests.proofs.ecu_in_c.python_twin import Answers, Period, PythonTwin
+from tests.proofs.ecu_in_c.traffic import EDGES, FAULTS, Traffic
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = pytest.mark.compiler
 PERIODS = 1_000

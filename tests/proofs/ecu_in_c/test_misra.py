@@ -2,9 +2,9 @@
 
 import pytest
 
-from benchmarks.ecu.in_c import misra
-from benchmarks.ecu.in_c.library import ecu_files, sources
-from benchmarks.ecu.in_c.variants import VARIANTS
+from tests.proofs.ecu_in_c import misra
+from tests.proofs.ecu_in_c.library import ecu_files, sources
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = [
     pytest.mark.compiler,

@@ -4,14 +4,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from benchmarks.ecu.in_c.library import EXACT, Layout, ecu_files, sources
-from benchmarks.ecu.in_c.variants import VARIANTS
 from contract.errors import LibraryError
+from tests.proofs.ecu_in_c.library import EXACT, Layout, ecu_files, sources
+from tests.proofs.ecu_in_c.variants import VARIANTS
 
 REPLAY: Final = "twin_replay.c"
 _OWN: Final = ("twin.c", REPLAY)
@@ -72,7 +71,7 @@ def replay_program(
     shared = ecu_files().keys() | {"twin.c", "twin.h"}
     for file, content in contents.items():
         (common if file in shared else own).joinpath(file).write_bytes(content)
-    (common / REPLAY).write_bytes(files("benchmarks.ecu.in_c").joinpath("c", REPLAY).read_bytes())
+    (common / REPLAY).write_bytes(Path(__file__).with_name("c").joinpath(REPLAY).read_bytes())
     found = sorted(str(path) for path in common.glob("*.c"))
     command = ["gcc", "-std=c99", "-w", f"-I{common}", f"-I{own}", *EXACT, *flags, *found, "-o", str(own / "replay")]
     done = subprocess.run(command, cwd=own, capture_output=True, text=True, check=False)

@@ -1,12 +1,11 @@
 """An ECU and a vehicle against a hostile bus, clock and controller, by chance, a million control periods long.
 
-    python -m benchmarks hostile --steps 1000000 --json results/hostile.json
+    python -m tests.proofs.ecu hostile --steps 1000000 --json results/hostile.json
 
 Whether a promise is kept is judged from outside, see `promises`. The same seed and number of steps give the same
 periods on one process as on many.
 """
 
-import multiprocessing
 import resource
 from collections import Counter
 from collections.abc import Iterator
@@ -17,13 +16,13 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
-from benchmarks.ecu import wire_witness as wire
-from benchmarks.ecu.hostile_world import RandomEvents, World
-from benchmarks.ecu.promises import PROMISES
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.results import versions
+from tests.proofs.command_line import JsonFile, Processes, console, save, spread, track
+from tests.proofs.ecu import wire_witness as wire
+from tests.proofs.ecu.hostile_world import RandomEvents, World
+from tests.proofs.ecu.promises import PROMISES
 
 SETTINGS: Final = {
     "as they are": EcuConfig(),
@@ -83,12 +82,7 @@ def _of(error: BaseException | None) -> str:
 def stretches(steps: int, *, seed: int, processes: int) -> Iterator[Stretch]:
     """All of them, in order."""
     lengths = [min(STRETCH, steps - start) for start in range(0, steps, STRETCH)]
-    work = partial(_stretch, seed=seed)
-    if processes == 1:
-        yield from map(work, enumerate(lengths))
-        return
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap(work, enumerate(lengths))
+    yield from spread(partial(_stretch, seed=seed), enumerate(lengths), processes)
 
 
 def _stretch(item: tuple[int, int], *, seed: int) -> Stretch:
@@ -99,7 +93,7 @@ def _stretch(item: tuple[int, int], *, seed: int) -> Stretch:
 def main(
     steps: Annotated[int, typer.Option("--steps", min=1, help="Control periods in all.")] = 1_000_000,
     seed: Annotated[int, typer.Option("--seed", help="Of all that happens.")] = 0,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="Beside each other.")] = 2,
+    processes: Processes = 2,
     json_file: JsonFile = None,
 ) -> None:
     """Run an ECU and a vehicle against a hostile bus, clock and controller, and judge every period from outside."""

@@ -1,0 +1,7 @@
+"""python -m tests.proofs.ecu hostile|soak: the ECU and the vehicle on a bad bus, for long."""
+
+from tests.proofs.command_line import main
+from tests.proofs.ecu import hostile, soak
+
+if __name__ == "__main__":
+    main({"hostile": hostile.main, "soak": soak.main})
