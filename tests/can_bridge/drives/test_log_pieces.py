@@ -7,46 +7,47 @@ import pytest
 from contract.errors import DatasetError
 from tests.can_bridge.drives.drive_log import LATENCY, PERIOD, command, drive, log_of, pressure
 from tests.can_bridge.drives.drive_series import EXACT, KINDS, read, same
+from tests.refused import refused
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("missing", [3, 20, 300])
-def test_a_long_gap_is_refused_with_its_time_or_cuts_the_drive_in_two(kind: str, missing: int) -> None:
+def test_a_long_gap_is_refused_with_its_time_or_cuts_the_drive_in_two() -> None:
     """20 and 300 periods are more than the classic and the CAN FD counter can tell by themselves."""
-    one = drive(kind, 200 + missing, 9)
-    messages = [message for i, message in enumerate(log_of(one)) if not 200 <= i < 200 + 2 * missing]
-    with pytest.raises(
-        DatasetError, match=rf"no pressures for {missing} control periods at 2\.000 s.*--split"
-    ) as error:
-        read(messages)
-    assert "\n" not in str(error.value)
-    series = read(messages, split=True)
-    before, after = series.pieces
-    assert (before.first_row, len(before)) == (0, 100)
-    # The action before the second piece is not known: its first row serves as that.
-    assert (after.first_row, len(after)) == (101 + missing, 99)
-    assert after.initial_action == pytest.approx(one.action[100 + missing], abs=EXACT)
-    np.testing.assert_allclose(after.Cp, one.Cp[101 + missing :], atol=EXACT)
-    np.testing.assert_allclose(after.action, one.action[101 + missing :], atol=EXACT)
-    same(read(messages[:200]), one)
+    for kind in KINDS:
+        for missing in [3, 20, 300]:
+            one = drive(kind, 200 + missing, 9)
+            messages = [message for i, message in enumerate(log_of(one)) if not 200 <= i < 200 + 2 * missing]
+            with pytest.raises(
+                DatasetError, match=rf"no pressures for {missing} control periods at 2\.000 s.*--split"
+            ) as error:
+                read(messages)
+            assert "\n" not in str(error.value), (kind, missing)
+            series = read(messages, split=True)
+            before, after = series.pieces
+            assert (before.first_row, len(before)) == (0, 100), (kind, missing)
+            # The action before the second piece is not known: its first row serves as that.
+            assert (after.first_row, len(after)) == (101 + missing, 99), (kind, missing)
+            assert after.initial_action == pytest.approx(one.action[100 + missing], abs=EXACT), (kind, missing)
+            np.testing.assert_allclose(after.Cp, one.Cp[101 + missing :], atol=EXACT)
+            np.testing.assert_allclose(after.action, one.action[101 + missing :], atol=EXACT)
+            same(read(messages[:200]), one)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("ahead", [1, 5, 9])
-def test_a_sender_that_begins_again_cuts_the_drive(kind: str, ahead: int) -> None:
+def test_a_sender_that_begins_again_cuts_the_drive() -> None:
     """Without a gap: only counter and clock tell that frames of two power cycles follow each other."""
-    one = drive(kind, 200, 10)
-    messages = []
-    for k in range(200):
-        counter = k if k < 100 else k + ahead
-        messages.append(pressure(one, k, k * PERIOD, counter=counter))
-        messages.append(command(one, k, (k + LATENCY) * PERIOD, echo=counter))
-    with pytest.raises(DatasetError, match="the sender began again"):
-        read(messages)
-    series = read(messages, split=True)
-    assert [len(piece) for piece in series.pieces] == [100, 100]
-    np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
-    assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT)
+    for kind in KINDS:
+        for ahead in [1, 5, 9]:
+            one = drive(kind, 200, 10)
+            messages = []
+            for k in range(200):
+                counter = k if k < 100 else k + ahead
+                messages.append(pressure(one, k, k * PERIOD, counter=counter))
+                messages.append(command(one, k, (k + LATENCY) * PERIOD, echo=counter))
+            with refused(DatasetError, "the sender began again"):
+                read(messages)
+            series = read(messages, split=True)
+            assert [len(piece) for piece in series.pieces] == [100, 100], (kind, ahead)
+            np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
+            assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT), (kind, ahead)
 
 
 def test_what_makes_no_series_is_refused_in_one_line() -> None:

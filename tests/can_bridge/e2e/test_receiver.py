@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from can_bridge.e2e import profile5
-from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, Reception, StreamState, receive
+from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
@@ -39,16 +38,16 @@ def valid_receiver(last: int = 9) -> E2eReceiver:
     return made
 
 
-@pytest.mark.parametrize("last", [0, 1, 100, 252, 253, 254, 255])
-def test_every_counter_step_gets_its_check(last):
+def test_every_counter_step_gets_its_check():
     """All 256 steps from `last`, across the wrap."""
-    expected = {0: Check.REPEATED, 1: Check.OK} | dict.fromkeys((2, 3, 4), Check.OK_SOME_LOST)
-    for step in range(256):
-        made = receiver()
-        made.tick([good(last)])
-        reception = made.tick([good(last + step, time_ns=step)])
-        assert reception.checks == (expected.get(step, Check.WRONG_SEQUENCE),), step
-        assert (reception.accepted is not None) == (1 <= step <= 4)
+    for last in [0, 1, 100, 252, 253, 254, 255]:
+        expected = {0: Check.REPEATED, 1: Check.OK} | dict.fromkeys((2, 3, 4), Check.OK_SOME_LOST)
+        for step in range(256):
+            made = receiver()
+            made.tick([good(last)])
+            reception = made.tick([good(last + step, time_ns=step)])
+            assert reception.checks == (expected.get(step, Check.WRONG_SEQUENCE),), step
+            assert (reception.accepted is not None) == (1 <= step <= 4), last
 
 
 def test_first_frame_is_good_whatever_its_counter():
@@ -56,77 +55,18 @@ def test_first_frame_is_good_whatever_its_counter():
         assert receiver().tick([good(counter)]).checks == (Check.OK,)
 
 
-@pytest.mark.parametrize(
-    "frame",
-    [
+def test_frame_that_fails_is_an_error_and_changes_no_counter():
+    for frame in [
         corrupt(1),
         replace(good(1), data=good(1).data[:8]),
         replace(good(1), data=b""),
         replace(good(1), data=profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
-    ],
-    ids=["crc", "short", "empty", "anothers data id"],
-)
-def test_frame_that_fails_is_an_error_and_changes_no_counter(frame):
-    made = receiver()
-    made.tick([good(7)])
-    reception = made.tick([frame])
-    assert (reception.checks, reception.accepted) == ((Check.ERROR,), None)
-    assert made.state.last_counter == 7
-
-
-def test_life_of_a_stream():
-    made = receiver()
-    story = [
-        ([], StreamState.NODATA),
-        ([corrupt(1)], StreamState.NODATA),
-        ([good(1)], StreamState.INIT),
-        ([good(2)], StreamState.VALID),
-        ([good(3)], StreamState.VALID),
-        # Two wrong CRCs in the window are borne, a third is not.
-        ([corrupt(4)], StreamState.VALID),
-        ([corrupt(5)], StreamState.VALID),
-        ([corrupt(6)], StreamState.INVALID),
-        ([good(7)], StreamState.INVALID),
-        ([good(8)], StreamState.INVALID),
-        ([good(9)], StreamState.VALID),
-        ([], StreamState.VALID),
-        ([], StreamState.VALID),
-        ([], StreamState.VALID),
-        ([], StreamState.VALID),
-        ([], StreamState.INVALID),
-        ([good(10)], StreamState.INVALID),
-        ([good(11)], StreamState.VALID),
-    ]
-    assert [made.tick(frames).stream for frames, _ in story] == [state for _, state in story]
-
-
-def test_errors_at_the_start_make_it_invalid():
-    made = receiver(min_ok=4)
-    states = [made.tick([frame]).stream for frame in (good(1), corrupt(2), corrupt(3), corrupt(4))]
-    assert states == [StreamState.INIT] * 3 + [StreamState.INVALID]
-
-
-def test_replayed_stream_dies():
-    made = valid_receiver(last=9)
-    receptions = [made.tick([good(9)]) for _ in range(CONFIG.window)]
-    assert all(reception.live is None for reception in receptions)
-    assert receptions[-1].stream is StreamState.INVALID
-
-
-def test_restarted_sender_is_followed_from_its_second_frame():
-    made = valid_receiver(last=100)
-    first, second = made.tick([good(0)]), made.tick([good(1)])
-    assert (first.checks, first.live) == ((Check.WRONG_SEQUENCE,), None)
-    assert second.checks == (Check.OK,)
-    assert second.live is not None
-
-
-def test_three_lost_frames_are_survived_and_four_are_not_accepted():
-    for lost, check in ((3, Check.OK_SOME_LOST), (4, Check.WRONG_SEQUENCE)):
-        made = valid_receiver(last=9)
-        for _ in range(lost):
-            made.tick([])
-        assert made.tick([good(9 + lost + 1)]).checks == (check,)
+    ]:
+        made = receiver()
+        made.tick([good(7)])
+        reception = made.tick([frame])
+        assert (reception.checks, reception.accepted) == ((Check.ERROR,), None), frame
+        assert made.state.last_counter == 7, frame
 
 
 def test_only_a_good_frame_of_a_valid_stream_is_live():
@@ -197,49 +137,3 @@ def test_sender_and_receiver_agree_over_several_wraps():
 def test_sender_refuses_another_length():
     with pytest.raises(ValueError, match="Pressure of 8 bytes: must have 16"):
         E2eSender(PRESSURE).frame(bytes(8), now_ns=0)
-
-
-class Stream(RuleBasedStateMachine):
-    """Any mixture of faults; the invariants hold after each period."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.made = receiver()
-        self.sent = 0
-        self.reception: Reception | None = None
-
-    @rule(skipped=st.integers(0, 6))
-    def deliver(self, skipped: int) -> None:
-        self.sent += 1 + skipped
-        self.reception = self.made.tick([good(self.sent)])
-
-    @rule()
-    def lose(self) -> None:
-        self.sent += 1
-        self.reception = self.made.tick([])
-
-    @rule()
-    def spoil(self) -> None:
-        self.sent += 1
-        self.reception = self.made.tick([corrupt(self.sent)])
-
-    @rule()
-    def repeat(self) -> None:
-        self.reception = self.made.tick([good(self.sent)])
-
-    @invariant()
-    def valid_means_the_window_supports_it(self) -> None:
-        if self.made.state.stream is StreamState.VALID:
-            assert any(check in GOOD for check in self.made.state.window)
-            assert self.made.state.window.count(Check.ERROR) <= CONFIG.max_errors
-        if self.made.state.stream is StreamState.NODATA:
-            assert not any(self.made.state.count(check) for check in GOOD)
-
-    @invariant()
-    def live_means_good_and_valid(self) -> None:
-        if self.reception is not None and self.reception.live is not None:
-            assert self.reception.stream is StreamState.VALID
-            assert self.reception.checks[-1] in GOOD
-
-
-TestStream = Stream.TestCase

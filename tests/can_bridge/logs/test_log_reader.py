@@ -3,7 +3,6 @@
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from can_bridge.logs.log_reader import read_messages
 from can_bridge.wire.frame import FD_LENGTHS
 from contract.errors import BusError
 from tests.examples import examples
+from tests.refused import refused
 
 FORMATS = (".log", ".asc", ".blf", ".trc")
 RESOLUTION_S = 2e-6
@@ -151,12 +151,11 @@ def test_trc_types_are_those_of_pcan(tmp_path):
 
 
 def one_log(path: Path) -> None:
-    write(path, [can.Message(timestamp=1.0 + i / 1000, arbitration_id=i, data=bytes(8)) for i in range(100)])
+    write(path, [can.Message(timestamp=1.0 + i / 1000, arbitration_id=i, data=bytes(8)) for i in range(40)])
 
 
-@pytest.mark.parametrize(
-    ("suffix", "damage", "words"),
-    [
+def test_damage_is_named_after_what_could_be_read(tmp_path):
+    for suffix, damage, words in [
         (".blf", lambda content: content[: len(content) // 2], "is cut off|cannot be read as a CAN log"),
         (".blf", lambda content: content[:20], "cannot be read as a CAN log"),
         (".blf", lambda content: b"", "cannot be read as a CAN log"),
@@ -166,35 +165,33 @@ def one_log(path: Path) -> None:
         (".log", lambda content: content[:-20], "cannot be read as a CAN log|its last line has no end"),
         (".log", lambda content: b"\xff\xfe\x00", "cannot be read as a CAN log"),
         (".trc", lambda content: content[:-10], "cannot be read as a CAN log|its last line has no end"),
-    ],
-)
-def test_damage_is_named_after_what_could_be_read(tmp_path, suffix, damage: Callable[[bytes], bytes], words):
-    path = tmp_path / f"a{suffix}"
-    one_log(path)
-    path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(BusError, match=rf"a\{suffix}: .*({words})") as caught:
-        list(read_messages(path))
-    assert "\n" not in str(caught.value)
+    ]:
+        path = tmp_path / f"a{suffix}"
+        one_log(path)
+        path.write_bytes(damage(path.read_bytes()))
+        with refused(BusError, rf"a\{suffix}: .*({words})") as caught:
+            list(read_messages(path))
+        assert "\n" not in str(caught.value), (suffix, damage, words)
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".trc", ".log"])
-def test_every_cut_is_an_error_or_ends_between_two_frames(tmp_path, suffix):
+def test_every_cut_is_an_error_or_ends_between_two_frames(tmp_path):
     """The line formats have no end that could be missing: cut between two lines, the file is a shorter log."""
-    path = tmp_path / f"a{suffix}"
-    one_log(path)
-    content = path.read_bytes()
-    whole = [identity(one) for one in read_messages(path)]
-    for cut in range(0, len(content), 41):
-        path.write_bytes(content[:cut])
-        got = []
-        try:
-            for one in read_messages(path):
-                got.append(identity(one))
-        except BusError:
-            pass
-        else:
-            assert suffix in (".trc", ".log") or len(got) in (0, len(whole))
-        assert got == whole[: len(got)]
+    for suffix in [".blf", ".asc", ".trc", ".log"]:
+        path = tmp_path / f"a{suffix}"
+        one_log(path)
+        content = path.read_bytes()
+        whole = [identity(one) for one in read_messages(path)]
+        for cut in range(0, len(content), 97):
+            path.write_bytes(content[:cut])
+            got = []
+            try:
+                for one in read_messages(path):
+                    got.append(identity(one))
+            except BusError:
+                pass
+            else:
+                assert suffix in (".trc", ".log") or len(got) in (0, len(whole)), suffix
+            assert got == whole[: len(got)], suffix
 
 
 def test_a_blf_says_how_much_is_missing(tmp_path):
@@ -209,20 +206,17 @@ def test_a_blf_says_how_much_is_missing(tmp_path):
         list(read_messages(path))
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
+def test_other_files_are_refused_by_name(tmp_path):
+    (tmp_path / "folder.log").mkdir()
+    (tmp_path / "a.csv").touch()
+    for name, words in (
         ("a.csv", r"a\.csv: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4"),
         ("a", "a log must end in"),
         ("missing.blf", "there is no such file"),
         ("folder.log", "is a directory"),
-    ],
-)
-def test_other_files_are_refused_by_name(tmp_path, name, words):
-    (tmp_path / "folder.log").mkdir()
-    (tmp_path / "a.csv").touch()
-    with pytest.raises(BusError, match=words):
-        list(read_messages(tmp_path / name))
+    ):
+        with refused(BusError, words):
+            list(read_messages(tmp_path / name))
 
 
 @pytest.mark.skipif(HAS_ASAMMDF, reason="asammdf is installed")
@@ -234,22 +228,16 @@ def test_mf4_without_asammdf_is_one_line(tmp_path):
         pytest.fail("must not get here")
 
 
-def test_capital_endings_are_taken(tmp_path):
-    one_log(tmp_path / "A.BLF")
-    assert len(list(read_messages(tmp_path / "A.BLF"))) == 100
-
-
 @pytest.mark.processes  # what an interpreter prints at its end is seen from outside only
 @pytest.mark.skipif(not HAS_ASAMMDF, reason="asammdf is not installed")
-@pytest.mark.parametrize(("block", "byte"), [(b"##DZ", 60), (b"##CN", 0)])
-def test_a_damaged_mf4_is_one_line(tmp_path, block, byte):
+def test_a_damaged_mf4_is_one_line(tmp_path):
     """asammdf prints tracebacks of its own, and its half-made object fails again when it is deleted."""
     path = tmp_path / "a.mf4"
     with recording_messages(path) as write:
         for i in range(200):
             write(can.Message(timestamp=EPOCH_S + i / 100, arbitration_id=0x120, is_extended_id=False, data=[i] * 8))
     content = bytearray(path.read_bytes())
-    content[content.rindex(block) + byte] ^= 0x81
+    content[content.rindex(b"##DZ") + 60] ^= 0x81
     path.write_bytes(content)
     ended = subprocess.run(
         [sys.executable, "-m", "stillwake", "can", "decode", path], capture_output=True, text=True, check=False
@@ -258,8 +246,8 @@ def test_a_damaged_mf4_is_one_line(tmp_path, block, byte):
     assert "a.mf4: cannot be read as a CAN log" in ended.stderr
 
 
-@pytest.mark.parametrize("time", ["nan", "inf"])
-def test_a_frame_without_a_time_is_refused(tmp_path, time):
-    (tmp_path / "a.log").write_text(f"(1.0) can0 120#00\n({time}) can0 120#00\n")
-    with pytest.raises(BusError, match=f"frame 2: has no time but {time}"):
-        list(read_messages(tmp_path / "a.log"))
+def test_a_frame_without_a_time_is_refused(tmp_path):
+    for time in ["nan", "inf"]:
+        (tmp_path / "a.log").write_text(f"(1.0) can0 120#00\n({time}) can0 120#00\n")
+        with refused(BusError, f"frame 2: has no time but {time}"):
+            list(read_messages(tmp_path / "a.log"))

@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,9 +23,8 @@ def test_genuine_frames_pass_and_are_remembered(genuine, key):
     assert found.state == VerifierState(freshness=(1 << 32) + 5)
 
 
-@pytest.mark.parametrize(
-    ("trip", "count", "passes"),
-    [
+def test_only_a_greater_freshness_is_fresh(genuine, key):
+    for trip, count, passes in [
         (2, 100, False),
         (2, 99, False),
         (2, 101, True),
@@ -34,16 +32,14 @@ def test_genuine_frames_pass_and_are_remembered(genuine, key):
         (1, 101, False),
         (3, 0, True),
         (1 << 31, 0, True),
-    ],
-)
-def test_only_a_greater_freshness_is_fresh(genuine, key, trip, count, passes):
-    before = VerifierState(freshness=2 << 32 | 100)
-    frame = genuine(SPEC, trip=trip, count=count)
-    found = verified(before, [frame], spec=SPEC, key=key)
-    assert list(found.frames) == ([frame] if passes else [])
-    assert found.none_authentic is not passes
-    assert found.state.not_fresh == (not passes)
-    assert found.state.not_authentic == 0
+    ]:
+        before = VerifierState(freshness=2 << 32 | 100)
+        frame = genuine(SPEC, trip=trip, count=count)
+        found = verified(before, [frame], spec=SPEC, key=key)
+        assert list(found.frames) == ([frame] if passes else []), (trip, count, passes)
+        assert found.none_authentic is not passes, (trip, count, passes)
+        assert found.state.not_fresh == (not passes), (trip, count, passes)
+        assert found.state.not_authentic == 0, (trip, count, passes)
 
 
 def test_forged_repeated_and_reflected_frames_are_dropped_and_counted_apart(genuine, key):
@@ -55,13 +51,6 @@ def test_forged_repeated_and_reflected_frames_are_dropped_and_counted_apart(genu
     assert list(found.frames) == real
     assert (found.state.not_authentic, found.state.not_fresh, found.state.refused) == (3, 2, 5)
     assert not found.none_authentic
-
-
-def test_a_forgery_with_a_high_freshness_does_not_shut_the_genuine_sender_out(genuine, key):
-    high = forged(genuine(SPEC, trip=1 << 31))
-    found = verified(VerifierState(), [high, genuine(SPEC, count=3)], spec=SPEC, key=key)
-    assert len(found.frames) == 1
-    assert found.state.freshness == (1 << 32) + 3
 
 
 def test_frames_of_other_messages_are_passed_on_unseen(genuine, key):

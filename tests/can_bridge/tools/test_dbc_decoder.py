@@ -8,6 +8,7 @@ from can_bridge.tools import signals
 from can_bridge.tools.dbc_decoder import decoder_of
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
+from tests.refused import refused
 
 OTHER = """VERSION ""
 NS_ :
@@ -77,16 +78,14 @@ def test_our_messages_stay_known_and_keep_their_check(other):
     assert ours.spec is not None
 
 
-@pytest.mark.parametrize(
-    ("content", "words"), [("BO_ nonsense", "no description of a CAN bus"), (None, "No such file")]
-)
-def test_bad_files_are_one_line(tmp_path, content, words):
+def test_bad_files_are_one_line(tmp_path):
     path = tmp_path / "x.dbc"
-    if content is not None:
-        path.write_text(content)
-    with pytest.raises(BusError, match=words) as caught:
-        decoder_of(path)
-    assert "\n" not in str(caught.value)
+    for content, words in ((None, "No such file"), ("BO_ nonsense", "no description of a CAN bus")):
+        if content is not None:
+            path.write_text(content)
+        with refused(BusError, words) as caught:
+            decoder_of(path)
+        assert "\n" not in str(caught.value)
 
 
 def test_without_cantools_it_says_what_to_install(other, monkeypatch):

@@ -56,28 +56,18 @@ def test_unknown_and_unreadable_messages_show_their_bytes():
     ]
 
 
-@pytest.mark.parametrize(
-    ("words", "signals"),
-    [
+def test_filter_wants_every_word():
+    for words, signals in [
         ("flow", ["Flow"]),
         ("jet FLOW", ["Flow"]),
         ("130 counter", ["PressureCounterValid", "PressureCounter"]),
         ("pressure pressure0", ["Pressure0"]),
         ("nothing", []),
-    ],
-)
-def test_filter_wants_every_word(words, signals):
-    state = state_of(frame(JET_COMMAND, 0), frame(PRESSURE, 0))
-    found = rows(state, 0, matching=words)
-    assert [one.signal for one in found] == signals
-    assert [one.is_first for one in found] == [True, False, False][: len(signals)]
-
-
-def test_states_are_values():
-    before = state_of(frame(JET_COMMAND, 0))
-    after = before.seen(frame(JET_COMMAND, 1)).seen_other()
-    assert (before.frames, before.others, after.frames, after.others) == (1, 0, 2, 1)
-    assert after.reset() == MonitorState()
+    ]:
+        state = state_of(frame(JET_COMMAND, 0), frame(PRESSURE, 0))
+        found = rows(state, 0, matching=words)
+        assert [one.signal for one in found] == signals, (words, signals)
+        assert [one.is_first for one in found] == [True, False, False][: len(signals)], (words, signals)
 
 
 def pressed(*keys: str) -> View:
@@ -87,9 +77,8 @@ def pressed(*keys: str) -> View:
     return view
 
 
-@pytest.mark.parametrize(
-    ("keys", "view"),
-    [
+def test_keys():
+    for keys, view in [
         (["q"], View(quits=True)),
         (["\x03"], View(quits=True)),
         ([" "], View(is_paused=True)),
@@ -109,18 +98,19 @@ def pressed(*keys: str) -> View:
         (["j", "k", "\x1b[A"], View()),
         (["j", "/"], View(is_typing=True)),
         (["z", "\x1b[C", "é"], View()),
-    ],
-)
-def test_keys(keys, view):
-    assert pressed(*keys) == view
+    ]:
+        assert pressed(*keys) == view, (keys, view)
 
 
-@pytest.mark.parametrize(
-    ("typed", "keys"),
-    [("", []), ("qr", ["q", "r"]), ("\x1b[A\x1b[Bq", ["\x1b[A", "\x1b[B", "q"]), ("\x1b", ["\x1b"]), ("é", ["é"])],
-)
-def test_keys_typed_at_once_are_told_apart(typed, keys):
-    assert split_keys(typed) == keys
+def test_keys_typed_at_once_are_told_apart():
+    for typed, keys in [
+        ("", []),
+        ("qr", ["q", "r"]),
+        ("\x1b[A\x1b[Bq", ["\x1b[A", "\x1b[B", "q"]),
+        ("\x1b", ["\x1b"]),
+        ("é", ["é"]),
+    ]:
+        assert split_keys(typed) == keys, (typed, keys)
 
 
 @given(st.lists(st.text(max_size=3)))

@@ -17,13 +17,6 @@ def test_everything_that_comes_is_written_and_losses_are_counted():
     assert (recorder.frames, recorder.not_kept) == (9, Counter({"error frames": 3}))
 
 
-def test_it_ends_at_the_number_of_frames():
-    written: list[can.Message] = []
-    recorder = Recorder(written.append, lambda message: "")
-    recorder.run(lambda wait_s: can.Message(), is_over=lambda frames: frames >= 5)
-    assert (len(written), recorder.frames) == (5, 5)
-
-
 def test_a_bus_that_fails_leaves_the_count_of_what_was_written():
     waiting = [can.Message(), can.Message()]
 

@@ -54,11 +54,11 @@ def test_rate_follows_a_change_after_so_many_frames():
     assert traffic.mean_rate_hz == pytest.approx(70 / 1.5)
 
 
-@pytest.mark.parametrize("times", [[5], [5, 5], [9, 3]])
-def test_no_rate_without_two_times(times):
-    traffic = after([Frame(frame_id=1, data=b"", timestamp_ns=t) for t in times])
-    assert (traffic.rate_hz(9), traffic.mean_rate_hz) == (0.0, 0.0)
-    assert traffic.age_ns(0) == 0
+def test_no_rate_without_two_times():
+    for times in [[5], [5, 5], [9, 3]]:
+        traffic = after([Frame(frame_id=1, data=b"", timestamp_ns=t) for t in times])
+        assert (traffic.rate_hz(9), traffic.mean_rate_hz) == (0.0, 0.0), times
+        assert traffic.age_ns(0) == 0, times
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
@@ -147,9 +147,3 @@ def test_a_new_power_cycle_is_fresh_and_an_old_one_is_not():
     ):
         traffic = observe(traffic, one, decoder=decode, e2e=E2E, key=KEY)
         assert traffic.mac is mac
-
-
-def test_a_key_changes_nothing_for_messages_without_authentication():
-    one = frame(JET_COMMAND, 0)
-    assert observe(None, one, decoder=decode, e2e=E2E, key=KEY) == after([one])
-    assert after([one]).mac is None

@@ -1,11 +1,10 @@
 """The classic set: both directions against cantools reading the DBC, and what eight bytes leave out."""
 
 import math
-from importlib.resources import files
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from cantools.database import Database
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,9 +12,8 @@ from can_bridge.wire import classic_codec, codec
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.message_sets import CLASSIC
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
-
-DBC = Database()
-DBC.add_dbc_string(files("contract").joinpath("stillwake.dbc").read_text())
+from tests.can_bridge.wire.described import DBC, decoded, jet, pressure, status
+from tests.refused import refused
 
 U4, U6, U16 = (st.integers(0, 2**bits - 1) for bits in (4, 6, 16))
 PRESSURES = st.builds(
@@ -26,12 +24,6 @@ PRESSURES = st.builds(
     enable_request=st.booleans(),
     age_ns=st.integers(0, 10**10),
 )
-
-
-def decoded(name: str, data: bytes) -> dict[str, Any]:
-    signals = DBC.decode_message(name, data, decode_choices=False)
-    assert isinstance(signals, dict)
-    return signals
 
 
 @given(PRESSURES)
@@ -153,30 +145,41 @@ def test_a_command_has_the_same_flow_in_both_sets(message):
     assert classic == codec.parse_jet_command(codec.emit_jet_command(message))
 
 
-PARSERS = [classic_codec.parse_pressure, classic_codec.parse_jet_command, classic_codec.parse_ecu_status]
-EMITTERS = [classic_codec.emit_pressure, classic_codec.emit_jet_command, classic_codec.emit_ecu_status]
+PARSERS: list[Callable[[bytes], Any]] = [
+    classic_codec.parse_pressure,
+    classic_codec.parse_jet_command,
+    classic_codec.parse_ecu_status,
+]
+EMITTERS: list[Callable[[Any], bytes]] = [
+    classic_codec.emit_pressure,
+    classic_codec.emit_jet_command,
+    classic_codec.emit_ecu_status,
+]
 
 
-@pytest.mark.parametrize(("parse", "emit"), list(zip(PARSERS, EMITTERS, strict=True)))
 @given(data=st.binary(max_size=70) | st.binary(min_size=8, max_size=8))
-def test_any_bytes_parse_to_none_or_to_a_message_that_survives(parse, emit, data):
-    message = parse(data)
-    if message is not None:
-        assert parse(emit(message)) == message
+def test_any_bytes_parse_to_none_or_to_a_message_that_survives(data):
+    for parse, emit in zip(PARSERS, EMITTERS, strict=True):
+        message = parse(data)
+        assert message is None or parse(emit(message)) == message, parse
 
 
-@pytest.mark.parametrize(("parse", "spec"), [(parse, spec) for parse, spec in zip(PARSERS, CLASSIC.specs, strict=True)])
-def test_only_eight_bytes_parse(parse, spec):
-    assert [length for length in range(70) if parse(bytes(length)) is not None] == [spec.length] == [8]
+def test_only_eight_bytes_parse():
+    for parse, spec in zip(PARSERS, CLASSIC.specs, strict=True):
+        assert [length for length in range(70) if parse(bytes(length)) is not None] == [spec.length] == [8], (
+            parse,
+            spec,
+        )
 
 
-@pytest.mark.parametrize(
-    ("parse", "shift", "bad"),
-    [(PARSERS[1], 12, (6, 7)), (PARSERS[2], 12, range(6, 16)), (PARSERS[2], 16, range(15, 16))],
-)
-def test_values_outside_a_table_are_malformed(parse, shift, bad):
-    for value in bad:
-        assert parse((value << shift).to_bytes(8, "little")) is None
+def test_values_outside_a_table_are_malformed():
+    for parse, shift, bad in [
+        (PARSERS[1], 12, (6, 7)),
+        (PARSERS[2], 12, range(6, 16)),
+        (PARSERS[2], 16, range(15, 16)),
+    ]:
+        for value in bad:
+            assert parse((value << shift).to_bytes(8, "little")) is None, (parse, shift, bad)
 
 
 def test_bits_without_a_signal_are_ignored():
@@ -184,25 +187,8 @@ def test_bits_without_a_signal_are_ignored():
     assert PARSERS[1](spare) == PARSERS[1](bytes(8))
 
 
-def pressure(**changes: Any) -> Pressure:
-    fields: dict[str, Any] = {"pressure_pa": (0.0,) * 4, "valid": (True,) * 4, "enable_request": False, "age_ns": 0}
-    return Pressure(**{**fields, **changes})
-
-
-def jet(**changes: Any) -> JetCommand:
-    fields: dict[str, Any] = {"flow_m2_per_s": 0.0, "mode": Mode.OFF, "enable": True, "pressure_counter": None}
-    return JetCommand(**{**fields, **changes})
-
-
-def status(**changes: Any) -> EcuStatus:
-    fields: dict[str, Any] = {"state": Mode.OFF, "reason": Reason.NONE}
-    counts = dict.fromkeys(("overruns", "missed", "crc_errors", "bus_off", "bundle_hash"), 0)
-    return EcuStatus(**{**fields, **counts, **changes})
-
-
-@pytest.mark.parametrize(
-    ("emit", "message", "culprit"),
-    [
+def test_what_the_wire_cannot_carry_is_refused_by_name():
+    cases: list[tuple[Callable[[Any], bytes], Any, str]] = [
         (classic_codec.emit_pressure, pressure(pressure_pa=(0.0,) * 3), "pressure_pa has 3 values"),
         (classic_codec.emit_pressure, pressure(valid=(True,) * 5), "valid has 5 values"),
         (classic_codec.emit_pressure, pressure(pressure_pa=(math.nan, 0.0, 0.0, 0.0)), "nan: must be finite"),
@@ -214,8 +200,7 @@ def status(**changes: Any) -> EcuStatus:
         (classic_codec.emit_ecu_status, status(missed=-1), "missed = -1: must not be negative"),
         (classic_codec.emit_ecu_status, status(bundle_hash=2**32), "bundle_hash"),
         (classic_codec.emit_ecu_status, status(reason=15), "15 is not a valid Reason"),
-    ],
-)  # fmt: skip
-def test_what_the_wire_cannot_carry_is_refused_by_name(emit, message, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        emit(message)
+    ]
+    for emit, message, culprit in cases:
+        with refused(ValueError, culprit):
+            emit(message)

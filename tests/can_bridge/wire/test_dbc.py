@@ -1,11 +1,8 @@
 """The DBC itself: what other tools must find in it without a warning."""
 
-import subprocess
-import sys
 import warnings
 from importlib.resources import files
 
-import pytest
 from cantools.database import Database
 
 TEXT = files("contract").joinpath("stillwake.dbc").read_text()
@@ -17,20 +14,6 @@ def test_cantools_reads_it_strictly_without_a_warning():
         dbc = Database(strict=True)
         dbc.add_dbc_string(TEXT)
     assert len(dbc.messages) == 9
-
-
-@pytest.mark.processes
-def test_its_command_line_reads_it_without_a_word_on_stderr(tmp_path):
-    path = tmp_path / "stillwake.dbc"
-    path.write_text(TEXT)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "cantools", "list", str(path), "EcuStatusSecured"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "EcuStatusSecured" in done.stdout
-    assert not done.stderr
 
 
 def test_writing_it_again_loses_nothing():
