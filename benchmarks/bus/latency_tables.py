@@ -1,4 +1,4 @@
-"""The table of the control loop's latency in real time, stage by stage, beside the idle loop of the same run."""
+"""The table of the control loop's latency in real time, stage by stage, next to the idle loop of the same run."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -21,18 +21,24 @@ def latency(found: Any) -> str:
     """A row for each stage and the idle loop, ONNX Runtime to the left, the C library to the right; below, verdicts."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
-        (LABELS[Stage(stage)], *(cell for run in runs for cell in _cells(run["stages"][stage])))
-        for stage in runs[0]["stages"]
+        (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))
+        for stage in Stage
     ]
-    rows.append(("idle loop of the same run", *(cell for run in runs for cell in _cells(run["baseline"]))))
+    baselines = [run["baseline"] for run in runs]
+    rows.append(("idle loop of the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
     lines = [
-        f"{label}, {run['periods']} periods. {run['verdict']}\n"
+        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary; the idle loop was late by the "
+        f"slack of {run['slack_ms']:.1f} ms in {run['baseline']['misses']} periods.\n"
         for label, run in zip(CONTROLLERS.values(), runs, strict=True)
     ]
     about = f"Measured on {found['date']}, {found['facts']['machine']}; left ONNX Runtime, right the C library; in ms."
     return "\n".join((about, "", table(HEADS, rows), "", *lines)).rstrip("\n")
 
 
-def _cells(row: Any) -> tuple[str, ...]:
+def _misses(run: Any, stage: Stage) -> int | str:
+    return run["misses"] if stage is Stage.ALL else ""
+
+
+def _cells(row: Any, misses: int | str) -> tuple[str, ...]:
     times = (("never" if row[name] is None else f"{row[name]:.2f}") for name in QUANTILES)
-    return (*times, str(row["misses"]))
+    return (*times, str(misses))

@@ -12,8 +12,8 @@ from firmware_sim.latency.stages import Stage
 
 LIMITS: Final[Mapping[str, str]] = {"p50_ms": "p50", "p99_ms": "p99", "p99_9_ms": "p99_9", "max_ms": "max"}
 """What may be limited of a stage, and the field of `Quantiles` that it limits."""
-COUNTS: Final = ("misses", "misses_ours", "misses_unexplained")
-"""What may be limited of a run as a whole; unexplained ones count as ours."""
+COUNTS: Final = ("misses", "misses_ours")
+"""What may be limited of a run as a whole: all misses, and those beyond the idle loop's."""
 LARGEST_FILE: Final = 2**16
 """Bytes."""
 LONGEST_MS: Final = 86_400_000
@@ -24,7 +24,7 @@ class Budget:
     """The most that is allowed.
 
     Attributes:
-        counts: of `COUNTS`, those that are limited.
+        counts: those of `COUNTS` that are limited.
         latencies: ms by stage and name of the limit.
     """
 
@@ -66,7 +66,6 @@ def read_budget(path: Path) -> Budget:
     except OSError as error:
         raise ConfigError(f"budget {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
-        # A number of more than 4,300 digits is a bare ValueError.
         raise ConfigError(f"budget {path}: not TOML: {error}") from error
     counts: dict[str, int] = {}
     latencies: dict[tuple[Stage, str], float] = {}
@@ -84,17 +83,17 @@ def read_budget(path: Path) -> Budget:
 
 
 def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[Verdict]:
-    """Each limit of the budget beside what was measured.
+    """Each limit of the budget with what was measured.
 
     Args:
         budget: the limits.
-        counts: of `COUNTS`, all.
+        counts: all of `COUNTS`.
         latencies: of every stage.
     """
-    found = [Verdict(name, allowed, counts[name]) for name, allowed in budget.counts.items()]
+    judged = [Verdict(name, allowed, counts[name]) for name, allowed in budget.counts.items()]
     for (stage, limit), allowed in budget.latencies.items():
-        found.append(Verdict(f"{stage}.{limit}", allowed, getattr(latencies[stage], LIMITS[limit])))
-    return found
+        judged.append(Verdict(f"{stage}.{limit}", allowed, getattr(latencies[stage], LIMITS[limit])))
+    return judged
 
 
 def _count(path: Path, name: str, value: Any) -> int:

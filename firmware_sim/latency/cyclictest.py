@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 PRIORITY: Final = 50
-"""The same as the idle loop's."""
+"""SCHED_FIFO: the ECU's."""
 _THREAD: Final = re.compile(
     r"T:\s*\d+ .*?P:\s*(?P<priority>\d+) .*?C:\s*(?P<count>\d+) .*?"
     r"Min:\s*(?P<min>\d+) .*?Avg:\s*(?P<avg>\d+) .*?Max:\s*(?P<max>\d+)"
@@ -16,7 +16,7 @@ _THREAD: Final = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class Cyclictest:
-    """Its last line.
+    """The last line of its output.
 
     Attributes:
         priority: of SCHED_FIFO; 0 where that was not granted.
@@ -32,7 +32,7 @@ class Cyclictest:
 
 
 def started(period_ns: int) -> "subprocess.Popen[str] | None":
-    """cyclictest beside the run, until `ended`; None where it is not installed."""
+    """Start cyclictest, which runs until `ended`; None where it is not installed."""
     program = shutil.which("cyclictest")
     if program is None:
         return None

@@ -11,7 +11,7 @@ NEEDED_FOR_P99_9: Final = 1_000
 
 
 class Quantiles(NamedTuple):
-    """Of one stage, in ms; None where there was not a single value.
+    """Percentiles of one stage, in ms; None where there was not a single value.
 
     Attributes:
         p50, p99, p99_9, max: percentiles.
@@ -26,10 +26,10 @@ class Quantiles(NamedTuple):
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:
-        """Those of latencies in ns, (n,); NaN stands for a period without one and is left out, infinity is not."""
-        found = values_ns[~np.isnan(values_ns)]
-        if not len(found):
+        """Percentiles of latencies in ns, (n,); NaN, a period without one, is left out, infinity is not."""
+        values = values_ns[~np.isnan(values_ns)]
+        if not len(values):
             return cls(None, None, None, None, 0)
         # By nearest rank: the smallest value that at least this share of all do not exceed.
-        p50, p99, p99_9, most = np.quantile(found, [0.5, 0.99, 0.999, 1.0], method="inverted_cdf") / 1e6
-        return cls(float(p50), float(p99), float(p99_9), float(most), len(found))
+        p50, p99, p99_9, most = np.quantile(values, [0.5, 0.99, 0.999, 1.0], method="inverted_cdf") / 1e6
+        return cls(float(p50), float(p99), float(p99_9), float(most), len(values))

@@ -5,9 +5,8 @@ from math import isinf
 from pathlib import Path
 from typing import Final
 
-from firmware_sim.latency.attribution import Miss, counted, slack_ns
 from firmware_sim.latency.budget import Verdict
-from firmware_sim.latency.figures import histogram_figure, timeline_figure
+from firmware_sim.latency.histogram_and_timeline import histogram_figure, timeline_figure
 from firmware_sim.latency.measured import Measured
 from firmware_sim.latency.quantiles import NEEDED_FOR_P99_9, Quantiles
 from firmware_sim.latency.stages import Stage
@@ -15,8 +14,6 @@ from firmware_sim.latency.stages import Stage
 PAGE: Final = "report.md"
 HEAD: Final = ("stage", "p50", "p99", "p99.9", "max", "misses")
 BUDGET_HEAD: Final = ("limit", "allowed", "measured", "kept")
-MISSES_HEAD: Final = ("period", "late, ms", "stage", "what became of its pressures", "cause", "whose")
-MISSES_SHOWN: Final = 20
 
 LABELS: Final[Mapping[Stage, str]] = {
     Stage.SAMPLE: "sample",
@@ -32,11 +29,10 @@ LABELS: Final[Mapping[Stage, str]] = {
 
 
 def stage_rows(run: Measured) -> Iterator[tuple[str, ...]]:
-    """A row for each stage, the idle loop and cyclictest; times in ms. A stage has the misses it had most part in."""
+    """A row for each stage, the idle loop and cyclictest; times in ms."""
     for stage, quantiles in run.latencies.items():
-        misses = len(run.misses) if stage is Stage.ALL else sum(miss.stage is stage for miss in run.misses)
-        yield (LABELS[stage], *_cells(quantiles), str(misses) if misses or stage is Stage.ALL else "")
-    yield ("idle loop of the same run", *_cells(run.idle_latency), str(run.idle_misses))
+        yield (LABELS[stage], *_cells(quantiles), str(run.misses) if stage is Stage.ALL else "")
+    yield ("idle loop of the same run", *_cells(Quantiles.of(run.idle_late)), str(run.idle_misses))
     if (other := run.recorded.cyclictest) is not None:
         yield (f"cyclictest (mean {other.mean_ms:.2f})", "", "", "", f"{other.max_ms:.2f}", "")
 
@@ -45,14 +41,12 @@ def notes(run: Measured) -> Iterator[str]:
     """What a reader of the rows must know besides."""
     periods = len(run.periods)
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
-    if run.periods.planned < periods - len(run.misses):
-        yield "In the periods without a plan the ECU was not in control: its log in this folder says why."
+    if run.periods.planned < periods - run.misses:
+        yield "In the periods without a plan the ECU was not in control: its log in this folder gives the reason."
     if periods < NEEDED_FOR_P99_9:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
-    yield f"Slack, what the median leaves of a period: {slack_ns(run.periods) / 1e6:.2f} ms."
+    yield f"Slack, what the median leaves of a period: {run.slack_ns / 1e6:.2f} ms."
     yield f"Privileges: {run.recorded.privileges}."
-    if not run.idle.knows_waiting:
-        yield "This system does not tell how long a thread waited for a processor: a lost processor excuses a miss."
 
 
 def budget_rows(verdicts: Sequence[Verdict]) -> Iterator[tuple[str, ...]]:
@@ -62,21 +56,13 @@ def budget_rows(verdicts: Sequence[Verdict]) -> Iterator[tuple[str, ...]]:
         yield verdict.name, f"{verdict.allowed:g}", measured, "yes" if verdict.is_kept else "NO"
 
 
-def miss_rows(misses: Sequence[Miss]) -> Iterator[tuple[str, ...]]:
-    """The latest ones first, as many as are shown."""
-    for miss in sorted(misses, key=lambda miss: -miss.late_ms)[:MISSES_SHOWN]:
-        late = "never came" if isinf(miss.late_ms) else f"{miss.late_ms:.2f}"
-        whose = "ours" if miss.cause.is_ours else "the machine's"
-        yield str(miss.period), late, LABELS[miss.stage], miss.link.value, miss.cause.value, whose
-
-
 def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Sequence[Verdict]]) -> None:
     """Write page and pictures into a folder that exists.
 
     Args:
         folder: of the report.
         runs: at least one.
-        budgets: what a budget said of each run; empty without one.
+        budgets: each run's limits with what was measured; empty without a budget.
     """
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
@@ -88,9 +74,6 @@ def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Seque
         lines += [_table(HEAD, stage_rows(run)), f"![the slowest period]({picture})\n"]
         if verdicts:
             lines += ["### Budget\n", _table(BUDGET_HEAD, budget_rows(verdicts))]
-        if run.misses:
-            causes = ", ".join(f"{count} {cause.value}" for cause, count in counted(run.misses).items())
-            lines += ["### Misses\n", f"Causes: {causes}.\n", _table(MISSES_HEAD, miss_rows(run.misses))]
     (folder / PAGE).write_text("\n".join(lines), encoding="utf-8")
 
 

@@ -9,29 +9,22 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from contract.errors import BusError, StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage, load
-from firmware_sim.latency import cyclictest
+from firmware_sim.latency import cyclictest, idle_loop
 from firmware_sim.latency.cyclictest import Cyclictest
-from firmware_sim.latency.idle_times import IdleTimes
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
 """What the ECU may take to open the bundle, compile a library and warm up; a busy machine takes a quarter of it."""
 END_S: Final = 30.0
-"""What a process may take to write its table after it was told to end."""
+"""What a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
 """Times the run's length after which a vehicle is given up."""
-WATCHES: Final = 4
-"""Times a period that the idle loops wake which are tied to a processor: where it stands still, a deadline is near."""
-MOST_WATCHED: Final = 8
-"""Processors with such a loop."""
 START_S: Final = 60.0
 """What the vehicle may take to start."""
 
@@ -45,21 +38,20 @@ class Recorded:
     """What one run left.
 
     Attributes:
-        vehicle, ecu: rows of `VehicleStage` and `EcuStage`.
-        idle: the idle loop's.
+        vehicle, ecu, idle: rows of `VehicleStage`, `EcuStage` and `IdleStage`.
         cyclictest: None where it is not installed, or could not run.
         privileges: what the idle loop was granted, in words.
     """
 
     vehicle: Times
     ecu: Times
-    idle: IdleTimes
+    idle: Times
     cyclictest: Cyclictest | None
     privileges: str
 
 
 def longest_run(periods: int, period_ns: int) -> int:
-    """Periods after which the ECU is to end by itself: it must not run on for ever where nobody is left to end it."""
+    """Periods after which the ECU is to end by itself: it must not run on where no process is left to end it."""
     return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
@@ -76,7 +68,7 @@ def recorded(
 
     Args:
         folder: exists; gets the tables and what the processes printed.
-        ecu, vehicle: commands, without `--stage-times`; the ECU's tells $NOTIFY_SOCKET when it is ready.
+        ecu, vehicle: commands, without `--stage-times`; the ECU reports to $NOTIFY_SOCKET when it is ready.
         periods: that the vehicle runs for.
         period_ns: of control.
         progress: called with the periods that are over, about twice a second.
@@ -95,52 +87,23 @@ def recorded(
         running_vehicle = stack.enter_context(
             _Child(VEHICLE, [*vehicle, "--stage-times", str(tables[VEHICLE])], folder)
         )
-        pids = [str(child.process.pid) for child in (running_ecu, running_vehicle)]
-        loop = [sys.executable, "-m", "firmware_sim.latency.idle_loop"]
-        length = longest_run(periods, period_ns)
-        baseline = [*loop, str(tables[IDLE]), str(period_ns), str(length), "any", *pids]
+        length = str(longest_run(periods, period_ns))
+        baseline = [sys.executable, "-m", "firmware_sim.latency.idle_loop", str(tables[IDLE]), str(period_ns), length]
         idle = stack.enter_context(_Child(IDLE, baseline, folder))
-        tied = [
-            stack.enter_context(
-                _Child(
-                    f"{IDLE}_{processor}",
-                    [
-                        *(*loop, str(folder / STAGE_TIMES.format(f"{IDLE}_{processor}"))),
-                        *(str(period_ns // WATCHES), str(WATCHES * length), str(processor)),
-                    ],
-                    folder,
-                )
-            )
-            for processor in watched_processors()
-        ]
         other = cyclictest.started(period_ns)
         if other is not None:
             stack.callback(other.kill)
-        _wait(running_vehicle, (running_ecu, idle, *tied), periods=periods, period_ns=period_ns, progress=progress)
-        found = None if other is None else cyclictest.ended(other, END_S)
-        for child in (running_ecu, idle, *tied):
+        _wait(running_vehicle, (running_ecu, idle), periods=periods, period_ns=period_ns, progress=progress)
+        wake_ups = None if other is None else cyclictest.ended(other, END_S)
+        for child in (running_ecu, idle):
             child.end()
     return Recorded(
         vehicle=load(tables[VEHICLE], VehicleStage),
         ecu=load(tables[ECU], EcuStage),
-        idle=_idle_times(folder, [child.name for child in tied]),
-        cyclictest=found,
+        idle=idle_loop.load(tables[IDLE]),
+        cyclictest=wake_ups,
         privileges=idle.last_line,
     )
-
-
-def watched_processors() -> list[int]:
-    """Those that an idle loop is tied to: all that this process may use, but no more than MOST_WATCHED."""
-    if not hasattr(os, "sched_getaffinity"):
-        return []
-    return sorted(os.sched_getaffinity(0))[:MOST_WATCHED]
-
-
-def _idle_times(folder: Path, tied: Sequence[str]) -> IdleTimes:
-    """The idle loop's table with those of the loops that were tied to a processor."""
-    found = IdleTimes.load(folder / STAGE_TIMES.format(IDLE))
-    others = [IdleTimes.load(folder / STAGE_TIMES.format(name)).rows for name in tied]
-    return replace(found, elsewhere=np.concatenate([found.elsewhere, *others]))
 
 
 def _wait(
@@ -191,7 +154,7 @@ class _Child:
 
     @property
     def last_line(self) -> str:
-        """That it printed."""
+        """The last line that it printed."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
 
@@ -217,7 +180,7 @@ class _Child:
 
 
 class _NotifySocket:
-    """Where the ECU says that it is ready, as it would to systemd (sd_notify(3))."""
+    """Where the ECU reports that it is ready, as it would to systemd (sd_notify(3))."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="stillwake-")

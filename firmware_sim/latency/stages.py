@@ -1,6 +1,6 @@
 """What became of the pressures of each control period, from the sampling instant to the command that rests on them.
 
-The tables of vehicle and ECU are laid side by side by the pressure counter that the frames carry. Everything is
+The pressure counter that the frames carry joins the tables of vehicle and ECU. Everything is
 measured against the instant that was scheduled, and no period is left out because a node slept through it: the
 pressures of such a period are answered when those of a later one are. Otherwise a loop that stalls would count one slow
 period where it had many (Tene's "coordinated omission").
@@ -59,18 +59,6 @@ CHAIN: Final = (
 """Stages that add up to ALL in a period whose own command came."""
 
 
-class Link(StrEnum):
-    """Where the way of a period's pressures ended."""
-
-    WHOLE = "their command came"
-    NOT_SAMPLED = "the vehicle left the period out"
-    NOT_TAKEN = "the ECU had no step for their frame"
-    NOT_IN_TIME = "their frame came after the step it was due at"
-    NOT_PLANNED = "the ECU made no plan from them"
-    OVERTAKEN = "their command came after its boundary, and the next one overtook it"
-    NO_COMMAND = "their command did not come"
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Periods:
     """n control periods in a row, those included that a node left out. Times in ns from `origin_ns` on.
@@ -83,7 +71,6 @@ class Periods:
         answered: when the first command came that rests on these pressures or newer ones, (n,); infinite if none did.
         stages: latencies, (n,); NaN where the stage did not happen.
         stalls: what a stage took in periods that its node left out, (m,), until it next happened.
-        links: (n,).
         planned: periods with a plan of their own.
     """
 
@@ -94,7 +81,6 @@ class Periods:
     answered: Array
     stages: Mapping[Stage, Array]
     stalls: Mapping[Stage, Array]
-    links: tuple[Link, ...]
     planned: int
 
     def __len__(self) -> int:
@@ -117,7 +103,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
         vehicle: rows of `VehicleStage`, (k, stages).
         ecu: rows of `EcuStage`, (l, stages).
         period_ns: control period.
-        counter_period: values that the E2E counter of a Pressure frame takes before it begins anew.
+        counter_period: values that the E2E counter of a Pressure frame takes before it begins again.
 
     Raises:
         StillwakeError: the tables do not belong together, or there was no plan.
@@ -168,7 +154,6 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
             Stage.SAMPLE: _until_next(grid, sent[:, VehicleStage.SAMPLED]),
             Stage.RECEIVE: _ecu_stalls(took, first_row=int(steps[grid.row[0]]), end_ns=int(grid.scheduled[-1])),
         },
-        links=tuple(_link(grid, i, steps, took, command) for i in range(len(grid.scheduled))),
         planned=int(np.isfinite(stages[Stage.PLAN]).sum()),
     )
 
@@ -260,23 +245,3 @@ def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
         began = int(after[EcuStage.STEP_BEGAN] - after[EcuStage.SCHEDULED])
         found += [began + whole * (left_out - i) for i in range(left_out)]
     return np.array(found, dtype=float)
-
-
-def _link(grid: _Grid, i: int, steps: Index, took: Times, command: Array) -> Link:
-    """What became of period i."""
-    row = int(grid.row[i])
-    if not grid.is_own[i]:
-        return Link.NOT_SAMPLED
-    step = int(steps[row])
-    due = int(np.searchsorted(took[:, EcuStage.SCHEDULED], grid.scheduled[i]))
-    had_step = due < len(took) and took[due, EcuStage.SCHEDULED] < grid.scheduled[i] + grid.period_ns
-    if step < 0:
-        return Link.NOT_IN_TIME if had_step else Link.NOT_TAKEN
-    if had_step and step > due:
-        return Link.NOT_IN_TIME
-    if took[step, EcuStage.PLAN_BEGAN] <= 0:
-        return Link.NOT_PLANNED
-    if np.isfinite(command[row]):
-        return Link.WHOLE
-    was_late = took[step, EcuStage.STEP_ENDED] > grid.scheduled[i] + grid.period_ns
-    return Link.OVERTAKEN if was_late else Link.NO_COMMAND

@@ -83,7 +83,7 @@ def latency(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Time the control loop in real time, from the sampling instant to the command, and say whose fault a miss is.
+    """Time the control loop in real time, from the sampling instant to the command, next to an idle loop.
 
     `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures,
     run as two processes on a bus of this machine; a third one with the same
@@ -108,9 +108,9 @@ def latency(
         folder.mkdir()
         subjects = _subjects(release, bundle, trust, library, both=both, stack=stack)
         runs = measured(subjects, loaded, folder, periods=periods, window=release.manifest.window)
-        found = [[] if limits is None else verdicts(limits, run.counts, run.latencies) for run in runs]
-        write_report(folder, runs, found)
-    for run, of_run in zip(runs, found, strict=True):
+        judged = [[] if limits is None else verdicts(limits, run.counts, run.latencies) for run in runs]
+        write_report(folder, runs, judged)
+    for run, of_run in zip(runs, judged, strict=True):
         _print(run, of_run)
     if json_file is not None:
         facts = {
@@ -122,7 +122,7 @@ def latency(
         }
         write_result(json_file, figures=figures(runs), facts=facts, on=date.today())
     console.print(f"wrote {output / PAGE}", soft_wrap=True)
-    broken = [verdict for of_run in found for verdict in of_run if not verdict.is_kept]
+    broken = [verdict for of_run in judged for verdict in of_run if not verdict.is_kept]
     if broken:
         console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red", soft_wrap=True)
         raise typer.Exit(OVER_BUDGET)
@@ -143,7 +143,7 @@ def with_bus(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # Of the group of addresses that no router passes on (RFC 2365); two measurements do not hear each other.
+        # One of the addresses that no router passes on (RFC 2365); two measurements do not hear each other.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -164,7 +164,7 @@ def measured(
     chosen.write_text(as_toml(_given(loaded)), encoding="utf-8")
     before = round(ENABLE_AFTER_S * 1e9 / config.period_ns) + window
     total = periods + before + SPARE_PERIODS
-    found = []
+    runs = []
     with progress_bar("periods") as bar:
         for subject in subjects:
             task = bar.add_task(subject.name, total=total, note=subject.about)
@@ -178,7 +178,7 @@ def measured(
                 period_ns=config.period_ns,
                 progress=lambda done, task=task: bar.update(task, completed=done),  # type: ignore[misc]
             )
-            found.append(
+            runs.append(
                 Measured.of(
                     run,
                     name=subject.name,
@@ -187,7 +187,7 @@ def measured(
                     counter_period=profile_of(message_set(config.bus).pressure.spec).counter_period,
                 )
             )
-    return found
+    return runs
 
 
 def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
@@ -205,7 +205,7 @@ def vehicle_command(subject: Subject, chosen: Path, *, periods: int) -> list[str
 
 
 def figures(runs: "Sequence[Measured]") -> dict[str, Any]:
-    """Of a results file: counts over all runs, and each run's own under its controller's name."""
+    """The figures of a results file: counts over all runs, and each run's own under its controller's name."""
     from firmware_sim.latency.budget import COUNTS
 
     own = {run.name: run.figures() for run in runs}
@@ -257,14 +257,12 @@ def _subjects(
 
 
 def _print(run: "Measured", verdicts: "Sequence[Verdict]") -> None:
-    from firmware_sim.latency.report import BUDGET_HEAD, HEAD, MISSES_HEAD, budget_rows, miss_rows, notes, stage_rows
+    from firmware_sim.latency.report import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
 
     console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "", soft_wrap=True)
     for note in notes(run):
         console.print(note, soft_wrap=True, highlight=False)
     _print_table(HEAD, stage_rows(run), title=f"{run.name}: latency, ms", right=True)
-    if run.misses:
-        _print_table(MISSES_HEAD, miss_rows(run.misses), title=f"{run.name}: misses, the latest first")
     if verdicts:
         _print_table(BUDGET_HEAD, budget_rows(verdicts), title=f"{run.name}: budget")
 

@@ -1,4 +1,4 @@
-"""Tables of stage times made by hand: every stage takes what it is told to, and faults are planted."""
+"""Tables of stage times made by hand: every stage takes a known time, and faults are planted."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
-from firmware_sim.latency.idle_times import IdleStage, IdleTimes
+from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Periods, Times, joined
 
 MS = 1_000_000
@@ -24,7 +24,7 @@ TOOK = {
     "gate": 0.125,
     "bus_to_vehicle": 0.4,
 }
-"""ms of each stage where nothing is planted; binary fractions or not, the sums are of whole nanoseconds."""
+"""ms of each stage where nothing is planted; the sums are of whole nanoseconds."""
 
 
 @dataclass
@@ -36,7 +36,6 @@ class Tables:
     vehicle: Times = field(init=False)
     ecu: Times = field(init=False)
     idle: Times = field(init=False)
-    knows_waiting: bool = True
 
     def __post_init__(self) -> None:
         ns = {name: round(ms * MS) for name, ms in TOOK.items()}
@@ -53,20 +52,16 @@ class Tables:
             stepped = planned + ns["gate"]
             command = stepped + ns["bus_to_vehicle"]
             counter = (self.first_counter + i) % COUNTERS
-            # A counter of the vehicle's begins at 100, the ECU's periods at 3: only the frames' counters connect them.
+            # The vehicle's numbers begin at 100, the ECU's periods at 3: only the frames' counters connect them.
             self.vehicle[i] = (100 + i, scheduled, sampled, arrived, counter, command, counter, scheduled + PERIOD)
             self.ecu[i, : EcuStage.SENT + 1] = (
                 *(3 + i, due, due + 50_000, counter, arrived, due + 60_000),
                 *(plan, planned, stepped, command),
             )
-            self.idle[i, : IdleStage.WOKE + 1] = (i, scheduled + 5 * MS, scheduled + 5 * MS + 80_000)
+            self.idle[i] = (i, scheduled + 5 * MS, scheduled + 5 * MS + 80_000)
 
     def join(self) -> Periods:
         return joined(self.vehicle, self.ecu, period_ns=PERIOD, counter_period=COUNTERS)
-
-    @property
-    def idle_times(self) -> IdleTimes:
-        return IdleTimes(rows=self.idle, knows_waiting=self.knows_waiting)
 
     def later(self, i: int, stage: EcuStage, ms: float) -> None:
         """Delay in the ECU's step i, from that stage on, with its command."""

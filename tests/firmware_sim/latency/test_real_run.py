@@ -1,4 +1,4 @@
-"""ECU, vehicle and idle loop as they are, on a bus: a node that is held up shows with every period that it cost."""
+"""ECU, vehicle and idle loop as they are, on a bus: an ECU that is held up shows with every period that it cost."""
 
 import os
 import signal
@@ -12,12 +12,12 @@ import pytest
 from contract.config.tree import Config
 from firmware_sim.latency.measured import Measured
 from firmware_sim.latency.running import ECU, IDLE, recorded
-from firmware_sim.latency.stages import CHAIN, Link, Stage
+from firmware_sim.latency.stages import CHAIN, Stage
 from tests.firmware_sim.latency.conftest import COUNTERS
 
 pytestmark = [pytest.mark.processes]
 
-PERIODS = 350
+PERIODS = 280
 STOPPED_S = 0.2
 
 
@@ -29,8 +29,7 @@ def stop(name: str) -> None:
     os.kill(child.pid, signal.SIGCONT)
 
 
-@pytest.mark.parametrize("held_up", ["ecu", "vehicle"])
-def test_a_node_that_stands_still(tmp_path, held_up):
+def test_an_ecu_that_stands_still(tmp_path):
     period_ns = Config().period_ns
     high, low = divmod(os.getpid() % 65536, 256)
     bus = ["--set", "bus.interface=udp_multicast", "--set", f"bus.channel=239.255.{high}.{low}"]
@@ -41,7 +40,7 @@ def test_a_node_that_stands_still(tmp_path, held_up):
         if not done and "CONTROL" in (tmp_path / f"{ECU}.log").read_text():
             done.append(periods)
             time.sleep(1.0)
-            stop(f"stillwake {held_up}")
+            stop("stillwake ecu")
 
     tables = recorded(
         tmp_path,
@@ -64,8 +63,8 @@ def test_a_node_that_stands_still(tmp_path, held_up):
     waits = periods.stages[Stage.ALL][together]
     assert waits.max() > 0.8 * STOPPED_S * 1e9
     np.testing.assert_array_equal(np.diff(waits), -period_ns)
-    whole = [i for i, link in enumerate(periods.links) if link is Link.WHOLE]
-    assert len(whole) > 30
-    total = sum(periods.stages[stage][whole] for stage in CHAIN)
-    np.testing.assert_array_equal(total, periods.stages[Stage.ALL][whole])
+    total = sum(periods.stages[stage] for stage in CHAIN)
+    whole = np.isfinite(total)
+    assert whole.sum() > 30
+    np.testing.assert_array_equal(total[whole], periods.stages[Stage.ALL][whole])
     assert (tmp_path / f"{IDLE}.log").read_text()

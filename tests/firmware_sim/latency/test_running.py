@@ -36,19 +36,17 @@ def ran(folder: Path, ecu: str, vehicle: str = "") -> None:
 def test_an_ecu_that_does_not_start_is_quoted(tmp_path):
     with pytest.raises(BusError, match=r"the ecu did not start: error: no such bus$"):
         ran(tmp_path, "import sys; print('a line'); print('error: no such bus', file=sys.stderr); sys.exit(1)")
-
-
-def test_an_ecu_that_says_nothing(tmp_path):
     with pytest.raises(BusError, match="the ecu did not start: it printed nothing"):
         ran(tmp_path, "")
+    with pytest.raises(StillwakeError, match="cannot start the ecu: No such file"):
+        recorded(
+            tmp_path, ecu=["/no/such/program"], vehicle=[], periods=1, period_ns=PERIOD, progress=lambda done: None
+        )
 
 
-def test_an_ecu_that_ends_early(tmp_path):
+def test_a_process_that_ends_too_early_ends_the_others(tmp_path):
     with pytest.raises(BusError, match="the ecu ended before the vehicle: bus on fire"):
         ran(tmp_path, READY + "time.sleep(0.5); print('bus on fire')", "import time; time.sleep(20)")
-
-
-def test_a_vehicle_that_fails_ends_the_others(tmp_path):
     with pytest.raises(BusError, match="the vehicle failed: error: no recording"):
         ran(tmp_path, READY + "print(os.getpid(), flush=True); time.sleep(60)", "print('error: no recording'); exit(1)")
     pid = int((tmp_path / "ecu.log").read_text())
@@ -67,10 +65,3 @@ def test_an_ecu_that_ignores_its_end_is_killed(tmp_path, monkeypatch):
 def test_processes_that_leave_no_table(tmp_path):
     with pytest.raises(StillwakeError, match=r"vehicle_times\.npz"):
         ran(tmp_path, READY + "time.sleep(60)", "import time; time.sleep(1)")
-
-
-def test_a_command_that_is_none(tmp_path):
-    with pytest.raises(StillwakeError, match="cannot start the ecu: No such file"):
-        recorded(
-            tmp_path, ecu=["/no/such/program"], vehicle=[], periods=1, period_ns=PERIOD, progress=lambda done: None
-        )

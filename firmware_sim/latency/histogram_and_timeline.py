@@ -1,4 +1,4 @@
-"""Pictures of a run's latency: how often which, beside the idle loop, and what happened in the slowest period."""
+"""Pictures of a run's latency: how often which, next to the idle loop, and what happened in the slowest period."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from contract.arrays import Array
-from firmware_sim.latency.idle_times import IdleStage
+from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.measured import Measured
 from firmware_sim.latency.stages import CHAIN, Stage
 
@@ -47,14 +47,14 @@ def histogram_figure(runs: Sequence[Measured]) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
-    idle = [run.idle.late(run.periods.period_ns) / 1e6 for run in runs]
+    idle = [run.idle_late / 1e6 for run in runs]
     answers = [_finite(run.periods.values(Stage.ALL)) / 1e6 for run in runs]
     longest = max(float(values.max(initial=period_ms)) for values in (*answers, *idle))
     bins = np.linspace(0.0, 1.02 * longest, BINS + 1).tolist()
     for run, values, colour in zip(runs, answers, ("#1f78b4", "#d95f02"), strict=False):
         above.hist(values, bins=bins, histtype="stepfilled", alpha=0.6, color=colour, label=f"{run.name}: {run.about}")
     for run, values, colour in zip(runs, idle, ("#1f78b4", "#d95f02"), strict=False):
-        below.hist(values, bins=bins, histtype="stepfilled", alpha=0.6, color=colour, label=f"beside {run.name}")
+        below.hist(values, bins=bins, histtype="stepfilled", alpha=0.6, color=colour, label=f"next to {run.name}")
     above.axvline(period_ms, color="tab:red", linestyle="--", linewidth=1.2, label="boundary that a command is due at")
     above.set_ylabel("periods")
     above.set_title("from the sampling instant to the command", fontsize=10, loc="left")
@@ -71,7 +71,7 @@ def histogram_figure(runs: Sequence[Measured]) -> Figure:
 
 
 def timeline_figure(run: Measured) -> Figure:
-    """The period whose pressures waited longest for a command, and those after it until that came."""
+    """The period whose pressures waited longest for a command, and those after it until that command came."""
     periods = run.periods
     worst = int(np.nanargmax(periods.stages[Stage.ALL]))
     period_ms = periods.period_ns / 1e6
@@ -93,10 +93,9 @@ def timeline_figure(run: Measured) -> Figure:
     axes.set_ylim(-0.6, len(_ROWS) - 0.4)
     axes.set_xlim(-0.25 * period_ms, max(shown, period_ms) + 0.25 * period_ms)
     axes.set_xlabel("ms after the sampling instant of the slowest period (red: its boundary; dotted: its answer)")
-    cause = next((miss.cause for miss in run.misses if miss.period == periods.first + worst), None)
     took = f"{waited_ms:.2f} ms" if isfinite(waited_ms) else "never answered"
-    reason = "in time" if cause is None else str(cause)
-    axes.set_title(f"{run.name}, period {periods.first + worst}: {took}, {reason}", fontsize=10, loc="left")
+    came = "missed its boundary" if worst in periods.missed else "in time"
+    axes.set_title(f"{run.name}, period {periods.first + worst}: {took}, {came}", fontsize=10, loc="left")
     figure.legend(
         handles=[_patch(stage) for stage in CHAIN],
         loc="outside lower center",
@@ -124,7 +123,7 @@ def _draw_period(axes: Axes, run: Measured, i: int, origin: float, *, strong: bo
 def _draw_idle(axes: Axes, run: Measured, origin: float, *, shown_ms: float) -> None:
     """A bar from each deadline of the idle loop to its waking up; a mark where the bar is too short to be seen."""
     began = run.periods.origin_ns + origin
-    rows = run.idle.rows
+    rows = run.idle
     rows = rows[
         (rows[:, IdleStage.WOKE] > began - shown_ms * 1e6) & (rows[:, IdleStage.SCHEDULED] < began + shown_ms * 1e6)
     ]
