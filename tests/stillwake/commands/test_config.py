@@ -3,7 +3,7 @@
 import tomllib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.config.listing import as_toml, sections, shown
@@ -84,6 +84,7 @@ def test_a_part_of_the_file_gives_that_part(cli, tmp_path):
     assert set(tomllib.loads(path.read_text())) == {"ecu"}
 
 
+@settings(max_examples=30)
 @given(
     reynolds=st.floats(min_value=1e-300, allow_infinity=False),
     channel=st.text(min_size=1),

@@ -68,18 +68,6 @@ def fits_a_cortex_m7(folder):
     assert found.instruction_spread <= 60_000  # the library's doubles, whose work depends on the numbers
 
 
-@pytest.mark.parametrize(
-    "given",
-    [(), ("runs/model",), ("--c", "c", "--sensors"), ("--c", "c", "--dataset", "other.h5"), ("runs/m", "--c", "c")],
-)
-def test_without_a_bundle_to_write_nothing_else_makes_sense(cli, given, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = cli("export", *given)
-    assert done.code != 0
-    assert "name MODEL and BUNDLE, or --c FOLDER alone" in done.err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypatch):
     release = open_release(None, None)
 

@@ -19,7 +19,6 @@ from contract.shipped import RECORDING
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
 from stillwake.commands import picture as stillwake_pictures
-from tests.stillwake.verbs import verbs
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
@@ -105,9 +104,8 @@ def test_a_sine_has_its_amplitude_and_frequency():
     assert spectrum[peak] == pytest.approx(0.04, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
+def test_actions_that_do_not_exist_are_refused():
+    for settings, message in (
         ({"forcing": "sine", "amplitude": 0.2}, r"amplitude = 0\.2: must be between 0 and 0\.075"),
         ({"forcing": "sine", "frequency": 3.0}, r"frequency = 3\.0: must be positive and below 2\.5"),
         ({"forcing": "chirp", "amplitude": 0.01}, "only --forcing sine has one"),
@@ -115,37 +113,9 @@ def test_a_sine_has_its_amplitude_and_frequency():
         ({"episode": "chirp_0"}, "--episode chirp_0: needs --dataset FILE"),
         ({"dataset": PATH, "episode": "nix"}, "--episode nix: .* holds training_1, training_2"),
         ({"run": Path("nowhere")}, "nowhere/series.npz"),
-    ],
-)
-def test_a_run_that_does_not_exist_is_refused(settings, message):
-    with pytest.raises(StillwakeError, match=message):
-        actions(**settings)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["picture", "vorticity", "a.gif"], r"a\.gif: must be a file ending in \.png"),
-        (["picture", "vorticity", "a.png", "--sensors", "upper_99"], "unknown sensor 'upper_99'"),
-        (["picture", "pressure", "a.png", "--state", "nowhere.npz"], "nowhere.npz: not a flow state"),
-        (["picture", "mean", "a.png", "--duration", "1", "--settle", "1"], r"--settle 1\.0: must be shorter"),
-        (["animate", "a.png"], r"a\.png: must be a file ending in \.gif, \.webp or \.mp4"),
-        (["animate", "a.gif", "--skip", "30"], "skip = 150"),
-        (["animate", "a.webp", "--film"], "--film: needs --run FOLDER"),
-    ],
-)
-def test_what_cannot_be_drawn_is_one_error_and_no_file(tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    outcome = cli(*arguments)
-    assert isinstance(outcome.exception, StillwakeError)
-    assert re.search(message, str(outcome.exception)) and "\n" not in str(outcome.exception)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_every_picture_explains_itself():
-    for verb in verbs(stillwake_pictures.picture):
-        outcome = cli("picture", verb, "--help")
-        assert outcome.exit_code == 0 and "--state" in outcome.output
+    ):
+        with pytest.raises(StillwakeError, match=message):
+            actions(**settings)
 
 
 def test_sensor_names_of_the_default_are_all():

@@ -1,4 +1,4 @@
-"""`record --from-steady`: what makes no sense is refused, and a steady wake that is not there is made."""
+"""`record --from-steady`: a steady wake that is not there is made."""
 
 from types import SimpleNamespace
 
@@ -7,36 +7,10 @@ import pytest
 
 from contract.config.tree import Config
 from contract.recording import dataset
-from contract.shipped import developed
 from wake.recording.calm_plan import CalmRound
 from wake.truck import steady
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import TruckWake
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--calm", 5], "give --from-steady FILE as well"),
-        (["--amplitudes", 0.001, 0.002], "give --from-steady FILE as well"),
-        (["--from-steady", "s.npz", "--paper"], "--from-steady and --paper are two recordings"),
-        (["--from-steady", "s.npz", "--chirp", 5], "--chirp does not go with --from-steady: give --calm"),
-        (["--from-steady", "s.npz", "--exploration", 0.1], "--exploration does not go with --from-steady"),
-        (["--from-steady", "s.npz", "--start", "d.npz"], "--start does not go with --from-steady"),
-        (["--from-steady", "s.npz", "--overwrite"], "--overwrite does not go with --from-steady"),
-        (["--from-steady", "s.npz", "--role", "controlled"], "role = 'controlled': must be one of train, calm"),
-        (["--from-steady", "s.npz", "--amplitudes", 0, 0.1], "smallest amplitude = 0.0: must be finite and positive"),
-        (["--from-steady", "s.npz", "--amplitudes", 0.2, 0.1], "0.2: must not exceed the largest, 0.1"),
-    ],
-)
-def test_a_recording_from_the_steady_wake_that_makes_no_sense(refused, tmp_path, arguments, named):
-    assert named in refused("record", tmp_path / "a.h5", *arguments)
-
-
-@pytest.mark.slow
-def test_a_recording_does_not_begin_in_another_flow_than_the_steady_one(refused, tmp_path):
-    line = refused("record", tmp_path / "a.h5", "--from-steady", developed())
-    assert "not the steady wake: velocities differ from their mirror image" in line
 
 
 @pytest.mark.slow

@@ -26,9 +26,8 @@ def raising(error: BaseException) -> Callable[[], None]:
     return command
 
 
-@pytest.mark.parametrize(
-    ("error", "line"),
-    [
+def test_what_a_user_can_cause_is_one_line(capsys):
+    for error, line in (
         (ConfigError("ecu.x = 1: must be 2"), "ecu.x = 1: must be 2"),
         (ConfigError("a\nb\x1b[2J [/x] \udcff"), "a b\\x1b[2J [/x] \\udcff"),
         (OSError(errno.ENOSPC, "No space left on device", "/x/[a].npz"), "/x/[a].npz: No space left on device"),
@@ -37,55 +36,39 @@ def raising(error: BaseException) -> Callable[[], None]:
         (TimeoutError(), "TimeoutError"),
         (MemoryError(), "not enough memory"),
         (MemoryError("Unable to allocate 1 PiB"), "not enough memory: Unable to allocate 1 PiB"),
-        (ModuleNotFoundError("no torch", name="torch"), "this command needs torch: pip install 'stillwake[train]', or in a checkout pip install '.[train]' ./data"),  # noqa: E501
+        (ModuleNotFoundError("no torch", name="torch"), missing("torch")),
         (SystemExit("as text"), "as text"),
-    ],
-)  # fmt: skip
-def test_what_a_user_can_cause_is_one_line(capsys, error, line):
-    assert status_of(raising(error)) == 1
-    assert capsys.readouterr().err == f"error: {line}\n"
+    ):
+        assert status_of(raising(error)) == 1, error
+        assert capsys.readouterr().err == f"error: {line}\n"
+    for code, status in ((None, 0), (0, 0), (2, 2)):
+        assert status_of(raising(SystemExit(code))) == status, code
+        assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(("code", "status"), [(None, 0), (0, 0), (2, 2)])
-def test_an_exit_keeps_its_status(capsys, code, status):
-    assert status_of(raising(SystemExit(code))) == status
-    assert capsys.readouterr().err == ""
+def test_a_fault_of_ours_keeps_its_traceback(capsys):
+    for error in (ValueError("a bug"), RecursionError("deep"), AssertionError()):
+        assert status_of(raising(error)) == 1
+        err = capsys.readouterr().err
+        assert err.startswith("Traceback") and type(error).__name__ in err and err.endswith(f"error: {REPORT}\n")
 
 
-def test_ctrl_c_is_one_line(capsys):
-    assert status_of(raising(KeyboardInterrupt())) == 130
-    assert capsys.readouterr().err == "stopped\n"
-
-
-@pytest.mark.parametrize("error", [ValueError("a bug"), RecursionError("deep"), AssertionError()])
-def test_a_fault_of_ours_keeps_its_traceback(capsys, error):
-    assert status_of(raising(error)) == 1
-    err = capsys.readouterr().err
-    assert err.startswith("Traceback")
-    assert type(error).__name__ in err
-    assert err.endswith(f"error: {REPORT}\n")
-
-
-@pytest.mark.parametrize(
-    ("module", "line"),
-    [
-        ("numba", "pip install 'stillwake[sim]', or in a checkout pip install '.[sim]' ./data"),
-        ("scipy.sparse.linalg", "this command needs scipy: pip install 'stillwake[sim]'"),
-        ("unicorn", "pip install 'stillwake[mcu]'"),
-        ("msgpack", "pip install 'stillwake[bus]'"),
-        ("nothing_of_ours", "this command needs nothing_of_ours, which is not installed"),
-    ],
-)
-def test_an_extra_is_blamed_only_for_its_own_packages(monkeypatch, module, line):
-    for name in [name for name in sys.modules if name.partition(".")[0] == module.partition(".")[0]]:
-        monkeypatch.delitem(sys.modules, name)
-    assert line in missing(module)
-
-
-@pytest.mark.parametrize(("command", "extra"), [("export", "train"), ("mcu", "train"), ("dataset", "sim"), ("", "sim")])
-def test_of_two_extras_the_one_that_the_command_needs_is_named(monkeypatch, command, extra):
-    monkeypatch.delitem(sys.modules, "h5py", raising=False)
-    assert f"pip install 'stillwake[{extra}]'" in missing("h5py.version", command)
+def test_a_missing_module_names_the_extra_that_brings_it(monkeypatch):
+    for module, command, line in (
+        ("numba", "", "needs numba: pip install 'stillwake[sim]', or in a checkout pip install '.[sim]' ./data"),
+        ("scipy.sparse.linalg", "", "this command needs scipy: pip install 'stillwake[sim]'"),
+        ("unicorn", "", "pip install 'stillwake[mcu]'"),
+        ("msgpack", "", "pip install 'stillwake[bus]'"),
+        ("nothing_of_ours", "", "this command needs nothing_of_ours, which is not installed"),
+        # Of two extras, the one that the command needs.
+        ("h5py.version", "export", "pip install 'stillwake[train]'"),
+        ("h5py.version", "mcu", "pip install 'stillwake[train]'"),
+        ("h5py.version", "dataset", "pip install 'stillwake[sim]'"),
+    ):
+        with monkeypatch.context() as patch:
+            for name in [name for name in sys.modules if name.partition(".")[0] == module.partition(".")[0]]:
+                patch.delitem(sys.modules, name)
+            assert line in missing(module, command), module
 
 
 def test_a_package_without_that_module_is_named(tmp_path, monkeypatch):
@@ -99,69 +82,44 @@ def test_a_package_without_that_module_is_named(tmp_path, monkeypatch):
     )
 
 
-def test_the_extras_are_the_projects():
+def test_extras_and_rooms_are_the_projects():
     imported_as = {"pillow": "PIL", "pyelftools": "elftools", "can-isotp": "isotp"}
     declared = PROJECT["project"]["optional-dependencies"]
     for extra in EXTRAS.keys() - {"bus"}:
         names = {re.split(r"[^\w-]", requirement)[0] for requirement in declared[extra]}
         assert {imported_as.get(name, name) for name in names} <= set(EXTRAS[extra])
-
-
-def test_the_rooms_are_the_projects():
     assert {f"{room}*" for room in ROOMS} == set(PROJECT["tool"]["setuptools"]["packages"]["find"]["include"])
 
 
-def stillwake(*arguments: str, cwd: Path, **options: object) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(HOME)}
-    command = [sys.executable, "-m", "stillwake", *arguments]
-    return subprocess.run(command, cwd=cwd, env=environment, text=True, timeout=120.0, check=False, **options)  # type: ignore[call-overload]
-
-
 @pytest.mark.processes
-@pytest.mark.parametrize("name", ["train.py", "contract.py", "wake/__init__.py"])
-def test_a_file_that_hides_a_package_of_ours_is_named(tmp_path, name):
-    (tmp_path / name).parent.mkdir(exist_ok=True)
-    (tmp_path / name).write_text("print('my own script')\n")
-    done = stillwake("train", "model", cwd=tmp_path, capture_output=True)
-    room = name.partition("/")[0].removesuffix(".py")
-    line = f"hides the package '{room}' of stillwake: rename it, or call `stillwake` from another folder"
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == f"error: {tmp_path / name} {line}\n"
+def test_where_it_is_called_from_and_where_it_prints_to(tmp_path: Path) -> None:
+    """In processes: a file that hides a package of ours, a full disk, a reader that has gone, an ASCII terminal."""
 
+    def stillwake(*words: str, encoding: str = "utf-8", **options: object) -> "subprocess.CompletedProcess[str]":
+        environment = {**os.environ, "PYTHONPATH": str(HOME), "PYTHONIOENCODING": encoding}
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+        command = [sys.executable, "-m", "stillwake", *words]
+        return subprocess.run(command, cwd=tmp_path, env=environment, text=True, timeout=120.0, check=False, **streams)  # type: ignore[call-overload, no-any-return]
 
-@pytest.mark.processes
-def test_other_files_in_the_working_folder_do_no_harm(tmp_path):
     (tmp_path / "wake").mkdir()  # without __init__.py: a folder of data
     (tmp_path / "data.py").write_text("")
-    done = stillwake("--version", cwd=tmp_path, capture_output=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert re.fullmatch(r"stillwake \d+\.\d+\.\d+\S*\n", done.stdout)
-
-
-@pytest.mark.processes
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk to write to")
-@pytest.mark.parametrize("arguments", [["--help"], ["config"], ["bundle", "verify"], ["--version"]])
-def test_a_full_disk_is_one_line(tmp_path, arguments):
+    words = ("config", "bus.channel", "--set", "bus.channel=Zürich", "--toml")
+    done = stillwake(*words, encoding="ascii")
+    assert (done.returncode, done.stdout, done.stderr) == (0, '[bus]\nchannel = "Z\\xfcrich"\n', "")
     with Path("/dev/full").open("w") as full:
-        done = stillwake(*arguments, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE)
-    assert done.returncode == 1
-    assert done.stderr == "error: cannot write to standard output: No space left on device\n"
-
-
-@pytest.mark.processes
-@pytest.mark.parametrize("arguments", [["--help"], ["config"]])
-def test_a_reader_that_has_seen_enough_is_no_error(tmp_path, arguments):
+        done = stillwake("config", stdout=full)
+    line = "error: cannot write to standard output: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, line)
     read, write = os.pipe()
     os.close(read)
-    done = stillwake(*arguments, cwd=tmp_path, stdout=write, stderr=subprocess.PIPE)
+    done = stillwake("config", stdout=write)
     os.close(write)
-    assert done.stderr == ""
-    assert done.returncode in (0, 1)
-
-
-@pytest.mark.processes
-def test_a_terminal_without_the_character_gets_it_written_out(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(HOME), "PYTHONIOENCODING": "ascii"}
-    command = [sys.executable, "-m", "stillwake", "config", "bus.channel", "--set", "bus.channel=Zürich", "--toml"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout == '[bus]\nchannel = "Z\\xfcrich"\n'
+    assert (done.returncode in (0, 1), done.stderr) == (True, "")
+    for name in ("train.py", "wake/__init__.py"):
+        (tmp_path / name).write_text("print('my own script')\n")
+        done = stillwake("train", "model")
+        room = name.partition("/")[0].removesuffix(".py")
+        line = f"hides the package '{room}' of stillwake: rename it, or call `stillwake` from another folder"
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr == f"error: {tmp_path / name} {line}\n"
+        (tmp_path / name).unlink()

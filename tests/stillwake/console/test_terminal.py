@@ -41,31 +41,25 @@ def text(console: Console) -> str:
     return console.file.getvalue()
 
 
-@pytest.mark.parametrize("width", [80, 100, 200])
-@pytest.mark.parametrize(
-    ("unit", "task", "total", "note"),
-    [
+def test_bar_count_and_time_left_stay_and_the_note_gives_way():
+    for unit, task, total, note in (
         ("periods", "closed loop", 625, RUN_NOTE),
         ("iterations", "distil predictor", 123_456, TRAIN_NOTE),
-        ("steps", "extended_chirp_0", 10_000, ""),
         ("decades", "settling", 9.0, "t 1234  max |d/dt| 1.2e-05"),
-    ],
-)
-def test_bar_count_and_time_left_stay_and_the_note_gives_way(unit, task, total, note, width):
-    console, clock = terminal(width), Clock()
-    bar = progress_bar(unit, console=console, clock=clock)
-    number = bar.add_task(task, total=total, note=note)
-    for clock.now in (0.0, 10.0, 20.0):
-        # Not through `update`, which would show the bar from a thread of its own.
-        Progress.update(bar, number, completed=total * clock.now / 100.0, note=note)
-    console.print(bar)
-    (line,) = text(console).splitlines()
-    assert len(line) <= width
-    for part in (task, "━", f"{int(total * 0.2)}/{int(total)}", unit, "01:20"):
-        assert part in line
-    assert line.rstrip().endswith("…" if len(line.rstrip()) == width and note else note)
-    if width == 200:
-        assert note in line
+    ):
+        for width in (80, 100, 200):
+            console, clock = terminal(width), Clock()
+            bar = progress_bar(unit, console=console, clock=clock)
+            number = bar.add_task(task, total=total, note=note)
+            for clock.now in (0.0, 10.0, 20.0):
+                # Not through `update`, which would show the bar from a thread of its own.
+                Progress.update(bar, number, completed=total * clock.now / 100.0, note=note)
+            console.print(bar)
+            (line,) = text(console).splitlines()
+            assert len(line) <= width
+            for part in (task, "━", f"{int(total * 0.2)}/{int(total)}", unit, "01:20", note if width == 200 else ""):
+                assert part in line, (part, width)
+            assert line.rstrip().endswith("…" if len(line.rstrip()) == width and note else note)
 
 
 def test_nothing_is_shown_before_the_first_update():
@@ -135,27 +129,19 @@ def test_a_stop_says_how_far_it_was():
     assert text(console).splitlines()[-1].startswith("running: 3/50 steps (6 %), 0.2 steps/s")
 
 
-def test_one_long_step_is_no_silence():
+@pytest.mark.parametrize("is_begun", [True, False])
+def test_one_long_step_is_no_silence(is_begun):
     console = log()
-    with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.5) as bar:
-        task = bar.add_task("compiling", total=None, note="")
-        bar.update(task, completed=0)
+    with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.2) as bar:
+        task = bar.add_task("compiling", total=3, note="")
+        if is_begun:
+            bar.update(task, completed=0)
         deadline = time.monotonic() + 20.0
-        while text(console).count("\n") < 2 and time.monotonic() < deadline:
+        while text(console).count("\n") < 1 + is_begun and time.monotonic() < deadline:
             time.sleep(0.05)
     lines = text(console).splitlines()
-    assert lines[0] == "compiling: 0 steps, 0 s so far"
-    assert len(lines) >= 2
-
-
-def test_a_long_step_before_the_first_update_is_no_silence():
-    console = log()
-    with ProgressLines("files", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.4) as bar:
-        bar.add_task("reading", total=3, note="")
-        deadline = time.monotonic() + 20.0
-        while not text(console) and time.monotonic() < deadline:
-            time.sleep(0.05)
-    assert text(console).startswith("reading: 0/3 files (0 %), ")
+    assert lines[0].startswith("compiling: 0/3 steps (0 %), ")
+    assert len(lines) >= 1 + is_begun
 
 
 def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
@@ -167,12 +153,15 @@ def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
     assert shown == [1.0, 2.5, 3.5]
 
 
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(0.4, "0 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (1e6, "11.6 days")],
-)
-def test_times_are_written_for_people(seconds, words):
-    assert span(seconds) == words
+def test_times_are_written_for_people():
+    for seconds, words in (
+        (0.4, "0 s"),
+        (59.6, "1 min 0 s"),
+        (200, "3 min 20 s"),
+        (7500, "2 h 5 min"),
+        (1e6, "11.6 days"),
+    ):
+        assert span(seconds) == words
 
 
 def test_text_is_printed_as_it_is():
@@ -194,30 +183,20 @@ def test_line_ends_and_tabs_are_no_control_characters():
 
 
 PRINTS = """
-import sys
 from stillwake.console.terminal import console
-console.print("x" * 300)
+console.print("all is red 12 " + 300 * "x", style="red")
 """
 
 
-def test_a_pipe_has_no_right_edge():
-    environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
-    done = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout == "x" * 300 + "\n"
-
-
-COLOURED = """
-from stillwake.console.terminal import console
-console.print("all is red 12", style="red")
-"""
-
-
-@pytest.mark.parametrize(("environment", "is_coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
-def test_no_color_is_respected(environment, is_coloured):
-    plain = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
-    shown = _on_terminal(COLOURED, {**plain, "TERM": "xterm-256color", **environment})
-    assert ("\x1b[31m" in shown) is is_coloured
-    assert "all is red" in shown
+@pytest.mark.processes
+def test_a_pipe_has_no_right_edge_and_no_color_is_respected():
+    plain = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS")}
+    done = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, env=plain, check=True)
+    assert done.stdout == "all is red 12 " + "x" * 300 + "\n"
+    for more, is_coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
+        shown = _on_terminal(PRINTS, {**plain, "TERM": "xterm-256color", **more})
+        assert ("\x1b[31m" in shown) is is_coloured, more
+        assert "all is red" in shown
 
 
 def _on_terminal(program: str, environment: dict[str, str]) -> str:

@@ -1,10 +1,6 @@
-"""What `train` and `record` say when they are stopped, when they go on, and when there is nothing to do."""
+"""`train` and `record` that are stopped, that go on, and that have nothing to do."""
 
 import hashlib
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,18 +9,10 @@ import pytest
 
 from contract.config.loading import load_config
 from contract.shipped import RECORDING
+from tests.stillwake.test_stops import SMALL
 from train.fitting import unfinished
 from train.fitting.progress import Phase
 from train.fitting.unfinished import Identity, Reached
-
-SMALL = [
-    word
-    for setting in (
-        *("model.lstm_width=4", "model.dynamics_width=4", "model.decoder_width=4", "model.window=8"),
-        *("train.batch_size=16", "train.segment=1", "train.epochs=100"),
-    )
-    for word in ("--set", setting)
-]
 
 
 @pytest.fixture
@@ -73,9 +61,7 @@ def test_the_same_command_goes_on_and_says_from_where(
     assert "model.checkpoints ends: joint fit, iteration 300 of 4000" in flat(outcome.out)
     assert outcome.err == "stopped; the same command goes on from joint fit, iteration 300 of 4000\n"
     assert [options["resume"] for options in called] == [True]
-
-
-def test_the_old_option_is_still_taken(cli: Callable[..., Any], called: list[dict[str, Any]], stopped: Path) -> None:
+    # The option that was once needed is still taken.
     assert cli("train", stopped, "--resume").code == 130
     assert "--resume" not in cli("train", "--help").out
 
@@ -111,59 +97,32 @@ def test_a_recording_that_is_whole_says_so(
     assert (seen["start"], seen["overwrite"]) == (Path("s.npz"), False)
 
 
-def test_a_state_of_another_reynolds_number_names_a_command_that_makes_one(
-    cli: Callable[..., Any], tmp_path: Path
-) -> None:
-    outcome = cli("record", tmp_path / "a.h5", "--set", "flow.reynolds=1000")
-    assert outcome.code == 1
-    assert (
-        "`stillwake develop start_re1000.npz --set flow.reynolds=1000` makes a start for it, which --start"
-        in outcome.err
-    )
-    # Nothing is shown before the error, and nothing is left.
-    assert outcome.out.strip() == ""
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.processes
-def test_sigterm_ends_a_training_as_ctrl_c_does_and_it_goes_on(tmp_path: Path) -> None:
-    output = tmp_path / "model"
-    command = [sys.executable, "-m", "stillwake", "train", str(output), *SMALL]
-    for number, status in ((signal.SIGTERM, 143), (signal.SIGINT, 130)):
-        before = unfinished.reached(unfinished.folder_of(output))
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=_deaf_to_nothing
-        ) as process:
-            deadline = time.monotonic() + 240.0
-            while unfinished.reached(unfinished.folder_of(output)) == before:
-                if process.poll() is not None or time.monotonic() > deadline:
-                    process.kill()
-                    pytest.fail(f"no checkpoint was written: {process.communicate()}")
-                time.sleep(0.05)
-            process.send_signal(number)
-            out, err = process.communicate(timeout=120.0)
-        reached = unfinished.reached(unfinished.folder_of(output))
-        assert (process.returncode, err) == (status, f"stopped; the same command goes on from {reached}\n")
-        assert "wrote" not in out
-        if before is not None:
-            assert f"ends: {before}" in flat(out)
-        # No half-written file.
-        assert sorted(path.name for path in tmp_path.rglob("*")) == ["fit.pt", "model.checkpoints", "training.json"]
-
-
-def _deaf_to_nothing() -> None:
-    # Shells start background jobs deaf to Ctrl-C, and a test may run in one.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-@pytest.mark.slow
+@pytest.mark.slow  # from the shipped recording, with the real fit
 def test_a_training_that_diverges_is_one_line(cli: Callable[..., Any], tmp_path: Path) -> None:
-    """From the shipped recording, with the real fit."""
-    import torch
-
-    torch.set_num_threads(1)
     outcome = cli("train", tmp_path / "model", *SMALL, "--set", "train.learning_rate=1e30")
     assert outcome.code == 1
     assert outcome.err.startswith("error: joint fit: the loss is not finite after ")
     assert outcome.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow  # the real fit up to its first checkpoint, twice
+def test_a_training_stopped_after_a_checkpoint_keeps_it_and_goes_on(
+    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output, note = tmp_path / "model", unfinished.note
+
+    def stop_after_it(*arguments: Any) -> None:
+        note(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(unfinished, "note", stop_after_it)
+    for _ in range(2):
+        before = unfinished.reached(unfinished.folder_of(output))
+        outcome = cli("train", output, *SMALL)
+        reached = unfinished.reached(unfinished.folder_of(output))
+        assert reached is not None and reached != before
+        assert (outcome.code, outcome.err) == (130, f"stopped; the same command goes on from {reached}\n")
+        assert "wrote" not in outcome.out
+        assert before is None or f"ends: {before}" in flat(outcome.out)
+        assert sorted(path.name for path in tmp_path.rglob("*")) == ["fit.pt", "model.checkpoints", "training.json"]

@@ -1,0 +1,270 @@
+"""What no command can do is refused before the work: one line that names the value, status 1, and nothing written."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from contract.config.loading import to_tree
+from contract.config.tree import Config
+from contract.model.model_folder import DESCRIPTION, SCHEMA
+from contract.shipped import RECORDING, developed
+from stillwake.commands import export as export_command
+from wake.truck import truck_wake
+
+MODEL = replace(Config(), mpc=replace(Config().mpc, iterations=7, weights=replace(Config().mpc.weights, lift=0.5)))
+"""Settings that a model was trained with; neither the paper's nor the release's."""
+ROOMS = {"contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake"}
+
+
+@pytest.fixture
+def no_work(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """No plant is built and nothing is trained or exported."""
+    before = set(sys.modules)
+
+    def begun(*_: object, **__: object) -> None:
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr(truck_wake, "TruckWake", begun)
+    for name in ("train.pipeline", "export.release.pipeline", "wake.recording.recorder", "firmware_sim.mcu.measure"):
+        monkeypatch.setitem(sys.modules, name, None)
+    yield
+    # What was imported meanwhile has `begun` for a plant; a later test in this process shall not meet it.
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] in ROOMS:
+            del sys.modules[name]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, random_release: Path) -> Path:
+    """A working folder with what the calls below name."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("in the way")
+    for name in ("folder", "folder.npz", "folder.h5", "folder.png", "folder.gif", "model", "mine", "c"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("five years")
+    (tmp_path / "c" / "sw_settings.h").write_text("")
+    (tmp_path / "s.npz").write_text("hours of work")
+    # What `export` reads of a model before it loads torch.
+    names = ("scaling", "layout", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
+    body = {"schema": SCHEMA, "config": to_tree(MODEL), **dict.fromkeys(names)}
+    (tmp_path / "model" / DESCRIPTION).write_text(json.dumps(body))
+    shutil.copytree(random_release, tmp_path / "unsigned")
+    (tmp_path / "damaged").mkdir()
+    for path in random_release.iterdir():
+        shutil.copy(path, tmp_path / "damaged" / path.name)
+    graph = tmp_path / "damaged" / "controller.onnx"
+    graph.write_bytes(graph.read_bytes() + b" ")
+    for name, content in (("binary.toml", b"\x00\xff"), ("open.toml", b"[ecu"), ("flat.toml", b"x=1")):
+        (tmp_path / name).write_bytes(content)
+    for number, content in enumerate((b"\x89HDF\r\n\x1a\n" + bytes(64), b"PK\x03\x04" + bytes(64), b"", b"text\n")):
+        (tmp_path / f"state{number}").write_bytes(content)
+    return tmp_path
+
+
+BEFORE_THE_WORK = {
+    # A place that cannot be written.
+    "develop /proc/self/out.npz": "/proc/self/out.npz",
+    "steady file/out.npz": "cannot write file/out.npz",
+    "develop folder.npz": "cannot write folder.npz: it is a directory",
+    "record /proc/self/out.h5": "/proc/self/out.h5",
+    "record file/out.h5": "cannot write file/out.h5",
+    "record folder.h5": "cannot write folder.h5: it is a directory",
+    "train file": "cannot write file: it is a file",
+    "train file/out": "cannot write file/out",
+    "export model file/out": "cannot write file/out",
+    "export model file": "cannot write file",
+    "picture vorticity file/out.png": "cannot write file/out.png",
+    "picture mean folder.png": "folder.png",
+    "animate folder.gif": "folder.gif",
+    "steady new.npz --json folder": "cannot write folder: it is a directory",
+    "train m --json folder": "cannot write folder: it is a directory",
+    "mcu library --json folder": "cannot write folder: it is a directory",
+    "run r --json folder": "cannot write folder: it is a directory",
+    # Nothing is replaced unless it was asked for.
+    "develop s.npz": "s.npz: there is one already; give --overwrite to replace it, or another name",
+    "steady s.npz": "s.npz: there is one already; give --overwrite to replace it, or another name",
+    "train model": "model: there is a model already; give --overwrite",
+    "train mine": "mine: exists and is not a model directory",
+    "train mine --overwrite": "mine: exists and is not a model directory",
+    "export model unsigned": "unsigned: there is the bundle random already, unsigned",
+    "export model b --c c": "c: there is a C library already; give --overwrite",
+    # Settings without an effect, that do not exist, or out of bounds.
+    "develop x.npz --set mpc.iterations=3": "--set mpc.iterations: ",
+    "steady x.npz --set forcing.base_frequency=0.3": "--set forcing.base_frequency: ",
+    "record a.h5 --set train.epochs=3": "--set train.epochs: ",
+    "train m --set vehicle.actuator_delay=3": "--set vehicle.actuator_delay: ",
+    "export model b --set train.epochs=3": "--set train.epochs: ",
+    "picture vorticity a.png --set forcing.base_frequency=0.3": "--set forcing.base_frequency: ",
+    "animate a.gif --set mpc.iterations=3": "--set mpc.iterations: ",
+    "record a.h5 --set nonsense.key=1": "nonsense",
+    "train m --set ecu.nonsense=1": "nonsense",
+    "export nowhere b --set ecu": "section.key=value",
+    "run r --set ecu=3": "ecu is a section: write ecu.key=value",
+    "develop x.npz --set ecu.compute_time=0": "ecu has no 'compute_time': did you mean compute_time_ms?",
+    "run r --set ecu.compute_time_ms=abc": "ecu.compute_time_ms = 'abc': must be a number",
+    "export nowhere b --set ecu.hold_periods=-1": "ecu.hold_periods = -1: must be non-negative",
+    "run r --config none.toml": "configuration none.toml: No such file or directory",
+    "record a.h5 --config binary.toml": "configuration binary.toml: is no text in UTF-8",
+    "config --config open.toml": "Expected ']'",
+    "run r --config flat.toml": "no section",
+    # Numbers, names and combinations that make no sense.
+    "develop x.npz --duration nan": "--duration nan: must be a number of t_c",
+    "develop x.npz --duration inf": "--duration inf: must be a number of t_c",
+    "develop x.npz --duration -5": "--duration -5: must be at least 0.2 t_c",
+    "develop x.npz --duration 0": "--duration 0: must be at least 0.2 t_c",
+    "animate a.gif --duration 1e300": "--duration 1e+300: must be a number of t_c",
+    "animate a.gif --skip inf": "--skip inf: must be a number of t_c",
+    "animate a.gif --frequency nan": "--frequency nan: must be a positive number",
+    "animate a.gif --forcing sine --amplitude nan": "amplitude = nan: must be between",
+    "animate a.png": "a.png: must be a file ending in .gif, .webp or .mp4",
+    "animate a.webp --film": "--film: needs --run FOLDER",
+    "picture vorticity a.gif": "a.gif: must be a file ending in .png",
+    "picture mean a.png --settle inf": "--settle inf: must be a number of t_c",
+    "picture mean a.png --duration 1 --settle 1": "--settle 1.0: must be shorter",
+    "record a.csv": "a.csv: a data set is an HDF5 file; its name must end in .h5 or .hdf5",
+    "record a.h5 --under b --overwrite": "--overwrite does not go with --under",
+    "train m --sensors upper_99": "unknown sensor 'upper_99'",
+    "train m --dataset nowhere.h5": "nowhere.h5: no such dataset",
+    "export": "name MODEL and BUNDLE, or --c FOLDER alone",
+    "export model": "name MODEL and BUNDLE, or --c FOLDER alone",
+    "export --c d --sensors": "name MODEL and BUNDLE, or --c FOLDER alone",
+    "export --c d --dataset other.h5": "name MODEL and BUNDLE, or --c FOLDER alone",
+    "export model --c d": "name MODEL and BUNDLE, or --c FOLDER alone",
+    "record a.h5 --calm 5": "give --from-steady FILE as well",
+    "record a.h5 --amplitudes 0.001 0.002": "give --from-steady FILE as well",
+    "record a.h5 --episodes 2": "give --under or --from-steady",
+    "report folder": "series.npz",
+}
+"""Calls that are refused before anything slow is loaded or built, and what their line names."""
+WITH_THE_PLANT = {
+    "record a.h5 --training 0 --chirp 0 --uncontrolled 0": "nothing to record",
+    "record a.h5 --under unsigned --paper": "--under and --paper are two recordings",
+    "record a.h5 --under unsigned --training 10": "--training does not go with --under",
+    "record a.h5 --under unsigned --role test": "role = 'test': must be one of train, controlled",
+    "record a.h5 --under unsigned --exploration -0.1": "exploration = -0.1: must be finite and at least 0",
+    "record a.h5 --under unsigned --set flow.action_limit=0.05": "for another action limit: 0.075, the flow has 0.05",
+    "record a.h5 --under unsigned --set flow.control_period=0.1": "for another control period: 0.2, the flow has 0.1",
+    "record a.h5 --under unsigned --set forcing.exploration_time=0.0": "forcing.exploration_time = 0.0: must be posit",
+    "record a.h5 --under nowhere": "nowhere: no such directory or zip",
+    "record a.h5 --under damaged": "controller.onnx was altered",
+    "record a.h5 --from-steady x.npz --paper": "--from-steady and --paper are two recordings",
+    "record a.h5 --from-steady x.npz --chirp 5": "--chirp does not go with --from-steady: give --calm",
+    "record a.h5 --from-steady x.npz --exploration 0.1": "--exploration does not go with --from-steady",
+    "record a.h5 --from-steady x.npz --start d.npz": "--start does not go with --from-steady",
+    "record a.h5 --from-steady x.npz --overwrite": "--overwrite does not go with --from-steady",
+    "record a.h5 --from-steady x.npz --role controlled": "role = 'controlled': must be one of train, calm",
+    "record a.h5 --from-steady x.npz --amplitudes 0 0.1": "smallest amplitude = 0.0: must be finite and positive",
+    "record a.h5 --from-steady x.npz --amplitudes 0.2 0.1": "0.2: must not exceed the largest, 0.1",
+    "record a.h5 --set flow.reynolds=1000": "`stillwake develop start_re1000.npz --set flow.reynolds=1000` makes a",
+    f"record a.h5 --from-steady {developed()}": "not the steady wake: velocities differ from their mirror image",
+    "run r --plant water-tunnel": "must be stillwake or openfoam",
+    "run r --plant openfoam": "needs OpenFOAM's icoFoam: install the Debian package `openfoam`",
+    "run r --bundle nowhere": "bundle nowhere: no such directory or zip",
+    "run r --bundle damaged": "controller.onnx was altered",
+    "run r --bundle unsigned --set operating_point.speed=20.0": "operating point",
+    "run file/out --bundle unsigned": "cannot write file/out",
+    "run file --bundle unsigned": "cannot write file",
+    "mcu nowhere": "nowhere: No such file or directory",
+    "picture vorticity a.png --sensors upper_99": "unknown sensor 'upper_99'",
+    "picture pressure a.png --state nowhere.npz": "nowhere.npz: not a flow state",
+    "picture vorticity a.png --state state0": "state0: not a flow state (another kind of file, or damaged)",
+    "picture vorticity a.png --state state1": "state1: not a flow state (another kind of file, or damaged)",
+    "picture vorticity a.png --state state2": "state2: not a flow state (another kind of file, or damaged)",
+    "picture vorticity a.png --state state3": "state3: not a flow state (another kind of file, or damaged)",
+    "animate a.gif --skip 30": "skip = 150",
+}
+"""Calls that are refused by what they build or load."""
+
+
+def test_it_is_refused_before_the_work(refused: Callable[..., str], place: Path, no_work: None) -> None:
+    for words, named in BEFORE_THE_WORK.items():
+        line = refused(*words.split())
+        assert named in line, (words, line)
+
+
+@pytest.mark.slow  # loads bundles and states, and builds the plant
+def test_it_is_refused_by_what_does_the_work(
+    refused: Callable[..., str], place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(place))
+    for words, named in WITH_THE_PLANT.items():
+        line = refused(*words.split())
+        assert named in line, (words, line)
+
+
+def test_a_wrong_call_is_explained(cli: Callable[..., object], place: Path) -> None:
+    before = sorted(place.rglob("*"))
+    for words, named in {
+        "run": "--help",
+        "run x y": "--help",
+        "run x --nonsense": "--nonsense",
+        "run x --lead-in 0": "--lead-in",
+        "nonsense": "--help",
+        "runn": "Did you mean 'run'?",
+        "record a.h5 --training -5": "--training",
+        "record a.h5 --chirp -1": "--chirp",
+        "record a.h5 --seed -3": "--seed",
+        "animate a.gif --forcing training --seed -1": "--seed",
+        "picture mean a.png --seed -1": "--seed",
+    }.items():
+        outcome = cli(*words.split())
+        assert outcome.code == 2, words
+        assert named in outcome.err and "Traceback" not in outcome.err, (words, outcome.err)
+    assert sorted(place.rglob("*")) == before
+
+
+def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], place: Path, random_release: Path) -> None:
+    def damaged(change: Callable[[h5py.File], object]) -> str:
+        path = shutil.copy(RECORDING, place / "recording.h5")
+        with h5py.File(path, "r+") as file:
+            change(file)
+        return path
+
+    def put(file: h5py.File, values: np.ndarray) -> None:
+        node = next(iter(file["episodes"].values()))
+        del node["Cp"]
+        node.create_dataset("Cp", data=values).attrs["units"] = "1"
+
+    def pressures(file: h5py.File) -> np.ndarray:
+        node = next(iter(file["episodes"].values()))
+        return node["Cp"][:] * node["Cp"].attrs["quantum"]
+
+    def one_is_nan(file: h5py.File) -> None:
+        values = pressures(file)
+        values[7, 3] = np.nan
+        put(file, values)
+
+    def first_schema(file: h5py.File) -> None:
+        file.attrs["schema"] = "stillwake-dataset/1"
+        for node in file["episodes"].values():
+            del node["Cd_slot_viscous"]
+            node.move("Cd_slot_pressure", "Cd_slot")
+
+    for change, named in (
+        (one_is_nan, "field 'Cp' holds a value that is not finite, first at step 7"),
+        (lambda file: put(file, pressures(file)[:, :89]), ", 89), must be ("),
+        (lambda file: file.attrs.__setitem__("sensors", json.dumps(["base_0"])), "other sensors"),
+    ):
+        assert named in refused("train", "m", "--dataset", damaged(change))
+    line = refused("record", damaged(first_schema), "--under", random_release)
+    assert "episodes can only be added to 'stillwake-dataset/3'" in line
+
+
+def test_a_signed_bundle_is_named_as_such(refused: Callable[..., str], place: Path, sound: Path) -> None:
+    line = refused("export", "model", shutil.copytree(sound, place / "signed"))
+    assert "signed: there is the bundle random already, signed by key " in line
+    assert "give --overwrite to replace it" in line
+
+
+def test_an_export_begins_with_the_models_settings(place: Path) -> None:
+    assert export_command._settings(Path("model"), None, []).mpc == MODEL.mpc
+    (place / "few.toml").write_text("[mpc]\nhorizon = 9\n")
+    given = export_command._settings(Path("model"), place / "few.toml", ["mpc.weights.effort=2.0"]).mpc
+    assert given == replace(MODEL.mpc, horizon=9, weights=replace(MODEL.mpc.weights, effort=2.0))
