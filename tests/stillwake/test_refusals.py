@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -199,7 +200,7 @@ def test_it_is_refused_by_what_does_the_work(
         assert named in line, (words, line)
 
 
-def test_a_wrong_call_is_explained(cli: Callable[..., object], place: Path) -> None:
+def test_a_wrong_call_is_explained(cli: Callable[..., Any], place: Path) -> None:
     before = sorted(place.rglob("*"))
     for words, named in {
         "run": "--help",
@@ -222,7 +223,7 @@ def test_a_wrong_call_is_explained(cli: Callable[..., object], place: Path) -> N
 
 def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], place: Path, random_release: Path) -> None:
     def damaged(change: Callable[[h5py.File], object]) -> str:
-        path = shutil.copy(RECORDING, place / "recording.h5")
+        path = str(shutil.copy(RECORDING, place / "recording.h5"))
         with h5py.File(path, "r+") as file:
             change(file)
         return path

@@ -99,7 +99,7 @@ def test_where_it_is_called_from_and_where_it_prints_to(tmp_path: Path) -> None:
         environment = {**os.environ, "PYTHONPATH": str(HOME), "PYTHONIOENCODING": encoding}
         streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
         command = [sys.executable, "-m", "stillwake", *words]
-        return subprocess.run(command, cwd=tmp_path, env=environment, text=True, timeout=120.0, check=False, **streams)  # type: ignore[call-overload, no-any-return]
+        return subprocess.run(command, cwd=tmp_path, env=environment, text=True, timeout=120.0, check=False, **streams)  # type: ignore[call-overload]
 
     (tmp_path / "wake").mkdir()  # without __init__.py: a folder of data
     (tmp_path / "data.py").write_text("")
