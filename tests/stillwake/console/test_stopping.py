@@ -84,7 +84,7 @@ def test_a_stop_that_got_lost_still_stops(capsys, where):
 
     def lose() -> None:
         if where == "a callback":
-            watched = weakref.ref(set(), lambda _: signal.raise_signal(signal.SIGTERM))
+            watched: weakref.ref[set[int]] = weakref.ref(set(), lambda _: signal.raise_signal(signal.SIGTERM))
             assert watched() is None
         else:
             with suppress(BaseException):  # as compiled code may do
