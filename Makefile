@@ -120,11 +120,7 @@ full: test
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 --iterations 5 \
 		--json results/controller_narrow.json
 	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
-	$(BIN)/python -m benchmarks truncation --json results/truncation.json
-	$(BIN)/python -m benchmarks parallel-in-time --json results/parallel_in_time.json
-	$(BIN)/python -m benchmarks operations --json results/operations.json
 	$(BIN)/python -m benchmarks roads --json results/roads.json
-	$(BIN)/python -m benchmarks distilled --json results/distilled.json
 	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json
 	$(BIN)/python -m benchmarks ecu-c --steps 1000000 --json results/ecu_c.json
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
@@ -157,16 +153,8 @@ full: test
 	-$(BIN)/stillwake can load --set bus.frames=classic --set bus.background.load=0.9 \
 		--json results/can_load_classic_90.json
 	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
-	$(BIN)/python -m benchmarks model --json results/model.json
-	$(BIN)/python -m benchmarks distilled --json results/distilled.json
-	$(BIN)/python -m benchmarks controller-loop --model runs/model_study/*/variant_128_64 \
-		--dataset data/stillwake_data/recording.h5 --json results/controller_loop_narrow.json
-	$(BIN)/python -m benchmarks rounding --model data/stillwake_data/model --model runs/model_study/*/variant_128_64 \
-		--json results/rounding.json
-	$(BIN)/python -m benchmarks rounds --json results/rounds.json
 	$(BIN)/python -m benchmarks training --json results/training.json
 	$(BIN)/python -m benchmarks release-figures --json results/release_figures.json
-	$(BIN)/python -m benchmarks wake --json results/wake.json
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json

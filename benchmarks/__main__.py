@@ -38,7 +38,6 @@ class Measurement:
 
 
 MEASUREMENTS: Final = {
-    "wake": Measurement("wake.grid_study", "the plant on several grids and time steps, without and with forcing"),
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
     "live-speed": Measurement(
         "wake.live_speed", "on which grids the wake keeps up with 20 ms, under control", "minutes"
@@ -49,23 +48,10 @@ MEASUREMENTS: Final = {
     "square": Measurement("wake.square", "a square cylinder in the same solver, beside the literature", "minutes"),
     "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
-    "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C, CasADi's solvers"),
+    "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
-    "parallel-in-time": Measurement(
-        "controller.parallel_in_time", "whether a roll-out could be computed as a batch", "a minute"
-    ),
-    "rounding": Measurement("controller.rounding", "what int8 weights change of a plan, to nearest and with feedback"),
-    "truncation": Measurement("controller.truncation", "what stopping the optimiser after a few iterations costs"),
-    "operations": Measurement(
-        "controller.operations.measure",
-        "ways to fewer operations in a control step, in the loop",
-        "a quarter of an hour",
-    ),
     "roads": Measurement("roads.measure", "roads to less drag, each with what it costs, in one table", "hours"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
-    "model": Measurement("model.study.measure", "the latent model: accuracy, sensors, disturbances, widths", "hours"),
-    "distilled": Measurement("model.distilled", "narrow predictors: widths and slopes, in the loop", "an hour"),
-    "rounds": Measurement("model.rounds", "rounds of recording under the controller and training again", "hours"),
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),

@@ -5,16 +5,11 @@
 One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time, and medians of
 the thread's processor time, which does not count what other processes take. Weights are random at the release's sizes
 (our time does not depend on them); other sizes are options. Beside each median is how many times the least that this
-core's arithmetic and memory allow it is (`benchmarks.controller.floors`). Where CasADi is installed
-(`pip install "stillwake[bench]"`), its solvers get a trained model's problem on recorded windows, from the same shifted
-plan, and the costs that all reach are compared.
-"""
+core's arithmetic and memory allow it is (`benchmarks.controller.floors`)."""
 
-import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,22 +17,16 @@ import torch
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
+from benchmarks.common.command_line import JsonFile, console, save, track
 from benchmarks.controller.eager import EagerController
 from benchmarks.controller.floors import CoreLimits, Work, measure_core
-from benchmarks.controller.situations import choose_episode
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.config.loading import load_config
-from contract.model import model_folder
-from contract.recording import dataset
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
-from contract.shipped import RECORDING
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
-from export.program.from_training import program_of
 from export.program.matrices import matrices
 from export.program.random_program import random_program, random_window
 from export.release.lowering import int8_library
@@ -49,17 +38,12 @@ from firmware_sim.in_c.host_library import CController
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
-_SITUATIONS = 5
 _LOADS = 15
 
 
 def main(
     json_file: JsonFile = None,
     repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
-    model: Annotated[
-        Path, typer.Option("--model", help="Trained model for CasADi's problems; default: the shipped one.")
-    ] = MODEL,
-    data: Annotated[Path, typer.Option("--dataset", help="Recording for them.")] = RECORDING,
     dynamics_width: int = 64,
     decoder_width: int = 32,
     horizon: int = 25,
@@ -106,11 +90,6 @@ def main(
     figures["floors"] = _floors(program, compiler, figures)
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
-    if importlib.util.find_spec("casadi") is not None:
-        figures["casadi"] = _casadi(model, data)
-        solvers = figures["casadi"]["solvers"]
-        enough = [row for row in solvers if row["gap"] <= figures["casadi"]["ours"]["gap"]]
-        figures["casadi_ms"] = min(row["ms"] for row in enough or solvers)
     settings = {
         "dynamics_width": dynamics_width,
         "decoder_width": decoder_width,
@@ -120,9 +99,8 @@ def main(
         "threads": 1,
         "c_flags": " ".join(OPTIMISED),
     }
-    names = ("torch", "onnxruntime", "numpy", *(("casadi",) if "casadi" in figures else ()))
-    _print(figures, iterations)
-    used = versions(*names) | {"c_compiler": compiler_version(compiler)}
+    _print(figures)
+    used = versions("torch", "onnxruntime", "numpy") | {"c_compiler": compiler_version(compiler)}
     save(json_file, figures=figures, facts={"settings": settings, "versions": used})
 
 
@@ -144,17 +122,6 @@ def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> d
     return {"floor_ms": floors, "over_floor": {name: figures[name] / floor for name, floor in floors.items()}}
 
 
-def _casadi(model: Path, data: Path) -> dict[str, Any]:
-    """What `solvers.compare` finds for a model on a recording."""
-    from benchmarks.controller.solvers import compare, recorded_problems
-
-    trained = model_folder.read(model)
-    program = program_of(trained, load_config().mpc)
-    episode = choose_episode(dataset.read(data))
-    found = compare(program, recorded_problems(program, episode, _SITUATIONS))
-    return found | {"episode": episode.name, "weights_sha256": trained.weights_sha256}
-
-
 def _both_times(step: Callable[[], object]) -> tuple[float, float]:
     """Wall time, and the thread's processor time, in ms."""
     wall, processor = time.perf_counter(), time.thread_time()
@@ -162,7 +129,7 @@ def _both_times(step: Callable[[], object]) -> tuple[float, float]:
     return (time.perf_counter() - wall) * 1e3, (time.thread_time() - processor) * 1e3
 
 
-def _print(figures: dict[str, Any], iterations: int) -> None:
+def _print(figures: dict[str, Any]) -> None:
     heads = ("median ms", "min ms", "times faster", "processor ms", "times faster", "over the floor", "KB")
     table = Table("one control step", *heads)
     rows: tuple[tuple[str, str, str | None], ...] = (
@@ -192,16 +159,4 @@ def _print(figures: dict[str, Any], iterations: int) -> None:
         "",
         f"{processor['onnx_load_ms']:.1f}",
     )
-    console.print(table)
-    if "casadi" in figures:
-        _print_casadi(figures["casadi"], iterations)
-
-
-def _print_casadi(found: dict[str, Any], iterations: int) -> None:
-    title = f"the same control step in CasADi, {found['problems']} situations"
-    table = Table("", "median ms", "gap, %", "largest, %", title=title)
-    rows = [("shifted plan", found["start"]), (f"ours, {iterations} iterations", found["ours"])]
-    for label, row in (*rows, *((row["variant"], row) for row in found["solvers"])):
-        time_of = f"{row['ms']:.0f}" if "ms" in row else ""
-        table.add_row(label, time_of, f"{row['gap']:.2f}", f"{row['gap_worst']:.2f}")
     console.print(table)

@@ -4,34 +4,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
-from benchmarks.controller import truncation_tables
-from benchmarks.controller.operations import tables as operations_tables
 
 _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker, which is the name of its file."""
-    loops = {name: loop(results / f"{name}.json") for name in ("controller_loop", "controller_loop_narrow")}
     times = {name: latency(results / f"{name}.json") for name in ("controller", "controller_narrow")}
     return {
-        **loops,
+        "controller_loop": loop(results / "controller_loop.json"),
         **times,
-        "casadi": casadi(results / "controller.json"),
-        "rounding": rounding(results / "rounding.json"),
         "mcu": mcu(results / "mcu.json"),
         "mcu_release": mcu_release(results / "mcu.json"),
-        "parallel_in_time": parallel_in_time(results / "parallel_in_time.json"),
-        **truncation_tables.tables(results),
-        **operations_tables.tables(results),
     }
-
-
-def rounding(path: Path) -> str:
-    """What int8 weights change of a plan, to nearest and with error feedback."""
-    names = ("widths", "rounding", "episode", "rms_action_error", "mean_cost_gap", "max_cost_gap")
-    rows = [[row[name] for name in names] for row in read(path)["figures"]]
-    return table(("widths", "rounding", "episode", "rms action error", "mean cost gap", "largest cost gap"), rows)
 
 
 def loop(path: Path) -> str:
@@ -80,44 +65,6 @@ def latency(path: Path) -> str:
 The C library, compiled with `{facts["settings"]["c_flags"]}` by
 {facts["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
 {by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum."""
-
-
-def parallel_in_time(path: Path) -> str:
-    """Errors of a roll-out after so many sweeps over the horizon, and what its parts take."""
-    found = read(path)
-    shown, tolerance = (1, 2, 3, 4, 6), found["facts"]["tolerance"]
-    rows = [
-        (
-            row["jacobian"],
-            *(f"{row['largest'][sweeps]:.0e}" for sweeps in shown),
-            "over 8" if row["sweeps"] is None else row["sweeps"],
-        )
-        for row in found["figures"]["convergence"]
-    ]
-    heads = ("Jacobian", *(f"after {sweeps}" for sweeps in shown), f"sweeps to {tolerance:g}")
-    names = ("dynamics_width", "iterations", "step", "rollout", "evaluation", "sweep", "jacobians", "most_times_faster")
-    parts = ("one f for the horizon", "a sweep", "the Jacobians", "times faster at most")
-    of_times = ("dynamics width", "iterations", "control step, us", "a roll-out", *parts)
-    return f"""{table(heads, rows)}
-
-{table(of_times, [tuple(row[name] for name in names) for row in found["figures"]["times"]])}"""
-
-
-def casadi(path: Path) -> str:
-    """The same control step by CasADi's solvers; empty if the benchmark was run without it."""
-    found = read(path)
-    figures, facts = found["figures"], found["facts"]
-    if "casadi" not in figures:
-        return ""
-    of_casadi = figures["casadi"]
-    ours = f"ours, C float32, {facts['settings']['iterations']} iterations"
-    rows = [("last plan, shifted", None, of_casadi["start"]), (ours, figures["c_ms"], of_casadi["ours"])]
-    rows += [(row["variant"], round(row["ms"]), row) for row in of_casadi["solvers"]]
-    windows = f"{of_casadi['problems']} recorded windows" if "episode" in of_casadi else "a random program"
-    heads = ("", "median ms", "mean gap, %", "largest gap, %")
-    return f"""CasADi {facts["versions"]["casadi"]}, on {windows}:
-
-{table(heads, [(*row, of["gap"], of["gap_worst"]) for *row, of in rows])}"""
 
 
 def mcu(path: Path) -> str:

@@ -12,19 +12,21 @@ from benchmarks.common.command_line import MODEL, track
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import read as read_results
 from benchmarks.common.parts import part
-from benchmarks.controller.operations.chosen import RELEASE
-from benchmarks.controller.operations.travelling import TravellingController
 from benchmarks.roads.calm_tuning import Tuning, tune
 from benchmarks.roads.loop import Setting, through_can
 from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
+from contract.arrays import Array
 from contract.config.body_sensors import layout_of
+from contract.controller.interface import ControlStep
 from contract.model import model_folder
 from contract.recording.dataset import Episode, read
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
 from contract.shipped import BUNDLE, RECORDING
+from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
+from export.reference.mpc import control_step
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 from stillwake.console.settling import settle_into
 from train import model_store
@@ -36,6 +38,21 @@ from wake.truck.state import State
 
 _BESIDE: Final = "training_3"
 """Of the forced episodes one, so that strong forcing is not forgotten."""
+
+
+class _Reference:
+    """The NumPy reference as the ECU's controller."""
+
+    def __init__(self, program: ControllerProgram) -> None:
+        self.description = f"NumPy, Adam, {program.mpc.iterations} iterations"
+        self._program = program
+
+    def warm_up(self, steps: int) -> None:
+        """Do nothing: no call is slower than another."""
+
+    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+        """One control step, as `contract.controller.interface` describes it."""
+        return control_step(self._program, window, plan, free, weights)
 
 
 def rounds(release: Bundle) -> tuple[CalmRound | ControlledRound, ...]:
@@ -57,7 +74,7 @@ def measure(road: str, setting: Setting) -> Row:
     program = program_of(model, release.manifest.mpc)
 
     def run(start: State) -> Outcome:
-        return through_can(release, setting.config, start, TravellingController(program, RELEASE))
+        return through_can(release, setting.config, start, _Reference(program))
 
     return Row(
         road=road,

@@ -9,21 +9,25 @@ Each case develops its own wake from rest, then averages over whole cycles of th
 stay in `runs/square`, so that an interrupted study continues.
 """
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import numpy as np
 import typer
 from rich.progress import Progress
 from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
 from benchmarks.common.parts import part
-from benchmarks.wake.grid_study import cycle_average
+from contract.arrays import Array
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.results import versions
 from stillwake.console.terminal import progress_bar
+from wake.plant.sample import Sample
+from wake.truck.averages import over_cycles
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
 
@@ -41,6 +45,7 @@ LITERATURE: Final = (
 Numer. Heat Transfer A 45 (2004) 247-269."""
 
 _COLUMNS: Final = ("St", "Cd_all_faces", "Cd", "Cd_slot", "Cd_momentum_balance", "Cl_std", "base_Cp")
+_UPSTREAM, _DOWNSTREAM = -3.0, 12.0
 
 
 def main(
@@ -77,9 +82,7 @@ def _study(refinement: float, substeps: int, develop_time: float, average_time: 
     nx, ny = wake.grid.shape
     task = bar.add_task(f"{nx} x {ny}, {substeps}", total=develop_time + average_time, note="")
     develop(wake, develop_time, lambda t, _: bar.update(task, completed=round(t, 1)))
-    free = cycle_average(
-        wake, average_time, lambda t: 0.0, lambda t: bar.update(task, completed=round(develop_time + t, 1))
-    )
+    free = _cycle_average(wake, average_time, lambda t: bar.update(task, completed=round(develop_time + t, 1)))
     return {
         "case": f"{nx} x {ny}, dt 1/{5 * substeps}",
         "refinement": refinement,
@@ -88,3 +91,45 @@ def _study(refinement: float, substeps: int, develop_time: float, average_time: 
         "Cd_all_faces": free["Cd"] + free["Cd_slot"],
         **free,
     }
+
+
+def _cycle_average(wake: TruckWake, duration: float, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Averages over whole cycles of the lift without forcing, in `duration` t_c from the present state on."""
+    samples: list[Sample] = []
+    balance: list[float] = []
+    for _ in range(round(duration / wake.config.control_period)):
+        samples.append(wake.advance(0.0))
+        balance.append(_momentum_loss(wake))
+        progress(samples[-1].t)
+
+    def series(name: str) -> Array:
+        return np.array([getattr(s, name) for s in samples])
+
+    average, Cp = over_cycles(series("t"), series("Cl")), series("Cp")
+    return {
+        **{name: float(average.mean(series(name))) for name in ("Cd", "Cd_slot", "Cd_momentum", "jet_power")},
+        "Cd_std": float(average.std(series("Cd"))),
+        "Cd_momentum_balance": float(average.mean(balance)),
+        "Cl_std": float(average.std(series("Cl"))),
+        "Cl_mean": float(average.mean(series("Cl"))),
+        "St": average.frequency,
+        "base_Cp": float(average.mean(Cp[:, wake.layout.base].mean(axis=1))),
+        "Uy": float(average.std(series("Uy_probe"))),
+        "Cp_mean": average.mean(Cp).tolist(),
+        "Cp_std": average.std(Cp).tolist(),
+    }
+
+
+def _momentum_loss(wake: TruckWake) -> float:
+    """Momentum that enters far upstream less what leaves in the wake: its mean is the force on body and slots plus
+    the jets' momentum, without looking at the wall."""
+    first, last = (int(np.searchsorted(wake.grid.xf, x)) for x in (_UPSTREAM, _DOWNSTREAM))
+    return _momentum_flux(wake, first) - _momentum_flux(wake, last)
+
+
+def _momentum_flux(wake: TruckWake, i: int) -> float:
+    grid, flow = wake.grid, wake.flow
+    u, p = flow.faces_u[i], 0.5 * (flow.cells_p[i - 1] + flow.cells_p[i])
+    stretching = (flow.faces_u[i + 1] - flow.faces_u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
+    stress = 2.0 * wake.solver.viscosity * stretching
+    return float(2.0 * np.sum((p + u * u - stress) * grid.dy))

@@ -6,7 +6,6 @@ import signal
 from collections.abc import Iterator
 from datetime import date
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
@@ -14,58 +13,49 @@ import benchmarks.__main__ as door
 from benchmarks.common.commands import ROOT
 from contract.results import machine, write_result
 
-RESULTS = sorted((ROOT / "results").glob("*.json"))
-
-
-@pytest.mark.parametrize("name", door.MEASUREMENTS)
-def test_a_measurement_writes_its_figures_where_it_is_told(name):
-    found = inspect.signature(import_module(f"benchmarks.{door.MEASUREMENTS[name].module}").main)
-    assert "json_file" in found.parameters
-    assert (ROOT / "results" / f"{name.replace('-', '_')}.json").is_file()
-
 
 @pytest.fixture(autouse=True)
 def _signals() -> Iterator[None]:
-    """The door takes SIGTERM for the whole process."""
+    """Restore the handler of SIGTERM, which the door sets for the whole process."""
     before = signal.getsignal(signal.SIGTERM)
     yield
     signal.signal(signal.SIGTERM, before)
 
 
-def ended(*arguments: str) -> object:
+def status_of(*arguments: str) -> object:
     with pytest.raises(SystemExit) as stop:
         door.main([*arguments])
     return stop.value.code
 
 
-def test_the_list_names_all(capsys):
-    assert ended() == 0
-    words = capsys.readouterr().out.split()
-    assert set(words) >= {*door.MEASUREMENTS, *door.PAGES}
+def test_every_measurement_takes_a_file_for_its_figures_and_has_one():
+    for name, measurement in door.MEASUREMENTS.items():
+        main = import_module(f"benchmarks.{measurement.module}").main
+        assert "json_file" in inspect.signature(main).parameters, name
+        assert (ROOT / "results" / f"{name.replace('-', '_')}.json").is_file(), name
 
 
-def test_an_unknown_name_is_refused_with_the_known_ones(capsys):
-    assert ended("nothing-of-ours") == 1
-    assert capsys.readouterr().err.startswith("error: no measurement 'nothing-of-ours': one of wake, wake-speed, ")
+def test_the_list_names_all_and_an_unknown_name_is_refused_with_them(capsys):
+    assert status_of() == 0
+    assert set(capsys.readouterr().out.split()) >= {*door.MEASUREMENTS, *door.PAGES}
+    assert status_of("nothing-of-ours") == 1
+    names = ", ".join(door.MEASUREMENTS | door.PAGES)
+    assert capsys.readouterr().err == f"error: no measurement 'nothing-of-ours': one of {names}\n"
 
 
-def test_what_a_user_causes_is_one_line(tmp_path, capsys):
-    assert ended("controller-loop", "--model", str(tmp_path)) == 1
+def test_an_error_of_the_user_is_one_line(tmp_path, capsys):
+    assert status_of("controller-loop", "--model", str(tmp_path)) == 1
     err = capsys.readouterr().err
     assert err.startswith("error: ") and "model.json: No such file" in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize("path", RESULTS, ids=[path.stem for path in RESULTS])
-def test_a_result_has_date_figures_and_facts(path: Path):
-    content = json.loads(path.read_text(encoding="utf-8"))
-    assert list(content) == ["date", "figures", "facts"]
-    assert date.fromisoformat(content["date"]) <= date.today()
-    assert content["figures"]
-    versions = content["facts"]["versions"]
-    assert versions and all(isinstance(version, str) for version in versions.values())
-
-
-def test_a_result_names_the_machine(tmp_path):
+def test_a_result_has_date_figures_facts_and_machine(tmp_path):
+    for path in sorted((ROOT / "results").glob("*.json")):
+        content = json.loads(path.read_text(encoding="utf-8"))
+        assert list(content) == ["date", "figures", "facts"], path
+        assert date.fromisoformat(content["date"]) <= date.today(), path
+        versions = content["facts"]["versions"]
+        assert content["figures"] and versions and all(isinstance(item, str) for item in versions.values()), path
     write_result(tmp_path / "one.json", figures={"Cd": 1.0}, facts={"seed": 3}, on=date(2026, 1, 2))
     assert json.loads((tmp_path / "one.json").read_text()) == {
         "date": "2026-01-02",

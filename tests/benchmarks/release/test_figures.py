@@ -1,0 +1,64 @@
+"""The release's figures where they are known: forecasts, net of jet power, the campaign's tables."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.release.campaign_tables import MISSING, tables
+from benchmarks.release.release_figures import forecast_errors
+from benchmarks.release.release_loop import FIGURES, spread, with_net
+from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
+
+RUN = dict.fromkeys(FIGURES, 1.0) | {
+    "Cd_net_uncontrolled": 1.25,
+    "Cd_net_controlled": 0.75,
+    "jet_power_controlled": 0.25,
+}
+
+
+def test_an_error_belongs_to_the_instant_that_was_forecast():
+    # The truth rises by 1 a period, and what is forecast for k + h lags by 0.1 h (drag) and 0.2 h (lift).
+    periods, horizon = 30, 4
+    k, h = np.arange(periods)[:, None], np.arange(1, horizon + 1)[None]
+    truth = np.column_stack([np.arange(periods), 10.0 - np.arange(periods)])
+    forecasts = np.stack([k + h - 0.1 * h, 10.0 - (k + h) + 0.2 * h], axis=-1)
+    forecasts[7] = np.nan
+    for ahead, errors in enumerate(forecast_errors(forecasts, truth), start=1):
+        # The truth of the last forecasts is missing, and one period has none.
+        assert errors.shape == (periods - ahead - 1, 2)
+        np.testing.assert_allclose(errors, np.full_like(errors, 0.1) * [ahead, 2 * ahead])
+
+
+def test_the_reduction_pays_for_the_jets_and_the_spread_leaves_out_what_a_phase_lacks():
+    figures = with_net(RUN)
+    assert figures["net_reduction_percent"] == pytest.approx(40.0)
+    # 0.5 less force, of which 0.25 goes into the jets.
+    assert figures["net_of_power_percent"] == pytest.approx(20.0)
+    rows = [{**RUN, "abs_Cl_controlled": value, "reduction_percent": value} for value in (0.1, 0.4, 0.1)]
+    rows[1]["reduction_percent"] = None  # type: ignore[assignment]
+    over_phases = spread(rows)
+    assert over_phases["abs_Cl_controlled"] == pytest.approx({"mean": 0.2, "least": 0.1, "most": 0.4})
+    assert set(over_phases) == set(FIGURES) - {"reduction_percent"}
+
+
+def test_every_scenario_of_a_campaign_has_a_row_and_delay_is_compared_with_the_paper(tmp_path):
+    assert set(tables(tmp_path).values()) == {MISSING}
+    rows = rows_of(
+        (scenario_of("delay_12"), [phase_of(0.82), phase_of(0.80)]),
+        (scenario_of("delay_12_uncompensated"), [phase_of(1.1, broken=["it broke"])]),
+        (scenario_of("lost"), [phase_of(failure="it diverged")]),
+    )
+    facts = {"bundle_name": "small", "phases": 2, "controlled": 60.0, "settle": 20.0}
+    content = {"date": "2026-01-02", "figures": [row.figures() for row in rows], "facts": facts}
+    (tmp_path / "campaign.json").write_text(json.dumps(content))
+    made = tables(tmp_path)
+    assert (
+        "| delay_12 | What delay_12 says. | safe | useful | 19.0 (18.0 to 20.0) | 0.20 | 100 |  |" in made["campaign"]
+    )
+    assert "| lost | What lost says. | **UNSAFE** | none | - | - | - |  |" in made["campaign"]
+    # 1.051 to 0.918 and to 0.950 (appendix B).
+    assert made["campaign_paper"].splitlines()[2:] == [
+        "| 0 | 20.0 | 0.20 | 20.0 | 0.20 | 12.7 |",
+        "| 12 | 19.0 | 0.20 | -10.0 | 0.20 | 9.6 |",
+    ]
