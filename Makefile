@@ -122,12 +122,12 @@ full: test
 	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
 	$(BIN)/python -m benchmarks roads --json results/roads.json
 	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json
-	$(BIN)/python -m benchmarks ecu-c --steps 1000000 --json results/ecu_c.json
+	$(BIN)/python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
 		--json results/ecu_loop.json
 	$(BIN)/python -m benchmarks flash --json results/flash.json
 	$(BIN)/python -m benchmarks square --json results/square.json
-	$(BIN)/python -m benchmarks bus --json results/bus.json
+	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
 	$(BIN)/python -m benchmarks isotp --json results/isotp.json
 	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
@@ -142,8 +142,8 @@ full: test
 		--fault vehicle:drop:probability=0.$$share --json results/bus_loss_$$share.json; done
 	-$(BIN)/stillwake campaign runs/campaign --overwrite --controlled 50 --settle 25 --json results/campaign.json
 	$(BIN)/stillwake bench latency runs/latency --both --overwrite --json results/latency.json
-	$(BIN)/python -m benchmarks hostile --steps 1000000 --json results/hostile.json
-	$(BIN)/python -m benchmarks soak --hours 1 --json results/soak.json
+	$(BIN)/python -m tests.proofs.ecu hostile --steps 1000000 --json results/hostile.json
+	$(BIN)/python -m tests.proofs.ecu soak --hours 1 --json results/soak.json
 	$(BIN)/python -m benchmarks sensor-check --json results/sensor_check.json
 	$(BIN)/python -m benchmarks live-speed --json results/live_speed.json
 	$(BIN)/stillwake can load --json results/can_load_fd.json

@@ -55,7 +55,6 @@ MEASUREMENTS: Final = {
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
-    "bus": Measurement("bus.bus", "codec, protection, reception, response times, command gate", "minutes"),
     "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "release-loop": Measurement(

@@ -7,8 +7,8 @@ import struct
 
 import can
 
-from benchmarks.bus.receive_path import ReceivePath
 from can_bridge.bus.backends.slcan import LINE_LIMIT
+from tests.proofs.bus.receive_path import ReceivePath
 
 _MESSAGE = struct.Struct("<IBdB")
 """Identifier, flags, time, length that the message claims."""

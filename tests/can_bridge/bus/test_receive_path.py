@@ -7,7 +7,6 @@ from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from benchmarks.bus.receive_path import KEY, MESSAGES, ReceivePath
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
 from can_bridge.e2e.sender import E2eSender
@@ -18,6 +17,7 @@ from can_bridge.wire.message_sets import FD
 from contract.config.vehicle import E2eConfig
 from tests.examples import examples
 from tests.fuzz.receive_path import follow
+from tests.proofs.bus.receive_path import KEY, MESSAGES, ReceivePath
 
 
 def genuine(count: int) -> list[Frame]:

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from math import comb
-from multiprocessing import get_context
 from os import sched_getaffinity
-from signal import SIG_IGN, SIGINT, signal
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,19 +25,14 @@ from can_bridge.secoc.securing import verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
-
-if TYPE_CHECKING:
-    from multiprocessing.sharedctypes import Synchronized
+from tests.proofs.command_line import spread
 
 CHUNK: Final = 10_000
-"""Frames between two reports of progress."""
+"""Frames drawn at a time."""
 PROFILE_5_BITS: Final = 16
 """Of its CRC."""
 EVERY: Final = 5
 """In a genuine stream, one frame of so many is replaced by random bytes: the default window bears that."""
-
-POLL_S: Final = 0.2
-"""Between two looks at what the processes have done."""
 
 Progress = Callable[[int, int], None]
 
@@ -62,11 +55,6 @@ class Plan:
         """Of one message."""
         return min(self.three_bit, comb(8 * spec.length, 3))
 
-    def frames(self, spec: MessageSpec) -> int:
-        """Frames looked at, of one message."""
-        bits = 8 * spec.length
-        return bits + comb(bits, 2) + self.three_bit_of(spec) + 2 * self.random + EVERY * self.among_genuine
-
 
 def measure(
     plan: Plan | None = None,
@@ -80,26 +68,21 @@ def measure(
     Args:
         seed: of the damage. Every message draws from a sequence of its own.
         processes: as many as there are processors without it; the figures do not depend on it.
-        progress: called with frames done and in all.
+        progress: called with messages done and in all.
 
     Returns:
         `flips_accepted`, of all messages and all flips; `random_accepted_per_million` by profile 5, whose length alone
         gives 15.3; and in `flips`, by message, the counts behind them and the rate that the length of its code gives.
     """
     plan = Plan() if plan is None else plan
-    total = sum(plan.frames(spec) for spec in SPECS)
-    if (len(sched_getaffinity(0)) if processes is None else processes) == 1:
-        done = 0
-
-        def count(frames: int) -> None:
-            nonlocal done
-            done += frames
-            progress(done, total)
-
-        messages = {spec.name: _measure(spec, plan, seed, count) for spec in SPECS}
-    else:
-        messages = _in_parallel(plan, seed, processes, lambda done: progress(done, total))
-    progress(total, total)
+    # The slow ones first, so that no process is left with one of them.
+    order = sorted(SPECS, key=lambda spec: not spec.is_secured)
+    workers = len(sched_getaffinity(0)) if processes is None else processes
+    measured: dict[str, dict[str, Any]] = {}
+    for spec, counts in zip(order, spread(partial(_measure, plan=plan, seed=seed), order, workers), strict=True):
+        measured[spec.name] = counts
+        progress(len(measured), len(order))
+    messages = {spec.name: measured[spec.name] for spec in SPECS}
     by_profile_5 = [messages[spec.name]["random"] for spec in SPECS if _code_bits(spec) == PROFILE_5_BITS]
     return {
         "flips_accepted": sum(
@@ -112,49 +95,8 @@ def measure(
     }
 
 
-def _in_parallel(
-    plan: Plan, seed: int, processes: int | None, progress: Callable[[int], None]
-) -> dict[str, dict[str, Any]]:
-    context = get_context("spawn")
-    done: Synchronized[int] = context.Value("q", 0)
-    # The slow ones first, so that no process is left with one of them.
-    order = sorted(SPECS, key=lambda spec: not spec.is_secured)
-    with context.Pool(processes, initializer=_begin, initargs=(done,)) as pool:
-        found = {spec.name: pool.apply_async(_measure, (spec, plan, seed, _count_shared)) for spec in order}
-        for result in found.values():
-            while not result.ready():
-                result.wait(POLL_S)
-                progress(done.value)
-        return {spec.name: found[spec.name].get() for spec in SPECS}
-
-
-_shared: "Synchronized[int]"
-"""In a process of its own: frames done by all of them."""
-
-
-def _begin(done: "Synchronized[int]") -> None:
-    global _shared
-    _shared = done
-    signal(SIGINT, SIG_IGN)  # Ctrl-C is the parent's, which ends this process
-
-
-def _count_shared(frames: int) -> None:
-    with _shared.get_lock():
-        _shared.value += frames
-
-
-def _counted(count: Callable[[int], None], items: Iterable[bytes]) -> Iterator[bytes]:
-    """The items; tells `count` of every so many."""
-    number = 0
-    for number, item in enumerate(items, 1):
-        if number % CHUNK == 0:
-            count(CHUNK)
-        yield item
-    count(number % CHUNK)
-
-
-def _measure(spec: MessageSpec, plan: Plan, seed: int, count: Callable[[int], None]) -> dict[str, Any]:
-    rng, counted = np.random.default_rng([seed, spec.frame_id]), partial(_counted, count)
+def _measure(spec: MessageSpec, plan: Plan, seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng([seed, spec.frame_id])
     key = Key(rng.bytes(KEY_LENGTH)) if spec.is_secured else None
     passes = _check_of(spec, key)
     # Any content will do: the codes are linear, and a MAC knows no better or worse ones.
@@ -163,12 +105,12 @@ def _measure(spec: MessageSpec, plan: Plan, seed: int, count: Callable[[int], No
         raise ValueError(f"{spec.name}: the frame to be damaged is not sound")
 
     def accepted(payloads: Iterable[bytes]) -> int:
-        return sum(map(passes, counted(payloads)))
+        return sum(map(passes, payloads))
 
     bits, three = 8 * spec.length, plan.three_bit_of(spec)
     every = comb(bits, 3) == three
     choices: Iterable[tuple[int, ...]] = combinations(range(bits), 3) if every else _triples(rng, bits, three)
-    live = sum(map(_live_alone(spec, key), counted(_random(rng, spec, plan.random))))
+    live = sum(map(_live_alone(spec, key), _random(rng, spec, plan.random)))
     taken = accepted(_random(rng, spec, plan.random))
     return {
         "bytes": spec.length,
@@ -176,7 +118,7 @@ def _measure(spec: MessageSpec, plan: Plan, seed: int, count: Callable[[int], No
         "two_bit": {"tried": comb(bits, 2), "accepted": accepted(_flipped(sound, combinations(range(bits), 2)))},
         "three_bit": {"tried": three, "exhaustive": every, "accepted": accepted(_flipped(sound, choices))},
         "random": {"tried": plan.random, "accepted": taken, "live": live},
-        "random_among_genuine": _among_genuine(spec, key, plan, rng, count),
+        "random_among_genuine": _among_genuine(spec, key, plan, rng),
         "random_per_million": _per_million(taken, plan.random),
         "expected_random_per_million": 1e6 * 2.0 ** -_code_bits(spec),
     }
@@ -243,9 +185,7 @@ def _live_alone(spec: MessageSpec, key: Key | None) -> Callable[[bytes], bool]:
     return is_live
 
 
-def _among_genuine(
-    spec: MessageSpec, key: Key | None, plan: Plan, rng: np.random.Generator, count: Callable[[int], None]
-) -> dict[str, int]:
+def _among_genuine(spec: MessageSpec, key: Key | None, plan: Plan, rng: np.random.Generator) -> dict[str, int]:
     """A genuine stream with random payloads in place of every fifth frame: how many of either are taken as live."""
     is_live, content = _live_alone(spec, key), bytes(spec.protected)
     live = {"random": 0, "genuine": 0}
@@ -255,6 +195,6 @@ def _among_genuine(
         for number in range(EVERY * plan.among_genuine):
             yield next(payloads) if number % EVERY == EVERY - 1 else _genuine(spec, key, number, content).data
 
-    for number, data in enumerate(_counted(count, stream())):
+    for number, data in enumerate(stream()):
         live["random" if number % EVERY == EVERY - 1 else "genuine"] += is_live(data)
     return {"tried": plan.among_genuine, "live": live["random"], "genuine_live": live["genuine"]}
