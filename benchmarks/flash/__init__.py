@@ -1,1 +1,0 @@
-"""Flashing over CAN: hostile requests, cut supplies, and what a transfer takes."""
