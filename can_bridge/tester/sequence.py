@@ -199,8 +199,7 @@ class _Flashing:
             asking.session(Session.DEFAULT)
             return ended(End.ON_TRIAL)
         self._say(Step.CONFIRM)
-        in_programming(asking, Routine.CONFIRM)
-        after = read_store(asking)
+        after = self._confirm()
         asking.session(Session.DEFAULT)
         return ended(End.CONFIRMED)
 
@@ -266,6 +265,19 @@ class _Flashing:
         except RefusedError as refused:
             store = self._go_back()
             raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
+        return read_store(self._asking)
+
+    def _confirm(self) -> Report:
+        """Keep the release that runs; the store afterwards."""
+        try:
+            in_programming(self._asking, Routine.CONFIRM)
+        except RefusedError as refused:
+            # Power may be lost as soon as the request was carried out: then there is no trial any more.
+            store = read_store(self._asking)
+            is_confirmed = self._is_ours(store.running_slot) and store.running == store.active
+            if refused.code != Nrc.SEQUENCE_ERROR or not is_confirmed:
+                raise
+            return store
         return read_store(self._asking)
 
     def _go_back(self) -> Report:

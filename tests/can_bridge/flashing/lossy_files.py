@@ -18,10 +18,10 @@ class _File:
 
 
 class LossyFiles(FolderFiles):
-    """Attributes: `calls` that changed something so far; `cut_at`, the number of the one that is torn."""
+    """Attributes: `operations`, calls that changed something so far; `cut_at`, the number of the one that is torn."""
 
     def __init__(self, seed: int = 0) -> None:
-        self.calls = 0
+        self.operations = 0
         self.cut_at: int | None = None
         self._seed = seed
         self._names: dict[str, _File] = {}
@@ -83,15 +83,15 @@ class LossyFiles(FolderFiles):
         return self._names[name]
 
     def _call(self) -> bool:
-        cut = self.calls == self.cut_at
-        self.calls += 1
+        cut = self.operations == self.cut_at
+        self.operations += 1
         return cut
 
     def _lose(self, cut: bool) -> None:
         """What the disk has when the supply is back."""
         if not cut:
             return
-        rng = Random(f"{self._seed} {self.calls}")
+        rng = Random(f"{self._seed} {self.operations}")
         self._names = dict(rng.choice(self._synced_names))
         self._synced_names = [dict(self._names)]
         for name in sorted(self._names):

@@ -1,33 +1,62 @@
-"""Images for flashing, signed by keys that are made here, and an ECU's store to put them into."""
+"""Small releases signed by keys that are made here, and an ECU's store to put them into."""
 
 import hashlib
+from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.backing import Backing, Slot, at_once
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from contract.release import key_list
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.release import bundle, key_list
 from contract.release.bundle import CONTROLLER, Bundle, pack
 from contract.release.image import image_of
 from contract.release.key_list import KeyList
-from contract.release.signing import public_key
+from contract.release.manifest import Manifest
+from contract.release.signing import PublicKey, public_key
+from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.contract.release.test_bundle import GRAPH, manifest
 
 ROOT, RELEASE, SECOND, STRANGER = (Ed25519PrivateKey.from_private_bytes(bytes([number]) * 32) for number in range(4))
-HARDWARE = "stillwake-ecu-1"
-BLOCK = 16_384
+HARDWARE = "bench"
+BLOCK = 5000
+"""Bytes that are sent at once: an image has six such blocks."""
+
+B = TypeVar("B", bound=Backing)
 
 
 @cache
-def image(name: str = "one", *, key: Ed25519PrivateKey | None = RELEASE, version: int = 1, **changes: Any) -> bytes:
-    """Of a bundle whose graph is the shipped one."""
-    return image_of(pack(manifest(name=name, security_version=version, **changes), {CONTROLLER: GRAPH}, key))
+def untrained() -> tuple[Manifest, bytes]:
+    """The shipped release's facts around a small graph that nobody trained: manifest and graph."""
+    from export.program.random_program import random_program
+    from export.to_onnx.control_step import build_controller
+
+    model = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)
+    program = random_program(0, model=model, mpc=MpcConfig(horizon=4, iterations=2))
+    sizes = {name: getattr(program, name) for name in ("window", "sensors", "mpc", "scaling")}
+    manifest = replace(bundle.load(BUNDLE).manifest, precision="float32", sensor_estimator=None, **sizes)
+    return manifest, build_controller(program).SerializeToString()
+
+
+@cache
+def files(
+    name: str = "one", *, key: Ed25519PrivateKey | None = RELEASE, version: int = 1, **changes: Any
+) -> dict[str, bytes]:
+    """The files of a release."""
+    manifest, graph = untrained()
+    return pack(replace(manifest, name=name, security_version=version, **changes), {CONTROLLER: graph}, key)
+
+
+@cache
+def image(name: str = "one", **changes: Any) -> bytes:
+    """The image of a release; arguments of `files`."""
+    return image_of(files(name, **changes))
 
 
 def keys(version: int = 1, *allowed: Ed25519PrivateKey, revoked: tuple[Ed25519PrivateKey, ...] = ()) -> bytes:
@@ -47,22 +76,24 @@ def fits(bundle: Bundle) -> Verdict:
     return Verdict.GOOD if bundle.manifest.operating_point.speed == 25.0 else Verdict.WRONG_VEHICLE
 
 
-def provisioned(first: bytes | None = None, backing: PlainBacking | None = None) -> PlainBacking:
-    """A memory as it leaves production."""
-    made = PlainBacking() if backing is None else backing
-    Store.provision(
-        made, root=public_key(ROOT), keys=keys(), image=image() if first is None else first, hardware=HARDWARE,
-        fits=fits,
-    )  # fmt: skip
-    return made
+def provision(backing: B, first: bytes | None, **changes: Any) -> B:
+    """Fill a memory as production does."""
+    given = {"root": public_key(ROOT), "keys": keys(), "image": first, "hardware": HARDWARE, "fits": fits}
+    Store.provision(backing, **{**given, **changes})
+    return backing
 
 
-def store_on(backing: PlainBacking) -> Store:
+def provisioned(backing: PlainBacking | None = None) -> PlainBacking:
+    """A memory with release "one" in it."""
+    return provision(PlainBacking() if backing is None else backing, image())
+
+
+def store_on(backing: Backing, root: PublicKey = public_key(ROOT)) -> Store:
     """Power on."""
-    return Store(backing, root=public_key(ROOT), hardware=HARDWARE, fits=fits)
+    return Store(backing, root=root, hardware=HARDWARE, fits=fits)
 
 
-def booted(backing: PlainBacking) -> tuple[Store, Boot]:
+def booted(backing: Backing) -> tuple[Store, Boot]:
     """Power on, and boot."""
     store = store_on(backing)
     return store, store.boot()
@@ -102,16 +133,14 @@ def updated(*images: bytes) -> PlainBacking:
     """An ECU on which release "one" and then all these were confirmed."""
     backing = provisioned()
     for new in images:
-        store, _ = booted(backing)
-        assert flash(store, new) == Verdict.GOOD
+        assert flash(booted(backing)[0], new) == Verdict.GOOD
         backing = backing.after_power_on()
-        store, _ = booted(backing)
-        store.confirm()
+        booted(backing)[0].confirm()
         backing = backing.after_power_on()
     return backing
 
 
-def damage(backing: PlainBacking, slot: Slot, at: int = 30_000) -> None:
+def damage(backing: PlainBacking, slot: Slot, at: int = 9_000) -> None:
     content = backing.memory.slots[slot]
     assert content is not None
     content[at] ^= 1

@@ -1,14 +1,10 @@
-"""An ECU that can be flashed, without its control: UDS server, programming and store over a memory that never fails."""
+"""An ECU that can be flashed, without its control: store, programming services and UDS server over a memory."""
 
-from random import Random
-from typing import Final
+from collections.abc import Callable
 
-from benchmarks.flash.fuzz_images import HARDWARE, ROOT, pool
-from benchmarks.flash.plain_memory import PlainMemory
 from can_bridge.flashing import report
+from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
-from can_bridge.flashing.store import Store
-from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.programming import Programming
@@ -17,61 +13,69 @@ from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError
-from contract.release import signing
-from contract.release.bundle import Bundle
+from contract.release.bundle import dbc_sha256
+from tests.can_bridge.flashing.releases import HARDWARE, booted
 
-KEY: Final = AccessKey(bytes(range(16)))
-CAPACITY: Final = 64 * 1024
-_VALUES: Final = {Did.SERIAL_NUMBER: b"0815", Did.HARDWARE: HARDWARE.encode(), Did.SOFTWARE_VERSION: b"0"}
+SECRET = bytes(range(1, 17))
+KEY = AccessKey(SECRET)
+VALUES = {
+    Did.HARDWARE: HARDWARE.encode(),
+    Did.SERIAL_NUMBER: b"0815",
+    Did.SOFTWARE_VERSION: b"bench",
+    Did.DBC_SHA256: bytes.fromhex(dbc_sha256()),
+    Did.PERIOD_NS: (20_000_000).to_bytes(8, "big"),
+}
 
 
-class FuzzedEcu:
-    """Over one memory, from power-on to power-on.
+class Counted:
+    """Bytes for seeds that nobody needs to guess: a counter."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def __call__(self, length: int) -> bytes:
+        self._count += 1
+        return self._count.to_bytes(length, "big")
+
+
+class StoreEcu:
+    """From power-on to power-on.
 
     Args:
-        rng: of seeds.
+        backing: opens the memory.
+        random_bytes: for seeds.
 
     Attributes:
         is_wanted: the vehicle asks for control, so that nothing may be programmed.
-        server: of this power-on.
-        programming: the same.
-        store: the same.
+        is_reset: a reset was asked for: `power_on` is due.
+        store, boot, programming, server: of this power-on.
     """
 
-    def __init__(self, rng: Random) -> None:
-        self._rng = rng
-        self._is_reset = False
+    is_dead = False
+
+    def __init__(self, backing: Callable[[], Backing], random_bytes: Callable[[int], bytes] | None = None) -> None:
+        self._backing, self._random_bytes = backing, random_bytes or Counted()
         self.is_wanted = False
-        self.memory = PlainMemory(CAPACITY)
-        known = pool()
-        Store.provision(
-            self.memory,
-            root=signing.public_key(ROOT),
-            keys=known.key_lists[0],
-            image=known.images["first"],
-            hardware=HARDWARE,
-            fits=_fits,
-        )
         self.power_on()
 
     def power_on(self) -> Boot:
-        """All that is volatile anew."""
-        self._is_reset = False
-        self.store = Store(self.memory, root=signing.public_key(ROOT), hardware=HARDWARE, fits=_fits)
-        boot = self.store.boot()
-        self.programming = Programming(self.store, self, refusal=self._refusal, report=_report_of)
-        self.server = UdsServer(self.programming, KEY, self._rng.randbytes)
-        return boot
+        self.is_reset = False
+        self.store, self.boot = booted(self._backing())
+        self.programming = Programming(
+            self.store,
+            self,
+            refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.is_wanted else None,
+            report=lambda store: report.encode(report.report_of(store)),
+        )
+        self.server = UdsServer(self.programming, KEY, self._random_bytes)
+        return self.boot
 
-    @property
-    def is_reset(self) -> bool:
-        """A reset was asked for: `power_on` is due."""
-        return self._is_reset
+    # What the store has no part in.
 
     def read(self, did: Did) -> bytes:
-        if did not in _VALUES:
+        if did not in VALUES:
             raise Refused(Nrc.OUT_OF_RANGE)
-        return _VALUES[did]
+        return VALUES[did]
 
     def write(self, did: Did, value: bytes) -> Long[None]:
         yield
@@ -83,18 +87,9 @@ class FuzzedEcu:
 
     def self_test(self) -> Long[bytes]:
         yield
+        if self.boot.bundle is None:
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
         return b""
 
     def reset(self) -> None:
-        self._is_reset = True
-
-    def _refusal(self) -> Nrc | None:
-        return Nrc.CONDITIONS_NOT_CORRECT if self.is_wanted else None
-
-
-def _fits(bundle: Bundle) -> Verdict:
-    return Verdict.GOOD
-
-
-def _report_of(store: Store) -> bytes:
-    return report.encode(report.report_of(store))
+        self.is_reset = True

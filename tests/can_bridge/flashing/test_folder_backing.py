@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.flash.lossy_files import LossyFiles
+from tests.can_bridge.flashing.lossy_files import LossyFiles
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import MediumError
@@ -25,7 +25,7 @@ def play(files: LossyFiles, cuts: list[int]) -> None:
         return FolderBacking(Path("unused"), files=files, capacity=2048)
 
     for cut in cuts:
-        files.power_on(files.calls + cut)
+        files.power_on(files.operations + cut)
         if run(power_on, witness, PLAN):
             return
     files.power_on()
@@ -35,7 +35,7 @@ def play(files: LossyFiles, cuts: list[int]) -> None:
 def every_cut(seeds: int) -> None:
     files = LossyFiles()
     play(files, [])
-    for cut in range(files.calls):
+    for cut in range(files.operations):
         for seed in range(seeds):
             play(LossyFiles(seed), [cut])
 

@@ -1,28 +1,21 @@
-"""An ECU with nothing but a calibration behind the real server, and a connection to it without a bus."""
+"""An ECU with nothing but a calibration behind the real server."""
 
-from collections import deque
 from dataclasses import replace
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.service import CalibrationService
-from can_bridge.tester.direct_connection import DirectConnection
-from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Session
 from contract.config.controller import CostWeights
 from contract.controller.calibration import Calibration, CalibrationLimits
+from tests.can_bridge.flashing.store_ecu import KEY, Counted
 
-SECRET = bytes(range(1, 17))
-KEY = AccessKey(SECRET)
 # 0.07 is less as float32, 0.075 is more.
 OWN = Calibration(weights=CostWeights(), action_limit=0.07, command_step=0.075, delay_steps=0)
 LIMITS = CalibrationLimits(
     least=replace(
-        OWN,
-        weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 0.0)),
-        action_limit=0.01,
-        command_step=0.01,
+        OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 0.0)), action_limit=0.01, command_step=0.01
     ),
     greatest=replace(OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 10.0)), delay_steps=3),
 )
@@ -30,6 +23,8 @@ LIMITS = CalibrationLimits(
 
 class Ecu:
     """What is around the server: a segment, a record, and jets."""
+
+    is_dead = is_reset = False
 
     def __init__(self) -> None:
         self.raw: bytes | None = None
@@ -49,7 +44,7 @@ class Ecu:
             refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.jets else None,
         )
         self.service.restore()
-        self.server = UdsServer(self, KEY, lambda count: bytes(range(7, 7 + count)))  # type: ignore[arg-type]
+        self.server = UdsServer(self, KEY, Counted())  # type: ignore[arg-type]
 
     def enter(self, session: Session) -> None: ...
 
@@ -68,25 +63,3 @@ class Ecu:
 
     def keep_failed_attempts(self, level, count: int) -> None:
         self.attempts = count
-
-
-class Direct(DirectConnection):
-    """The server at the other end of nothing."""
-
-    def __init__(self, ecu: Ecu) -> None:
-        super().__init__()
-        self.ecu, self.now_ns = ecu, 0
-        self.answers: deque[bytes] = deque()
-
-    def empty_rxqueue(self) -> None:
-        self.answers.clear()
-
-    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        self.now_ns += 1_000_000
-        self.answers.extend(self.ecu.server.request(self.now_ns, payload))
-
-    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        while not self.answers:
-            self.now_ns += 1_000_000
-            self.answers.extend(self.ecu.server.tick(self.now_ns))
-        return self.answers.popleft()

@@ -1,48 +1,27 @@
-"""An ECU in virtual time behind the real server: two plain slots, and every way to go wrong on demand."""
+"""An ECU behind the real server: two plain slots, and every way to go wrong on demand."""
 
 import hashlib
-from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
-
-from udsoncan.exceptions import TimeoutException
 
 from can_bridge.flashing import report
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
-from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.report import Report, SlotReport
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.tester.direct_connection import DirectConnection
-from can_bridge.tester.matching import answers
 from can_bridge.tester.sequence import digest_of
-from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.diagnostics import Diagnostics
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Routine, Session
+from contract.release import bundle
+from contract.release.container import read_files
+from contract.release.image import image_of
+from contract.shipped import BUNDLE
+from tests.can_bridge.flashing.store_ecu import KEY, VALUES, Counted
 
-SECRET = bytes(range(1, 17))
-NS = 1_000_000_000
+SHIPPED = image_of(read_files(BUNDLE))
 TICK_NS = 20_000_000
-
-
-class VirtualTime:
-    """Seconds that pass only when somebody waits."""
-
-    def __init__(self) -> None:
-        self.now_ns = 0
-        self.on_tick: Callable[[], None] = lambda: None
-
-    def clock(self) -> float:
-        return self.now_ns / NS
-
-    def sleep(self, seconds: float) -> None:
-        until = self.now_ns + round(seconds * NS)
-        while self.now_ns < until:
-            self.now_ns = min(until, self.now_ns + TICK_NS)
-            self.on_tick()
 
 
 @dataclass
@@ -100,12 +79,31 @@ class Played:
     log: list[Routine] = field(default_factory=list)
 
 
-class PlayedEcu:
-    """Diagnostics for the server."""
+def played() -> Played:
+    """With a confirmed release named old, and room for the shipped one."""
+    manifest = bundle.load(BUNDLE).manifest
+    period_ns = manifest.operating_point.period_ns(manifest.control_period)
+    dids = {Did.CAPACITY: (2**20).to_bytes(4, "big"), Did.PERIOD_NS: period_ns.to_bytes(8, "big")}
+    old = SHIPPED[:100]
+    running = Held(image=old, announced=(100, hashlib.sha256(old).digest()), phase=Phase.CONFIRMED, name="old")
+    return Played(running=running, dids=VALUES | dids)
 
-    def __init__(self, kept: Played, on_reset: Callable[[], None]) -> None:
+
+class PlayedEcu:
+    """What outlives a reset is in `kept`."""
+
+    def __init__(self, kept: Played) -> None:
         self.kept = kept
-        self._on_reset = on_reset
+        self._random_bytes = Counted()
+        self.power_on()
+
+    @property
+    def is_dead(self) -> bool:
+        return self.kept.is_dead
+
+    def power_on(self) -> None:
+        self.is_reset = False
+        self.server = UdsServer(self, KEY, self._random_bytes)
 
     def enter(self, session: Session) -> None:
         if session is Session.PROGRAMMING and self.kept.in_use:
@@ -207,82 +205,4 @@ class PlayedEcu:
                 kept.running, kept.other = replace(kept.other, boots_left=kept.other.boots_left - 1), kept.running
             else:
                 kept.other = replace(kept.other, phase=Phase.BAD)
-        self._on_reset()
-
-
-class Line(DirectConnection):
-    """A tester's connection to the ECU, by payloads.
-
-    Attributes:
-        lose: called with each payload, to the ECU (True) and from it: whether it is lost.
-        double: whether each payload from the ECU comes twice.
-        heard: all requests that reached the ECU.
-        cuts: losses of power in the middle of a write.
-    """
-
-    def __init__(
-        self,
-        kept: Played,
-        time: VirtualTime,
-        made: Callable[[Callable[[], None]], Diagnostics] | None = None,
-    ) -> None:
-        """Args: made: makes the ECU at power-on, told what to call for a reset; the played one by default."""
-        super().__init__()
-        self._made = made or (lambda on_reset: PlayedEcu(kept, on_reset))
-        self.kept = kept
-        self.time = time
-        self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
-        self.double = False
-        self.heard: list[bytes] = []
-        self.cuts = 0
-        self._seeds = 0
-        self._request = b""
-        self._waiting: deque[bytes] = deque()
-        time.on_tick = self._tick
-        self.power_on()
-
-    def power_on(self) -> None:
-        """Also after a loss of power, at any time."""
-        self.server = UdsServer(self._made(self.power_on), AccessKey(SECRET), self._random)
-
-    def _random(self, count: int) -> bytes:
-        self._seeds += 1
-        return self._seeds.to_bytes(count, "big")
-
-    def arrive(self, payload: bytes) -> None:
-        """Let a payload come from the ECU, whatever it is."""
-        self._waiting.append(payload)
-
-    def empty_rxqueue(self) -> None:
-        self._waiting.clear()
-
-    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        self._request = payload
-        if not self.lose(payload, True) and not self.kept.is_dead:
-            self.heard.append(payload)
-            self._take(lambda: self.server.request(self.time.now_ns, payload))
-
-    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        until = self.time.now_ns + round((timeout or 0.0) * NS)
-        while self.time.now_ns <= until:
-            while self._waiting:
-                payload = self._waiting.popleft()
-                if answers(self._request, payload):
-                    return payload
-            self.time.sleep(TICK_NS / NS)
-        raise TimeoutException
-
-    def _tick(self) -> None:
-        if not self.kept.is_dead:
-            self._take(lambda: self.server.tick(self.time.now_ns))
-
-    def _take(self, work: Callable[[], list[bytes]]) -> None:
-        try:
-            payloads = work()
-        except PowerCut:
-            self.cuts += 1
-            self.power_on()
-            return
-        for payload in payloads:
-            if not self.lose(payload, False) and not self.kept.is_dead:
-                self._waiting.extend([payload] * (1 + self.double))
+        self.is_reset = True

@@ -8,13 +8,10 @@ from threading import Event, Thread
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
-from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
-from tests.can_bridge.tester.played_ecu import SECRET, Played, PlayedEcu
+from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
+from tests.can_bridge.tester.played_ecu import Played, PlayedEcu
 
 
 class Fate:
@@ -52,40 +49,22 @@ def served(kept: Played, config: BusConfig, fate: Fate | None = None) -> Iterato
     assert faults == []
 
 
-class _Node:
-    """What a reset builds anew."""
-
-    def __init__(self, kept: Played, config: BusConfig) -> None:
-        self._kept, self._config = kept, config
-        self.power_on()
-
-    def power_on(self) -> None:
-        is_fd = self._config.frames == "fd"
-        settings = IsoTpSettings(
-            receive_id=REQUEST_ID, send_id=RESPONSE_ID, frame_length=64 if is_fd else 8, is_fd=is_fd
-        )
-        self.endpoint = Endpoint(settings)
-        self.server = UdsServer(PlayedEcu(self._kept, self.power_on), AccessKey(SECRET), random.randbytes)
-
-
 def _pump(bus: PythonCanBus, kept: Played, config: BusConfig, fate: Fate, stop: Event, count: list[int]) -> None:
-    node = _Node(kept, config)
+    ecu, endpoint = PlayedEcu(kept), Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
     while not stop.is_set():
         frame = bus.receive(0.002)
-        endpoint, server, now_ns = node.endpoint, node.server, time.monotonic_ns()
+        now_ns = time.monotonic_ns()
         if kept.is_dead:
             continue
         if frame is not None:
             count[0] += 1
             for _ in range(fate.copies()):
                 endpoint.receive(now_ns, frame)
-        answers = [answer for request in endpoint.take() for answer in server.request(now_ns, request)]
-        for answer in answers + server.tick(now_ns):
+        answers = [answer for request in endpoint.take() for answer in ecu.server.request(now_ns, request)]
+        for answer in answers + ecu.server.tick(now_ns):
             endpoint.send(answer)
         for sent in endpoint.poll(now_ns):
-            _send(bus, sent, fate)
-
-
-def _send(bus: PythonCanBus, frame: Frame, fate: Fate) -> None:
-    for _ in range(fate.copies()):
-        bus.send(frame)
+            for _ in range(fate.copies()):
+                bus.send(sent)
+        if ecu.is_reset:
+            ecu.power_on()

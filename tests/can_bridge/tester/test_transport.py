@@ -16,12 +16,11 @@ from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
 from can_bridge.tester.transport import PADDING, open_client
-from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.tester.conftest import SHIPPED
-from tests.can_bridge.tester.played_ecu import SECRET, Played
+from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.tester.played_ecu import SHIPPED, Played
 from tests.can_bridge.tester.served import Fate, served
 
 
@@ -37,46 +36,29 @@ def listener(config: BusConfig) -> Iterator[can.BusABC]:
         yield bus
 
 
-def flashed(config: BusConfig, **options: Any) -> Any:
+def flashed(config: BusConfig) -> Any:
     with open_client(config) as client:
-        return flash(client, SHIPPED, key=AccessKey(SECRET).answer, **options)
+        return flash(client, SHIPPED, key=KEY.answer)
 
 
-def test_a_release_is_flashed(config: BusConfig, kept: Played) -> None:
-    with served(kept, config) as count:
-        found = flashed(config)
-    assert found.end is End.CONFIRMED
-    assert kept.running.image == SHIPPED
+def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
+    config: BusConfig, kept: Played, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What is not answered in this test was lost: nothing is slow.
+    monkeypatch.setattr(asking, "P2_S", 0.05)
+    monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 50)
+    rate = 0.002 if config.frames == "fd" else 0.0003
+    with served(kept, config, Fate(1, lost=rate, doubled=rate)) as count:
+        done = flashed(config)
+    assert (done.end, kept.running.image) == (End.CONFIRMED, SHIPPED)
+    assert done.unanswered > 0
     # Frames are filled: all but the first of a block carry 63 or 7 bytes.
     assert count() > len(SHIPPED) / (63 if config.frames == "fd" else 7)
 
 
-def test_lost_and_doubled_frames_only_cost_time(
-    config: BusConfig, kept: Played, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # What is not answered in this test was lost: nobody is slow.
-    monkeypatch.setattr(asking, "P2_S", 0.05)
-    monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 50)
-    rate = 0.002 if config.frames == "fd" else 0.0003
-    with served(kept, config, Fate(1, lost=rate, doubled=rate)):
-        found = flashed(config)
-    assert found.end is End.CONFIRMED
-    assert kept.running.image == SHIPPED
-    assert found.unanswered > 0
+def test_requests_fill_frames_and_other_answers_are_dropped(config: BusConfig, listener: can.BusABC) -> None:
+    """ISO 15765-2: single frames are padded to 8 bytes."""
 
-
-def test_requests_fill_frames_as_the_standard_says(config: BusConfig, listener: can.BusABC) -> None:
-    """ISO 15765-2: single frames are padded to 8 bytes, and answers with other identifiers are not ours."""
-    with open_client(config) as client:
-        client.conn.send(b"\x3e\x00")
-    message = listener.recv(1.0)
-    assert message is not None
-    assert message.arbitration_id == REQUEST_ID
-    assert message.is_fd == (config.frames == "fd")
-    assert bytes(message.data) == b"\x02\x3e\x00" + bytes([PADDING] * 5)
-
-
-def test_a_late_answer_to_another_request_is_dropped(config: BusConfig, listener: can.BusABC) -> None:
     def answer(*payload: int) -> None:
         data = [len(payload), *payload, *[0] * (7 - len(payload))]
         listener.send(can.Message(arbitration_id=RESPONSE_ID, data=data, is_extended_id=False))
@@ -87,16 +69,16 @@ def test_a_late_answer_to_another_request_is_dropped(config: BusConfig, listener
         answer(0x7F, 0x31, 0x22)
         answer(0x76, 2)
         assert client.conn.wait_frame(timeout=1.0) == b"\x76\x02"
-
-
-@pytest.mark.parametrize("garbage", [b"", b"\x00", b"\x10", b"\x21\x01", b"\x30", b"\x33\x00\x00", b"\xff" * 8])
-def test_garbage_in_place_of_an_answer_is_none(config: BusConfig, listener: can.BusABC, garbage: bytes) -> None:
-    with open_client(config) as client:
-        client.conn.send(b"\x3e\x00")
-        listener.send(can.Message(arbitration_id=RESPONSE_ID, data=garbage, is_extended_id=False))
-        began = time.monotonic()
-        assert client.conn.wait_frame(timeout=0.05) is None
-        assert time.monotonic() - began < 5.0
+        message = listener.recv(1.0)
+        assert message is not None
+        assert (message.arbitration_id, message.is_fd) == (REQUEST_ID, config.frames == "fd")
+        assert bytes(message.data) == b"\x03\x36\x02\x00" + bytes([PADDING] * 4)
+        for garbage in (b"", b"\x00", b"\x10", b"\x21\x01", b"\x30", b"\x33\x00\x00", b"\xff" * 8):
+            client.conn.send(b"\x3e\x00")
+            listener.send(can.Message(arbitration_id=RESPONSE_ID, data=garbage, is_extended_id=False))
+            began = time.monotonic()
+            assert client.conn.wait_frame(timeout=0.05) is None, garbage
+            assert time.monotonic() - began < 5.0
 
 
 def test_equal_frames_in_a_row_all_arrive_by_multicast() -> None:
@@ -130,21 +112,17 @@ def test_equal_frames_in_a_row_all_arrive_by_multicast() -> None:
     assert came == 5 * [bytes(4000)]
 
 
-def test_nobody_at_the_other_end(config: BusConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silence_is_an_error_and_no_warning_of_a_library_reaches_the_terminal(
+    config: BusConfig, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(asking, "P2_S", 0.01)
     monkeypatch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
     with pytest.raises(NoAnswerError):
         flashed(config)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_bus_that_cannot_be_opened() -> None:
     config = BusConfig(interface="socketcan", channel="no-such0")
     with pytest.raises(BusError, match="CAN bus socketcan 'no-such0'"), open_client(config):
         pass
-
-
-def test_warnings_of_the_libraries_do_not_reach_the_terminal(
-    config: BusConfig, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    test_nobody_at_the_other_end(config, monkeypatch)
-    assert capfd.readouterr().err == ""

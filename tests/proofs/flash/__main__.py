@@ -1,9 +1,9 @@
 """The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
 
-    python -m benchmarks flash --json results/flash.json
-    python -m benchmarks flash --replay flash-0123+0045
+    python -m tests.proofs.flash --json results/flash.json
+    python -m tests.proofs.flash --replay flash-0123+0045
 
-Beside it: hostile requests to the UDS server, and the time that the shipped release takes over a simulated bus.
+With it: hostile requests to the UDS server, and the time that the shipped release takes over a simulated bus.
 
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
@@ -13,7 +13,6 @@ then the same release is flashed again.
 
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import Future, as_completed
 from dataclasses import dataclass
 from itertools import product
 from random import Random
@@ -23,14 +22,14 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
-from benchmarks.common.workers import process_pool
-from benchmarks.flash.case import Case
-from benchmarks.flash.cuts import KINDS, Tally, both_bad, walk
-from benchmarks.flash.flash_times import BUSES, LOSSES, measured
-from benchmarks.flash.fuzz import FuzzFigures, fuzz
 from contract.errors import StillwakeError
 from contract.results import versions
+from stillwake.console.endings import status_of
+from stillwake.console.stopping import ends_like_ctrl_c
+from tests.proofs.command_line import JsonFile, console, save, spread, track
+from tests.proofs.flash.cuts import KINDS, PLACES, Case, Tally, both_bad, walk
+from tests.proofs.flash.flash_times import BUSES, LOSSES, measured
+from tests.proofs.flash.fuzz import FuzzFigures, fuzz
 
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
@@ -41,13 +40,9 @@ class ProofError(StillwakeError):
     """A case in which something was lost; the message has the first one's name."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Piece:
-    """Some of the cases of one walk.
-
-    Attributes:
-        share: of the second cuts.
-    """
+    """Some of the cases of one walk: every `of`th operation from `number` on, and a share of the second cuts."""
 
     kind: str
     seed: int
@@ -73,32 +68,27 @@ def main(
         _replay(Case.parse(replay))
         return
     began = perf_counter()
-    walks = [*product(["flash"], range(seeds)), *product(["folder"], range(folder_seeds))]
-    operations = {kind: walk(kind, 0, lambda number: False).operations for kind in ("flash", "folder")}
+    operations = {kind: walk(kind, 0, lambda number: False).operations for kind in PLACES}
     pieces = [
-        Piece(kind=kind, seed=seed, number=number, of=of * every, share=second_cuts / operations[kind])
-        for kind, seed in walks
+        Piece(kind, seed, number, of * every, second_cuts / operations[kind])
+        for kind, seed in [*product(["flash"], range(seeds)), *product(["folder"], range(folder_seeds))]
         for of in [-(-operations[kind] // (PIECE * every))]
         for number in range(0, of * every, every)
     ]
-    tallies = {"flash": Tally(), "folder": Tally()}
-    fuzzed: list[FuzzFigures] = []
-    times: list[dict[str, Any]] = []
-    with process_pool(workers) as pool:
-        running: dict[Future[Any], str] = {pool.submit(run_piece, piece): piece.kind for piece in pieces}
-        for kind in tallies:
-            running[pool.submit(both_bad, kind, 0)] = kind
-        for start in range(0, fuzz_requests, FUZZ_PIECE):
-            running[pool.submit(fuzz, min(FUZZ_PIECE, fuzz_requests - start), start)] = "fuzz"
-        for frames, lost in product(BUSES, LOSSES):
-            running[pool.submit(measured, frames, lost)] = "times"
-        for done in track(as_completed(running), "proof", "parts", total=len(running)):
-            if (kind := running[done]) in tallies:
-                tallies[kind].add(done.result())
-            else:
-                (fuzzed if kind == "fuzz" else times).append(done.result())
+    tallies = {kind: both_bad(kind, 0) for kind in PLACES}
+    for piece, tally in zip(pieces, track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces))):  # noqa: B905
+        tallies[piece.kind].add(tally)
+    starts = [
+        (min(FUZZ_PIECE, fuzz_requests - start), start) for start in range(0, fuzz_requests, FUZZ_PIECE)
+    ]
+    fuzzed = list(track(spread(run_fuzz, starts, workers), "requests", "parts", len(starts)))
+    times = list(spread(run_time, product(BUSES, LOSSES), workers))
     figures = figures_of(tallies, fuzzed, times) | {"seconds_proof": perf_counter() - began}
-    _show(figures)
+    table = Table("", "figure")
+    for name, value in figures.items():
+        if name != "flash_times":
+            table.add_row(name.replace("_", " "), f"{value:.3g}" if isinstance(value, float) else str(value))
+    console.print(table)
     facts = {
         "every": every,
         "seeds": seeds,
@@ -117,6 +107,16 @@ def main(
 def run_piece(piece: Piece) -> Tally:
     """Its cases."""
     return walk(piece.kind, piece.seed, lambda number: number % piece.of == piece.number, second_of(piece))
+
+
+def run_fuzz(requests_and_seed: tuple[int, int]) -> FuzzFigures:
+    """So many requests."""
+    return fuzz(*requests_and_seed)
+
+
+def run_time(frames_and_lost: tuple[str, float]) -> dict[str, Any]:
+    """One flash over the bus."""
+    return measured(*frames_and_lost)
 
 
 def second_of(piece: Piece) -> Callable[[int, int], bool]:
@@ -149,17 +149,11 @@ def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list
 
 
 def _replay(case: Case) -> None:
-    tally = Tally(tell=console.print)
+    tally = Tally(report=console.print)
     if case.first is None:
         tally = both_bad(case.kind, case.seed)
     else:
-        walk(
-            case.kind,
-            case.seed,
-            lambda number: number == case.first,
-            lambda first, second: second == case.second,
-            tally,
-        )
+        walk(case.kind, case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
     for finding in tally.findings:
         console.print(f"{finding.case}: {finding.kind}: {finding.text}")
     if not any(tally.cases.values()) and not tally.spoilt:
@@ -168,10 +162,8 @@ def _replay(case: Case) -> None:
         console.print(f"{case}: nothing was lost")
 
 
-def _show(figures: dict[str, Any]) -> None:
-    table = Table("", "figure")
-    for name, value in figures.items():
-        if name == "flash_times":
-            continue
-        table.add_row(name.replace("_", " "), f"{value:.3g}" if isinstance(value, float) else str(value))
-    console.print(table)
+if __name__ == "__main__":
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command()(main)
+    ends_like_ctrl_c()
+    raise SystemExit(status_of(app))

@@ -1,25 +1,16 @@
-"""Hostile requests to the UDS server over a real store: what must never happen, and what was reached meanwhile.
-
-python -m benchmarks.flash.fuzz --requests 1000000
-"""
+"""Hostile requests to the UDS server over a real store: what must never happen, and what was reached meanwhile."""
 
 from collections import Counter, deque
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from random import Random
-from typing import Annotated, Final
+from typing import Final
 
-import typer
-from rich.table import Table
-
-from benchmarks.common.command_line import JsonFile, console, progress, save
-from benchmarks.flash.fuzz_ecu import FuzzedEcu
-from benchmarks.flash.fuzz_requests import any_noise, any_plan
-from benchmarks.flash.fuzz_witness import DELAY_NS, Witness
-from benchmarks.flash.quick_graphs import graphs_judged_once
 from can_bridge.uds.services import Nrc, Service
-from contract.results import versions
-from stillwake.console.terminal import progress_bar
+from tests.can_bridge.flashing.releases import provisioned
+from tests.can_bridge.flashing.store_ecu import StoreEcu
+from tests.proofs.flash.fuzz_requests import any_noise, any_plan
+from tests.proofs.flash.fuzz_witness import DELAY_NS, Witness
+from tests.proofs.flash.quick_graphs import graphs_judged_once
 
 MS: Final = 1_000_000
 NOISE: Final = (0.0, 0.02, 0.1, 0.4, 1.0)
@@ -32,6 +23,11 @@ _DELAYED: Final = tuple(
     bytes([0x7F, Service.SECURITY, code]) for code in (Nrc.EXCEEDED_ATTEMPTS, Nrc.DELAY_NOT_EXPIRED)
 )
 _MOST_TICKS: Final = 1000
+VIOLATIONS: Final = (
+    *("exceptions", "unlocked_without_key", "attempts_in_delay", "activated_unsigned", "key_lists_taken_wrongly"),
+    *("releases_lost", "stuck"),
+)
+"""Figures that must be 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,28 +115,18 @@ class _Fuzzing:
         by_service: dict[str, dict[str, int]] = {}
         for (service, code), count in sorted(self._answers.items()):
             by_service.setdefault(service, {})[code] = count
-        found = {
-            name: self._found[name]
-            for name in (
-                "exceptions",
-                "unlocked_without_key",
-                "attempts_in_delay",
-                "activated_unsigned",
-                "key_lists_taken_wrongly",
-                "releases_lost",
-                "stuck",
-            )
-        }
+        violations = {name: self._found[name] for name in VIOLATIONS}
         steps = dict(sorted(self._steps.items()))
         return FuzzFigures(
-            requests=self.sent, by_service=by_service, steps=steps, failures=self._failures[:10], **found
+            requests=self.sent, by_service=by_service, steps=steps, failures=self._failures[:10], **violations
         )
 
     def _fresh_ecu(self) -> None:
         if self.sent:
             self._collect()
-        self._ecu = FuzzedEcu(self._rng)
-        self._witness = Witness(self._ecu)
+        backing = provisioned()
+        self._ecu = StoreEcu(lambda: backing, self._rng.randbytes)
+        self._witness = Witness(self._ecu, backing)
         self._recent = deque([b"\x10\x02"], maxlen=_REMEMBERED)
         self._last_seed = None
         self._is_delayed = False
@@ -213,46 +199,14 @@ class _Fuzzing:
             self._answers[service, code] += 1
 
 
-def fuzz(
-    requests: int, seed: int, *, told: Callable[[int], None] = lambda sent: None, until_found: bool = False
-) -> FuzzFigures:
+def fuzz(requests: int, seed: int, *, until_found: bool = False) -> FuzzFigures:
     """Send so many requests; the same ones for the same seed.
 
     Args:
-        told: called now and then with requests sent.
         until_found: stop after the plan in which something was found.
     """
     with graphs_judged_once():
         fuzzing = _Fuzzing(seed)
         while fuzzing.sent < requests and not (until_found and fuzzing.has_found):
             fuzzing.plan(requests - fuzzing.sent)
-            told(fuzzing.sent)
         return fuzzing.figures()
-
-
-def main(
-    json_file: JsonFile = None,
-    requests: Annotated[int, typer.Option(help="To send.", min=1)] = 1_000_000,
-    seed: Annotated[int, typer.Option(help="Of all of them.")] = 0,
-) -> None:
-    """Send them, and print what happened."""
-    with progress_bar("requests", console=progress) as bar:
-        task = bar.add_task("requests", total=requests, note="")
-        figures = fuzz(requests, seed, told=lambda sent: bar.update(task, completed=sent))
-    table = Table("service", "answer", "times")
-    for service, codes in figures.by_service.items():
-        for code, count in codes.items():
-            table.add_row(service, code, str(count))
-    console.print(table)
-    for name, value in asdict(figures).items():
-        if isinstance(value, int):
-            console.print(f"{name}: {value}")
-    console.print(", ".join(f"{name} {count}" for name, count in figures.steps.items()), highlight=False)
-    for failure in figures.failures:
-        console.print(failure)
-    facts = {"seed": seed, "versions": versions("stillwake", "numpy", "cryptography")}
-    save(json_file, figures=asdict(figures), facts=facts)
-
-
-if __name__ == "__main__":
-    typer.run(main)

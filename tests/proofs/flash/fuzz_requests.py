@@ -5,11 +5,11 @@ from collections.abc import Generator, Sequence
 from random import Random
 from typing import Final
 
-from benchmarks.flash.fuzz_ecu import KEY
-from benchmarks.flash.fuzz_images import pool
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
+from tests.can_bridge.flashing.store_ecu import KEY
+from tests.proofs.flash.fuzz_images import pool
 
 Plan = Generator[bytes, bytes | None, None]
 """Requests in their order; each is sent the last answer to the one before it."""

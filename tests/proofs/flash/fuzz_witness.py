@@ -8,8 +8,6 @@ import hashlib
 from collections import Counter
 from typing import Final
 
-from benchmarks.flash.fuzz_ecu import KEY, FuzzedEcu
-from benchmarks.flash.fuzz_images import ROOT, Origin, pool
 from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind, Slot
@@ -18,6 +16,10 @@ from can_bridge.flashing.state import Phase, StoreState
 from can_bridge.uds.services import Nrc, Session
 from contract.errors import KeyFileError
 from contract.release import key_list, signing
+from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.releases import ROOT
+from tests.can_bridge.flashing.store_ecu import KEY, StoreEcu
+from tests.proofs.flash.fuzz_images import Origin, pool
 
 DELAY_NS: Final = 10_000_000_000
 MAX_WRONG: Final = 3
@@ -33,23 +35,23 @@ _BEFORE: Final = {
 
 
 class Witness:
-    """Watches one ECU.
+    """Watches one ECU, and the memory that it has.
 
     Attributes:
         found: violations, by kind.
         steps: what was reached: phases, confirmations, boots.
     """
 
-    def __init__(self, ecu: FuzzedEcu) -> None:
-        self._ecu = ecu
+    def __init__(self, ecu: StoreEcu, backing: PlainBacking) -> None:
+        self._ecu, self._backing = ecu, backing
         self._seeds: dict[Level, bytes] = {}
         self._offered: Level | None = None
         self._allowed: Level | None = None
         self._wrong = dict.fromkeys(Level, 0)
         self._closed_until_ns = dict.fromkeys(Level, 0)
-        self._record = ecu.memory.kept[Kind.STATE]
+        self._record = backing.memory.records[Kind.STATE]
         self._state = state.decode(self._record)
-        self._keys = ecu.memory.kept[Kind.KEYS]
+        self._keys = backing.memory.records[Kind.KEYS]
         self.found: Counter[str] = Counter()
         self.steps: Counter[str] = Counter()
 
@@ -80,7 +82,7 @@ class Witness:
                 self.found["unlocked_without_key"] += 1
             # Counted once, not with every request that follows.
             self._allowed = server.unlocked
-        kept = self._ecu.memory.kept
+        kept = self._backing.memory.records
         if kept[Kind.KEYS] != self._keys:
             self._judge_keys(kept[Kind.KEYS])
         if kept[Kind.STATE] != self._record:
@@ -153,7 +155,7 @@ class Witness:
 
     def _may_run(self, of: StoreState, slot: Slot, least: int = 0) -> bool:
         """Whether the bytes in a slot are an image that somebody who may sign has signed, and not too old."""
-        content = self._ecu.memory.slots[slot][: of.slots[slot].length]
+        content = self._backing.content(slot)[: of.slots[slot].length]
         origin: Origin | None = pool().origins.get(hashlib.sha256(content).digest())
         if origin is None or origin.security_version < least:
             return False

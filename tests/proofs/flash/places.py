@@ -6,14 +6,14 @@ So the sequence up to a cut runs once, however many cuts there are: whatever out
 from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
-from typing import Final, Protocol, Self
+from typing import Any, Final, Protocol, Self
 
-from benchmarks.flash.lossy_files import LossyFiles
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
 from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.lossy_files import LossyFiles
 
 SECTORS: Final = 32
 SECTOR_SIZE: Final = 16 * 1024
@@ -25,12 +25,9 @@ OnCut = Callable[[int, "Place"], None]
 
 
 class Place(Protocol):
-    """A memory."""
+    """A memory; `operations` so far."""
 
-    @property
-    def operations(self) -> int:
-        """So far."""
-        ...
+    operations: int
 
     def backing(self) -> Backing:
         """Open it, after power-on."""
@@ -45,19 +42,51 @@ class Place(Protocol):
         ...
 
 
-class FlashPlace(SimulatedFlash):
-    """A flash memory of the proof."""
+class _Branching:
+    """What both memories have in common: the branch before an operation."""
 
-    def __init__(self, seed: int) -> None:
-        super().__init__(SECTORS, SECTOR_SIZE, seed=seed)
-        self._at: Callable[[int], bool] = lambda number: False
-        self._on_cut: OnCut | None = None
-
-    def backing(self) -> Backing:
-        return FlashBacking(self)
+    operations: int
+    _at: Callable[[int], bool]
+    _on_cut: OnCut | None = None
 
     def branch(self, at: Callable[[int], bool], on_cut: OnCut | None) -> None:
         self._at, self._on_cut = at, on_cut
+
+    def before(self: Any, tear: Callable[[Any], None]) -> None:
+        if self._on_cut is None or not self._at(self.operations):
+            return
+        torn = self.twin()
+        torn.power_on(cut_at=torn.operations)
+        try:
+            tear(torn)
+        except PowerCut:
+            torn.power_on()
+            self._on_cut(self.operations, torn)
+        else:
+            raise AssertionError("the supply was not cut")
+
+
+def _branching(operation: Callable[..., None]) -> Any:
+    """The operation, with a branch before it."""
+
+    def branched(self: Any, *arguments: Any) -> None:
+        self.before(lambda torn: operation(torn, *arguments))
+        operation(self, *arguments)
+
+    return branched
+
+
+class FlashPlace(_Branching, SimulatedFlash):
+    """A flash memory of the proof."""
+
+    erase = _branching(SimulatedFlash.erase)
+    _program_word = _branching(SimulatedFlash._program_word)
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(SECTORS, SECTOR_SIZE, seed=seed)
+
+    def backing(self) -> Backing:
+        return FlashBacking(self)
 
     def twin(self) -> Self:
         made = self.copy()
@@ -65,40 +94,19 @@ class FlashPlace(SimulatedFlash):
         made._on_cut = None
         return made
 
-    def erase(self, sector: int) -> None:
-        self._branch(lambda torn: torn.erase(sector))
-        super().erase(sector)
 
-    def _program_word(self, address: int, data: bytes) -> None:
-        self._branch(lambda torn: torn._program_word(address, data))
-        super()._program_word(address, data)
-
-    def _branch(self, tear: Callable[[Self], None]) -> None:
-        if self._on_cut is not None and self._at(self.operations):
-            torn = self.twin()
-            torn.power_on(cut_at=torn.operations)
-            _cut(lambda: tear(torn))
-            torn.power_on()
-            self._on_cut(self.operations, torn)
-
-
-class FolderPlace(LossyFiles):
+class FolderPlace(_Branching, LossyFiles):
     """A folder of the proof."""
 
-    def __init__(self, seed: int) -> None:
-        super().__init__(seed)
-        self._at: Callable[[int], bool] = lambda number: False
-        self._on_cut: OnCut | None = None
-
-    @property
-    def operations(self) -> int:
-        return self.calls
+    append = _branching(LossyFiles.append)
+    replace = _branching(LossyFiles.replace)
+    truncate = _branching(LossyFiles.truncate)
+    rename = _branching(LossyFiles.rename)
+    sync = _branching(LossyFiles.sync)
+    sync_folder = _branching(LossyFiles.sync_folder)
 
     def backing(self) -> Backing:
         return FolderBacking(Path("unused"), files=self, capacity=CAPACITY)
-
-    def branch(self, at: Callable[[int], bool], on_cut: OnCut | None) -> None:
-        self._at, self._on_cut = at, on_cut
 
     def twin(self) -> Self:
         made = object.__new__(type(self))
@@ -106,43 +114,3 @@ class FolderPlace(LossyFiles):
         made.__dict__.update({**self.__dict__, "_names": names, "_synced_names": synced, "cut_at": None})
         made._on_cut = None
         return made
-
-    def append(self, name: str, data: bytes) -> None:
-        self._branch(lambda torn: torn.append(name, data))
-        super().append(name, data)
-
-    def replace(self, name: str, data: bytes) -> None:
-        self._branch(lambda torn: torn.replace(name, data))
-        super().replace(name, data)
-
-    def truncate(self, name: str, length: int) -> None:
-        self._branch(lambda torn: torn.truncate(name, length))
-        super().truncate(name, length)
-
-    def rename(self, old: str, new: str) -> None:
-        self._branch(lambda torn: torn.rename(old, new))
-        super().rename(old, new)
-
-    def sync(self, name: str) -> None:
-        self._branch(lambda torn: torn.sync(name))
-        super().sync(name)
-
-    def sync_folder(self) -> None:
-        self._branch(lambda torn: torn.sync_folder())
-        super().sync_folder()
-
-    def _branch(self, tear: Callable[[Self], None]) -> None:
-        if self._on_cut is not None and self._at(self.calls):
-            torn = self.twin()
-            torn.power_on(cut_at=torn.calls)
-            _cut(lambda: tear(torn))
-            torn.power_on()
-            self._on_cut(self.calls, torn)
-
-
-def _cut(operation: Callable[[], None]) -> None:
-    try:
-        operation()
-    except PowerCut:
-        return
-    raise AssertionError("the supply was not cut")

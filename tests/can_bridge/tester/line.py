@@ -1,0 +1,118 @@
+"""A tester's connection to an ECU in virtual time, without a bus, on which anything may be lost."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from udsoncan.client import Client
+from udsoncan.exceptions import TimeoutException
+
+from can_bridge.flashing.medium import PowerCut
+from can_bridge.tester.direct_connection import DirectConnection
+from can_bridge.tester.matching import answers
+from can_bridge.tester.sequence import Flashed, Options, flash
+from can_bridge.uds.server import UdsServer
+from tests.can_bridge.flashing.store_ecu import KEY
+
+NS = 1_000_000_000
+TICK_NS = 20_000_000
+
+
+class VirtualTime:
+    """Seconds that pass only when somebody waits."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self.on_tick: Callable[[], None] = lambda: None
+
+    def clock(self) -> float:
+        return self.now_ns / NS
+
+    def sleep(self, seconds: float) -> None:
+        until = self.now_ns + round(seconds * NS)
+        while self.now_ns < until:
+            self.now_ns = min(until, self.now_ns + TICK_NS)
+            self.on_tick()
+
+
+class Ecu(Protocol):
+    """What is at the other end; `is_dead`: it answers nothing; `is_reset`: `power_on` is due."""
+
+    server: UdsServer
+    is_reset: bool
+
+    @property
+    def is_dead(self) -> bool: ...
+
+    def power_on(self) -> object: ...
+
+
+class Line(DirectConnection):
+    """A tester's connection, by payloads.
+
+    Attributes:
+        lose: called with each payload, to the ECU (True) and from it: whether it is lost.
+        double: whether each payload from the ECU comes twice.
+        heard: all requests that reached the ECU.
+        pending: answers of the ECU that it needs more time.
+        cuts: losses of power in the middle of a write.
+    """
+
+    def __init__(self, ecu: Ecu, time: VirtualTime | None = None) -> None:
+        super().__init__()
+        self.ecu = ecu
+        self.time = VirtualTime() if time is None else time
+        self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
+        self.double = False
+        self.heard: list[bytes] = []
+        self.pending = self.cuts = 0
+        self._request = b""
+        self._waiting: deque[bytes] = deque()
+        self.time.on_tick = self._tick
+
+    def arrive(self, payload: bytes) -> None:
+        """Let a payload come from the ECU, whatever it is."""
+        self._waiting.append(payload)
+
+    def empty_rxqueue(self) -> None:
+        self._waiting.clear()
+
+    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
+        self._request = payload
+        if not self.lose(payload, True) and not self.ecu.is_dead:
+            self.heard.append(payload)
+            self._take(lambda: self.ecu.server.request(self.time.now_ns, payload))
+
+    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
+        until = self.time.now_ns + round((timeout or 0.0) * NS)
+        while self.time.now_ns <= until:
+            while self._waiting:
+                payload = self._waiting.popleft()
+                if answers(self._request, payload):
+                    return payload
+            self.time.sleep(TICK_NS / NS)
+        raise TimeoutException
+
+    def _tick(self) -> None:
+        if not self.ecu.is_dead:
+            self._take(lambda: self.ecu.server.tick(self.time.now_ns))
+
+    def _take(self, work: Callable[[], list[bytes]]) -> None:
+        try:
+            payloads = work()
+            if self.ecu.is_reset:
+                self.ecu.power_on()
+        except PowerCut:
+            self.cuts += 1
+            self.ecu.power_on()
+            return
+        for payload in payloads:
+            self.pending += payload[:1] == b"\x7f" and payload[2:] == b"\x78"
+            if not self.lose(payload, False) and not self.ecu.is_dead:
+                self._waiting.extend([payload] * (1 + self.double))
+
+
+def flash_over(line: Line, image: bytes, *, key: Any = KEY, options: Options = Options(), **told: Any) -> Flashed:
+    """The tester's whole sequence."""
+    time = line.time
+    return flash(Client(line), image, key=key.answer, options=options, clock=time.clock, sleep=time.sleep, **told)
