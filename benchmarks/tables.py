@@ -6,13 +6,12 @@ name. Pages are found by their places, so that a table can move to another page 
 
 from pathlib import Path
 
-from benchmarks.bus import latency_tables, load_tables
+from benchmarks.bus import flash_tables, latency_tables, load_tables
 from benchmarks.bus import tables as bus_tables
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import fill, names
 from benchmarks.controller import tables as controller_tables
 from benchmarks.ecu import tables as ecu_tables
-from benchmarks.flash import tables as flash_tables
 from benchmarks.model import tables as model_tables
 from benchmarks.release import campaign_tables, loop_tables
 from benchmarks.release import tables as release_tables

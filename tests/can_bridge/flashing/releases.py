@@ -19,7 +19,7 @@ from contract.release.bundle import CONTROLLER, Bundle, pack
 from contract.release.image import image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
-from contract.release.signing import PublicKey, public_key
+from contract.release.signing import public_key
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 
@@ -88,9 +88,9 @@ def provisioned(backing: PlainBacking | None = None) -> PlainBacking:
     return provision(PlainBacking() if backing is None else backing, image())
 
 
-def store_on(backing: Backing, root: PublicKey = public_key(ROOT)) -> Store:
+def store_on(backing: Backing, **changes: Any) -> Store:
     """Power on."""
-    return Store(backing, root=root, hardware=HARDWARE, fits=fits)
+    return Store(backing, **{"root": public_key(ROOT), "hardware": HARDWARE, "fits": fits, **changes})
 
 
 def booted(backing: Backing) -> tuple[Store, Boot]:

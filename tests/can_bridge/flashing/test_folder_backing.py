@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.can_bridge.flashing.lossy_files import LossyFiles
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.lossy_files import LossyFiles
 from tests.can_bridge.flashing.sessions import Witness, run
 from tests.examples import examples
 

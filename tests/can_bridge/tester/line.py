@@ -10,7 +10,8 @@ from udsoncan.exceptions import TimeoutException
 from can_bridge.flashing.medium import PowerCut
 from can_bridge.tester.direct_connection import DirectConnection
 from can_bridge.tester.matching import answers
-from can_bridge.tester.sequence import Flashed, Options, flash
+from can_bridge.tester.sequence import Flashed, flash
+from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.server import UdsServer
 from tests.can_bridge.flashing.store_ecu import KEY
 
@@ -112,7 +113,7 @@ class Line(DirectConnection):
                 self._waiting.extend([payload] * (1 + self.double))
 
 
-def flash_over(line: Line, image: bytes, *, key: Any = KEY, options: Options = Options(), **told: Any) -> Flashed:
-    """The tester's whole sequence."""
+def flash_over(line: Line, image: bytes, *, key: AccessKey = KEY, **others: Any) -> Flashed:
+    """The tester's whole sequence; others as for `can_bridge.tester.sequence.flash`."""
     time = line.time
-    return flash(Client(line), image, key=key.answer, options=options, clock=time.clock, sleep=time.sleep, **told)
+    return flash(Client(line), image, key=key.answer, clock=time.clock, sleep=time.sleep, **others)

@@ -78,9 +78,7 @@ def main(
     tallies = {kind: both_bad(kind, 0) for kind in PLACES}
     for piece, tally in zip(pieces, track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces))):  # noqa: B905
         tallies[piece.kind].add(tally)
-    starts = [
-        (min(FUZZ_PIECE, fuzz_requests - start), start) for start in range(0, fuzz_requests, FUZZ_PIECE)
-    ]
+    starts = [(min(FUZZ_PIECE, fuzz_requests - start), start) for start in range(0, fuzz_requests, FUZZ_PIECE)]
     fuzzed = list(track(spread(run_fuzz, starts, workers), "requests", "parts", len(starts)))
     times = list(spread(run_time, product(BUSES, LOSSES), workers))
     figures = figures_of(tallies, fuzzed, times) | {"seconds_proof": perf_counter() - began}

@@ -16,11 +16,11 @@ from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError
+from tests.can_bridge.flashing.quick_graphs import graphs_judged_once
 from tests.can_bridge.flashing.releases import provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
 from tests.proofs.flash.places import FlashPlace, FolderPlace, Place
-from tests.proofs.flash.quick_graphs import graphs_judged_once
 from tests.proofs.flash.releases import NEW, OLD, shipped
 
 PLACES: Final[dict[str, Callable[[int], Place]]] = {"flash": FlashPlace, "folder": FolderPlace}

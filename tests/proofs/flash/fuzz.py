@@ -6,11 +6,11 @@ from random import Random
 from typing import Final
 
 from can_bridge.uds.services import Nrc, Service
+from tests.can_bridge.flashing.quick_graphs import graphs_judged_once
 from tests.can_bridge.flashing.releases import provisioned
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.proofs.flash.fuzz_requests import any_noise, any_plan
 from tests.proofs.flash.fuzz_witness import DELAY_NS, Witness
-from tests.proofs.flash.quick_graphs import graphs_judged_once
 
 MS: Final = 1_000_000
 NOISE: Final = (0.0, 0.02, 0.1, 0.4, 1.0)

@@ -2,19 +2,19 @@
 
 import hashlib
 from contextlib import ExitStack
-from random import Random
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from benchmarks.flash.fuzz_ecu import KEY, FuzzedEcu
-from benchmarks.flash.fuzz_images import pool
-from benchmarks.flash.fuzz_witness import Witness
-from benchmarks.flash.quick_graphs import graphs_judged_once
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
+from tests.can_bridge.flashing.quick_graphs import graphs_judged_once
+from tests.can_bridge.flashing.releases import provisioned
+from tests.can_bridge.flashing.store_ecu import KEY, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, S, payload
 from tests.examples import examples
+from tests.proofs.flash.fuzz_images import pool
+from tests.proofs.flash.fuzz_witness import Witness
 
 IMAGES = pool().images
 BLOCK = MAX_BLOCK - 2
@@ -23,14 +23,15 @@ NAMES = st.sampled_from(sorted(IMAGES))
 
 
 class AnySequence(RuleBasedStateMachine):
-    """A tester that knows the key, one that does not, and a clock; beside them what the standard says of sessions."""
+    """A tester that knows the key, one that does not, and a clock; with them what the standard requires of sessions."""
 
     def __init__(self) -> None:
         super().__init__()
         self.quick = ExitStack()
         self.quick.enter_context(graphs_judged_once())
-        self.ecu = FuzzedEcu(Random(0))
-        self.witness = Witness(self.ecu)
+        backing = provisioned()
+        self.ecu = StoreEcu(lambda: backing)
+        self.witness = Witness(self.ecu, backing)
         self.now_ns = 0
         self.session = Session.DEFAULT
         self.heard_ns = 0
