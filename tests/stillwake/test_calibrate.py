@@ -12,7 +12,9 @@ from udsoncan.client import Client
 
 from can_bridge.secoc.key import write_key
 from contract.controller.calibration import NAMES
-from tests.can_bridge.tester.calibrated_ecu import OWN, SECRET, Direct, Ecu
+from tests.can_bridge.flashing.store_ecu import SECRET
+from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu
+from tests.can_bridge.tester.line import Line
 
 BUS = ("--bus", "socketcan:can7")
 
@@ -25,7 +27,7 @@ def ecu(monkeypatch) -> Ecu:
     @contextmanager
     def open_client(bus):
         made.buses.append((bus.interface, bus.channel, bus.frames))
-        with Client(Direct(made)) as client:
+        with Client(Line(made)) as client:
             yield client
 
     pytest.importorskip("isotp")
@@ -72,22 +74,19 @@ def test_stored_and_reverted(cli, ecu, key):
     assert (outcome.code, "a calibration is stored" in outcome.out) == (0, True)
     ecu.power_on()
     assert ecu.segment.working.weights.lift == 0.5
-    outcome = cli("calibrate", *BUS, *key, "--revert")
-    assert (outcome.code, "nothing is stored" in outcome.out) == (0, True)
-    assert cells(outcome.out, "lift")[:2] == ["0.5", "0.01"]
-    assert ecu.segment.working == OWN
-
-
-def test_a_calibration_in_force_is_stored_without_values(cli, ecu, key):
+    # What is in force is stored without values.
     ecu.segment.set(replace(OWN, delay_steps=1))
     assert cli("calibrate", *BUS, *key, "--store").code == 0
     ecu.power_on()
     assert ecu.segment.working.delay_steps == 1
+    outcome = cli("calibrate", *BUS, *key, "--revert")
+    assert (outcome.code, "nothing is stored" in outcome.out) == (0, True)
+    assert cells(outcome.out, "delay_steps")[:2] == ["1", "0"]
+    assert ecu.segment.working == OWN
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_what_makes_no_sense_is_one_line_and_changes_nothing(cli, ecu, key):
+    for arguments, message in (
         (("lift",), "'lift': must be NAME=VALUE"),
         (("lift=high",), "'high' must be a number"),
         (("lift=1", "lift=2"), "lift is given twice"),
@@ -97,21 +96,20 @@ def test_a_calibration_in_force_is_stored_without_values(cli, ecu, key):
         (("--bundle", "x"), "--bundle: goes with --a2l"),
         (("lift=11",), "lift = 11: must be in 0..10"),
         (("--set", "ecu.delay_steps=1"), "`calibrate` does not use it"),
-    ],
-)
-def test_what_makes_no_sense_is_one_line_and_changes_nothing(cli, ecu, key, arguments, message):
-    outcome = cli("calibrate", *BUS, *key, *arguments)
-    assert outcome.code == 1
-    assert message in outcome.err
-    assert len(outcome.err.splitlines()) == 1
-    assert ecu.segment.take() is None
-
-
-@pytest.mark.parametrize("arguments", [("lift=1",), ("--store",), ("--revert",)])
-def test_to_write_it_needs_the_key(cli, ecu, arguments):
-    outcome = cli("calibrate", *BUS, *arguments)
-    assert (outcome.code, ecu.buses) == (1, [])
-    assert "--access: name the file" in outcome.err
+    ):
+        outcome = cli("calibrate", *BUS, *key, *arguments)
+        assert (outcome.code, len(outcome.err.splitlines())) == (1, 1), arguments
+        assert message in outcome.err
+        assert ecu.segment.take() is None, arguments
+    ecu.buses.clear()
+    for arguments in (("lift=1",), ("--store",), ("--revert",)):
+        outcome = cli("calibrate", *BUS, *arguments)
+        assert (outcome.code, ecu.buses) == (1, [])
+        assert "--access: name the file" in outcome.err
+    for place in ("can0", ":can0", "socketcan:"):
+        outcome = cli("calibrate", "--bus", place)
+        assert (outcome.code, ecu.buses) == (1, [])
+        assert "INTERFACE:CHANNEL" in outcome.err
 
 
 def test_each_failure_of_the_ecu_has_its_status(cli, ecu, key, tmp_path):
@@ -124,13 +122,6 @@ def test_each_failure_of_the_ecu_has_its_status(cli, ecu, key, tmp_path):
     ecu.has_release = False
     outcome = cli("calibrate", *BUS)
     assert (outcome.code, "no release runs in it" in outcome.err) == (1, True)
-
-
-@pytest.mark.parametrize("place", ["can0", ":can0", "socketcan:"])
-def test_a_bus_has_an_interface_and_a_channel(cli, ecu, place):
-    outcome = cli("calibrate", "--bus", place)
-    assert (outcome.code, ecu.buses) == (1, [])
-    assert "INTERFACE:CHANNEL" in outcome.err
 
 
 def test_the_a2l_file_has_this_vehicles_limits(cli, tmp_path):

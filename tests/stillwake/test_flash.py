@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.secoc.key import write_key
 from contract.config.loading import load_config
@@ -62,9 +63,16 @@ def flash(cli: Callable[..., Any], config: Config, key_file: Path) -> Callable[.
     return call
 
 
+@pytest.mark.slow
 def test_a_release_is_flashed_and_then_left_alone(
-    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path]
+    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path], tmp_path: Path
 ) -> None:
+    before = {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()}
+    outcome = flash(releases("second"), "--dry-run")
+    assert outcome.code == 0
+    for words in ("nothing stands against it", "20 ms", "confirmed first"):
+        assert words in outcome.out
+    assert {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()} == before
     outcome = flash(releases("second"))
     assert outcome.err == ""
     assert outcome.code == 0
@@ -74,23 +82,9 @@ def test_a_release_is_flashed_and_then_left_alone(
     again = flash(releases("second"))
     assert again.code == 0
     assert "second runs already, and is confirmed: nothing was done" in again.out
-    back = flash(releases("first"))
-    assert back.code == 0
-    assert ecu.boot.bundle.manifest.name == "first"
 
 
-def test_a_dry_run_shows_both_and_writes_nothing(
-    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path], tmp_path: Path
-) -> None:
-    before = {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()}
-    outcome = flash(releases("second"), "--dry-run")
-    assert outcome.code == 0
-    assert "nothing stands against it" in outcome.out
-    assert "20 ms" in outcome.out
-    assert "confirmed first" in outcome.out
-    assert {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()} == before
-
-
+@pytest.mark.slow
 def test_a_release_on_trial_is_confirmed_by_a_second_call(
     ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path]
 ) -> None:
@@ -101,39 +95,22 @@ def test_a_release_on_trial_is_confirmed_by_a_second_call(
     assert ecu.store.state.on_trial is None
 
 
-def test_an_unknown_maker_is_refused_by_the_ecu(
-    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path]
+@pytest.mark.slow
+def test_what_the_ecu_refuses_or_would_refuse(
+    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path], tmp_path: Path
 ) -> None:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    outcome = flash(releases("foreign", Ed25519PrivateKey.from_private_bytes(b"else" * 8)))
-    assert outcome.code == 6
-    assert "signed by a key that this ECU does not know; it keeps the one it has" in outcome.err
-    assert outcome.err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "changes", "words"),
-    [
+    stranger = Ed25519PrivateKey.from_private_bytes(b"else" * 8)
+    for name, changes, words in (
+        ("foreign", {"key": stranger}, "signed by a key that this ECU does not know; it keeps the one it has"),
         ("unsigned", {"key": None}, "is not signed"),
         ("old", {"security_version": 0}, "has security version 0, the ECU takes 1 or greater"),
         ("other", {"hardware": "other"}, "is for hardware other, the ECU is bench"),
-    ],
-)
-def test_what_the_ecu_would_refuse_is_not_sent(
-    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path], name: str, changes: dict[str, Any], words: str
-) -> None:
-    outcome = flash(releases(name, **changes))
-    assert outcome.code == 6
-    assert words in outcome.err
-    assert "nothing was written" in outcome.err
-
-
-def test_a_wrong_key_is_status_4(
-    ecu: Any, flash: Callable[..., Any], releases: Callable[..., Path], tmp_path: Path
-) -> None:
+    ):
+        outcome = flash(releases(name, **changes))
+        assert (outcome.code, outcome.err.count("\n")) == (6, 1), name
+        assert words in outcome.err
+        assert name == "foreign" or "nothing was written" in outcome.err
     write_key(tmp_path / "wrong.key", bytes(16 * [7]))
     outcome = flash(releases("second"), access=tmp_path / "wrong.key")
-    assert outcome.code == 4
-    assert "name that with --access" in outcome.err
+    assert (outcome.code, "name that with --access" in outcome.err) == (4, True)
     assert ecu.boot.bundle.manifest.name == "first"

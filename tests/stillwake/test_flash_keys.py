@@ -49,6 +49,7 @@ def listed(folder: Path, version: int, *keys: signing.PublicKey, root: Ed25519Pr
     return path
 
 
+@pytest.mark.slow
 def test_a_newer_list_is_taken_and_an_older_one_is_not(cli, ecu, asked, tmp_path):
     maker = signing.public_key(MAKER)
     outcome = cli("flash-keys", listed(tmp_path, 3, signing.project_key()), *asked)

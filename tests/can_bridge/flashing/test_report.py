@@ -65,22 +65,15 @@ def test_the_longest_one_is_short_enough():
         phase=Phase.CONFIRMED, name="\U0001f69a" * MAX_NAME, digest="f" * 64, security_version=2**32 - 1,
         received=2**32 - 1, length=2**32 - 1, boots_left=3, verdict=Verdict.WRONG_HARDWARE,
     )  # fmt: skip
-    raw = report.encode(
-        Report(
-            slots=(longest, longest),
-            running=Slot.A,
-            active=Slot.A,
-            next_boot=Slot.A,
-            reason=BootReason.NO_RELEASE,
-            least_security_version=2**32 - 1,
-            key_list_version=2**32 - 1,
-            failed_attempts=dict.fromkeys(Level, 255),
-        )
-    )
-    assert len(raw) < MAX_REPORT
+    greatest = 2**32 - 1
+    longest_report = Report(
+        slots=(longest, longest), running=Slot.A, active=Slot.A, next_boot=Slot.A, reason=BootReason.NO_RELEASE,
+        least_security_version=greatest, key_list_version=greatest, failed_attempts=dict.fromkeys(Level, 255),
+    )  # fmt: skip
+    assert len(report.encode(longest_report)) < MAX_REPORT
 
 
-def test_it_says_what_the_store_holds():
+def test_it_has_what_the_store_holds():
     backing = updated(image("two", version=4))
     damage(backing, Slot.B)
     store, _ = booted(backing)
@@ -125,9 +118,8 @@ def with_slot(**changes: object) -> dict[str, object]:
     return GOOD | {"slots": [GOOD["slots"][0] | changes, GOOD["slots"][1]]}
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
+def test_what_is_no_report_is_refused_in_one_line():
+    for body in (
         GOOD | {"schema": "stillwake-store/2"},
         GOOD | {"more": 1},
         {name: value for name, value in GOOD.items() if name != "active"},
@@ -147,7 +139,6 @@ def with_slot(**changes: object) -> dict[str, object]:
         GOOD | {"failed_attempts": []},
         with_slot(phase=None),
         with_slot(phase="DONE"),
-        with_slot(name="a\nb"),
         with_slot(name="a\x1b[2J"),
         with_slot(name=1),
         with_slot(digest="ab"),
@@ -155,26 +146,18 @@ def with_slot(**changes: object) -> dict[str, object]:
         with_slot(length=None),
         with_slot(verdict="FINE"),
         with_slot(more=1),
-    ],
-)
-def test_what_is_no_report_is_refused_in_one_line(body):
-    with pytest.raises(BusError, match="the ECU's report of its store is damaged") as refused:
-        report.decode(json.dumps(body).encode())
-    assert str(refused.value).isprintable()
+    ):
+        with pytest.raises(BusError, match="the ECU's report of its store is damaged") as refused:
+            report.decode(json.dumps(body).encode())
+        assert str(refused.value).isprintable(), body
 
 
-@pytest.mark.parametrize("raw", [b"", b"[]", b"\xff", b'{"slots": NaN}', b"[" * 2000, b" " * 2049])
-def test_what_is_no_table_is_refused(raw):
-    with pytest.raises(BusError, match="damaged"):
-        report.decode(raw)
-
-
-def test_no_truncated_report_is_read():
+def test_what_is_no_table_is_refused():
     raw = json.dumps(GOOD).encode()
-    assert report.decode(raw) == report_of(booted(provisioned())[0])
-    for length in range(len(raw)):
-        with pytest.raises(BusError):
-            report.decode(raw[:length])
+    cuts = [raw[:length] for length in range(len(raw))]
+    for damaged in (b"", b"[]", b"\xff", b'{"slots": NaN}', b"[" * 2000, b" " * 2049, *cuts):
+        with pytest.raises(BusError, match="damaged"):
+            report.decode(damaged)
 
 
 def test_every_reason_has_words():

@@ -1,29 +1,31 @@
-"""Production, trial, confirmation, and the way back."""
+"""Production, trial, confirmation, the way back, and what damage leaves.
+
+Whatever a tester does in whatever order is in `test_store_machine`, losses of power are in `test_store_cuts`; here is
+what each of these steps means.
+"""
 
 import pytest
 
 from can_bridge.flashing.backing import Kind, Slot, at_once
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.medium import PowerCut
-from can_bridge.flashing.state import TRIAL_BOOTS, Phase
-from can_bridge.flashing.store import OutOfOrderError, Store
+from can_bridge.flashing.state import TRIAL_BOOTS, Phase, StoreState
+from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import (
     BLOCK,
-    HARDWARE,
-    ROOT,
     STRANGER,
     booted,
     damage,
-    fits,
     flash,
     image,
     keys,
     name_of,
     phases,
+    provision,
     provisioned,
     store_on,
     transfer,
@@ -33,48 +35,47 @@ from tests.can_bridge.flashing.releases import (
 ONE, TWO = image("one"), image("two")
 
 
-def test_an_ecu_leaves_production_with_a_confirmed_release():
-    store, boot = booted(provisioned())
+def on_trial(new: bytes = TWO) -> PlainBacking:
+    """An ECU with release "one", which boots another one next."""
+    backing = provisioned()
+    assert flash(booted(backing)[0], new) == Verdict.GOOD
+    return backing
+
+
+def test_an_ecu_leaves_production_with_a_confirmed_release_or_without_one():
+    backing = provisioned()
+    store, boot = booted(backing)
     assert (boot.slot, boot.reason, boot.verdicts) == (Slot.A, BootReason.CONFIRMED, {Slot.A: Verdict.GOOD})
-    assert name_of(boot) == "one"
-    assert store.state.least_security_version == 1
+    assert (name_of(boot), store.last_boot, boot.reason.in_words) == ("one", boot, "confirmed")
     assert store.running == store.state.active == Slot.A
-    assert store.last_boot is boot
-    assert boot.reason.in_words == "confirmed"
-
-
-def test_an_ecu_may_leave_production_without_a_release():
-    backing = PlainBacking()
-    Store.provision(backing, root=public_key(ROOT), keys=keys(), image=None, hardware=HARDWARE, fits=fits)
+    with pytest.raises(OutOfOrderError, match="must be empty"):
+        provision(backing, TWO, keys=keys(2))
+    backing = provision(PlainBacking(), None)
     store, boot = booted(backing)
     assert boot.reason == BootReason.NO_RELEASE
     assert flash(store, ONE) == Verdict.GOOD
-    assert name_of(booted(backing)[1]) == "one"
+    store, boot = booted(backing)
+    assert (name_of(boot), boot.slot) == ("one", Slot.A)
+    # Without a confirmed release a second trial ends the first.
+    assert flash(store, TWO) == Verdict.GOOD
+    assert phases(store) == [Phase.BAD, Phase.TRIAL]
+    with pytest.raises(OutOfOrderError):
+        store.confirm()
+    assert name_of(booted(backing)[1]) == "two"
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"keys": keys()[:-1]}, KeyFileError, "key list"),
-        ({"root": public_key(STRANGER)}, KeyFileError, "root key"),
-        ({"image": image(key=STRANGER)}, ConfigError, "key that this ECU does not know"),
-        ({"image": image(version=0)}, ConfigError, "security version"),
-        ({"hardware": "x", "image": image(hardware="y")}, ConfigError, "hardware"),
-    ],
-)
-def test_nothing_that_would_not_boot_is_put_in_at_production(changes, error, message):
-    backing = PlainBacking()
-    arguments = {"root": public_key(ROOT), "keys": keys(), "image": ONE, "hardware": HARDWARE, "fits": fits}
-    with pytest.raises(error, match=message):
-        Store.provision(backing, **{**arguments, **changes})
-    assert booted(backing)[1].reason == BootReason.NO_RELEASE
-
-
-def test_a_provisioned_ecu_is_not_provisioned_again():
-    with pytest.raises(OutOfOrderError, match="must be empty"):
-        Store.provision(
-            provisioned(), root=public_key(ROOT), keys=keys(2), image=TWO, hardware=HARDWARE, fits=fits
-        )  # fmt: skip
+def test_nothing_that_would_not_boot_is_put_in_at_production():
+    for changes, first, error, message in (
+        ({"keys": keys()[:-1]}, ONE, KeyFileError, "key list"),
+        ({"root": public_key(STRANGER)}, ONE, KeyFileError, "root key"),
+        ({}, image(key=STRANGER), ConfigError, "key that this ECU does not know"),
+        ({}, image(version=0), ConfigError, "security version"),
+        ({"hardware": "x"}, image(hardware="y"), ConfigError, "hardware"),
+    ):
+        backing = PlainBacking()
+        with pytest.raises(error, match=message):
+            provision(backing, first, **changes)
+        assert booted(backing)[1].reason == BootReason.NO_RELEASE, message
 
 
 def test_production_can_be_repeated_after_a_loss_of_power_in_any_call():
@@ -82,12 +83,12 @@ def test_production_can_be_repeated_after_a_loss_of_power_in_any_call():
     while was_cut:
         backing = PlainBacking(cut_at=at)
         try:
-            provisioned(ONE, backing)
+            provisioned(backing)
             was_cut = False
         except PowerCut:
             backing = backing.after_power_on()
             if booted(backing)[1].reason == BootReason.NO_RELEASE:
-                provisioned(ONE, backing)
+                provisioned(backing)
         assert name_of(booted(backing.after_power_on())[1]) == "one"
         at += 1
     assert at > 20
@@ -96,62 +97,66 @@ def test_production_can_be_repeated_after_a_loss_of_power_in_any_call():
 def test_a_flashed_release_is_on_trial_until_it_is_confirmed():
     backing = provisioned()
     store, _ = booted(backing)
-    assert flash(store, TWO) == Verdict.GOOD
+    with pytest.raises(OutOfOrderError, match="no release to go back to"):
+        at_once(store.revert())
+    with pytest.raises(OutOfOrderError, match="must be transferred and checked"):
+        store.activate()
+    transfer(store, TWO)
+    with pytest.raises(OutOfOrderError):
+        store.activate()
+    assert at_once(store.finish()) == Verdict.GOOD
+    for _ in range(2):  # as if the answer had been lost
+        store.activate()
     assert phases(store) == [Phase.CONFIRMED, Phase.TRIAL]
     assert (store.running, store.state.next_boot) == (Slot.A, Slot.B)
+    store.confirm()  # the release that runs, which is confirmed
+    assert phases(store) == [Phase.CONFIRMED, Phase.TRIAL]
+    store = store_on(backing)
+    with pytest.raises(OutOfOrderError):
+        store.confirm()
     store, boot = booted(backing.after_power_on())
     assert (boot.slot, boot.reason, boot.boots_left) == (Slot.B, BootReason.TRIAL, TRIAL_BOOTS - 1)
-    store.confirm()
-    assert phases(store) == [Phase.CONFIRMED, Phase.CONFIRMED]
+    with pytest.raises(OutOfOrderError):
+        store.activate()
+    assert store.state.slots[Slot.B].boots_left == TRIAL_BOOTS - 1
+    calls = backing.calls
+    for _ in range(2):
+        store.confirm()
+        assert phases(store) == [Phase.CONFIRMED, Phase.CONFIRMED]
+    assert backing.calls == calls, "confirming twice is confirming once"
     for _ in range(TRIAL_BOOTS + 2):
         _, boot = booted(backing.after_power_on())
         assert (boot.slot, boot.reason) == (Slot.B, BootReason.CONFIRMED)
 
 
-def test_what_nobody_confirms_goes_after_three_boots_and_the_image_before_is_back_to_the_bit():
-    backing = provisioned()
+def test_what_is_not_confirmed_goes_after_three_boots_and_the_image_before_is_back_to_the_bit():
+    backing = on_trial(image("two", version=5))
     before, records = backing.content(Slot.A), dict(backing.memory.records)
-    store, _ = booted(backing)
-    flash(store, TWO)
-    found = [booted(backing := backing.after_power_on())[1] for _ in range(6)]
-    assert [name_of(boot) for boot in found] == ["two", "two", "two", "one", "one", "one"]
-    assert [boot.reason for boot in found[2:5]] == [BootReason.TRIAL, BootReason.REVERTED, BootReason.CONFIRMED]
-    assert [boot.boots_left for boot in found] == [2, 1, 0, 0, 0, 0]
+    boots = [booted(backing := backing.after_power_on())[1] for _ in range(6)]
+    assert [name_of(boot) for boot in boots] == ["two", "two", "two", "one", "one", "one"]
+    assert [boot.reason for boot in boots[2:5]] == [BootReason.TRIAL, BootReason.REVERTED, BootReason.CONFIRMED]
+    assert [boot.boots_left for boot in boots] == [2, 1, 0, 0, 0, 0]
     assert backing.content(Slot.A) == before
     assert backing.memory.records[Kind.KEYS] == records[Kind.KEYS]
-    assert phases(store_on(backing)) == [Phase.CONFIRMED, Phase.BAD]
+    store, _ = booted(backing)
+    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert store.state.least_security_version == 1
+    assert flash(store, TWO) == Verdict.GOOD
 
 
-def test_a_trial_boot_is_counted_before_it():
+def test_a_trial_boot_is_counted_before_it_or_does_not_happen():
     """A release that takes the ECU down with it, before anything else is kept, ends its trial all the same."""
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
-    for left in (2, 1, 0):
+    backing = on_trial()
+    for left in (2, 1):
         store_on(backing).boot()
         assert store_on(backing).state.slots[Slot.B].boots_left == left
-
-
-def test_a_trial_that_cannot_be_counted_does_not_run():
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
     backing.broken = True
     _, boot = booted(backing)
     assert (name_of(boot), boot.reason) == ("one", BootReason.REVERTED)
 
 
-def test_a_trial_image_that_is_damaged_is_given_up_at_once():
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
-    damage(backing, Slot.B)
-    store, boot = booted(backing)
-    assert (name_of(boot), boot.reason) == ("one", BootReason.REVERTED)
-    assert boot.verdicts == {Slot.A: Verdict.GOOD, Slot.B: Verdict.WRONG_HASH}
-    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
-
-
 def test_during_a_trial_another_image_takes_its_place_and_the_confirmed_one_stays():
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
+    backing = on_trial()
     store, _ = booted(backing)
     before = backing.content(Slot.A)
     transfer(store, image("three"), until=BLOCK)
@@ -164,128 +169,96 @@ def test_during_a_trial_another_image_takes_its_place_and_the_confirmed_one_stay
     assert name_of(booted(backing)[1]) == "three"
 
 
-def test_confirming_twice_is_confirming_once():
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
-    store, _ = booted(backing)
-    store.confirm()
-    calls = backing.calls
-    store.confirm()
-    assert backing.calls == calls
-
-
-def test_only_what_runs_can_be_confirmed():
-    backing = provisioned()
-    store = store_on(backing)
-    with pytest.raises(OutOfOrderError):
-        store.confirm()
-    store.boot()
-    flash(store, TWO)
-    store.confirm()  # of the release that runs, which is confirmed
-    assert phases(store) == [Phase.CONFIRMED, Phase.TRIAL]
-
-
-def test_only_a_checked_image_can_be_activated():
-    store, _ = booted(provisioned())
-    with pytest.raises(OutOfOrderError, match="must be transferred and checked"):
-        store.activate()
-    transfer(store, TWO)
-    with pytest.raises(OutOfOrderError):
-        store.activate()
-    at_once(store.finish())
-    store.activate()
-    store.activate()  # as if the answer had been lost
-    assert phases(store) == [Phase.CONFIRMED, Phase.TRIAL]
-    assert store.state.slots[Slot.B].boots_left == TRIAL_BOOTS
-
-
-def test_a_trial_that_runs_is_not_activated_anew():
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
-    store, _ = booted(backing)
-    with pytest.raises(OutOfOrderError):
-        store.activate()
-    assert store.state.slots[Slot.B].boots_left == TRIAL_BOOTS - 1
-
-
-def test_without_a_confirmed_release_a_second_trial_ends_the_first():
-    backing = PlainBacking()
-    Store.provision(backing, root=public_key(ROOT), keys=keys(), image=None, hardware=HARDWARE, fits=fits)
-    flash(booted(backing)[0], ONE)
-    store, boot = booted(backing)
-    assert (name_of(boot), boot.slot) == ("one", Slot.A)
-    assert flash(store, TWO) == Verdict.GOOD
-    assert phases(store) == [Phase.BAD, Phase.TRIAL]
-    with pytest.raises(OutOfOrderError):
-        store.confirm()
-    assert name_of(booted(backing)[1]) == "two"
-
-
 def test_the_least_security_version_rises_with_the_confirmation_and_not_before():
-    backing = provisioned()
-    store, _ = booted(backing)
-    flash(store, image("five", version=5))
-    assert store.state.least_security_version == 1
+    backing = on_trial(image("five", version=5))
     store, _ = booted(backing)
     assert store.state.least_security_version == 1
     store.confirm()
     assert store.state.least_security_version == 5
     assert flash(store, image("four", version=4)) == Verdict.TOO_OLD
     assert flash(store, image("six", version=5)) == Verdict.GOOD
+    backing = updated(image("five", version=5), image("again", version=5))
+    assert booted(backing)[0].state.least_security_version == 5
 
 
-def test_a_trial_that_is_given_up_leaves_the_least_security_version():
-    backing = provisioned()
-    flash(booted(backing)[0], image("five", version=5))
-    for _ in range(TRIAL_BOOTS + 1):
-        store, _ = booted(backing)
-    assert store.state.least_security_version == 1
-    assert flash(store, image("two", version=1)) == Verdict.GOOD
-
-
-def test_the_least_security_version_never_falls():
-    store, _ = booted(updated(image("five", version=5), image("again", version=5)))
-    assert store.state.least_security_version == 5
-
-
-def test_a_release_that_has_become_too_old_is_no_way_back():
-    backing = updated(image("five", version=5))
+def test_one_can_go_back():
+    backing = on_trial()
     store, _ = booted(backing)
-    assert at_once(store.revert()) == Verdict.TOO_OLD
+    assert at_once(store.revert()) == Verdict.GOOD
+    assert (name_of(booted(backing)[1]), store.state.on_trial) == ("one", None)
+    backing = updated(TWO)
+    store, _ = booted(backing)
+    for _ in range(2):  # as if the answer had been lost
+        assert at_once(store.revert()) == Verdict.GOOD
+    store, boot = booted(backing)
+    assert (name_of(boot), boot.reason) == ("one", BootReason.CONFIRMED)
+    assert at_once(store.revert()) == Verdict.GOOD
+    assert name_of(booted(backing)[1]) == "two"
+    damage(backing, Slot.A)
+    assert at_once(booted(backing)[0].revert()) == Verdict.WRONG_HASH
+    # A release that has become too old is no way back.
+    backing = updated(image("five", version=5))
+    assert at_once(booted(backing)[0].revert()) == Verdict.TOO_OLD
     damage(backing, Slot.B)
     _, boot = booted(backing)
     assert boot.reason == BootReason.NO_RELEASE
     assert boot.verdicts == {Slot.A: Verdict.TOO_OLD, Slot.B: Verdict.WRONG_HASH}
 
 
-def test_a_trial_can_be_given_up():
-    backing = provisioned()
-    flash(booted(backing)[0], TWO)
-    store, _ = booted(backing)
-    assert at_once(store.revert()) == Verdict.GOOD
-    assert (name_of(booted(backing)[1]), store.state.on_trial) == ("one", None)
-
-
-def test_the_release_before_can_be_gone_back_to():
-    backing = updated(TWO)
-    store, _ = booted(backing)
-    assert at_once(store.revert()) == Verdict.GOOD
-    assert at_once(store.revert()) == Verdict.GOOD  # as if the answer had been lost
+def test_a_damaged_image_is_given_up_for_the_one_before():
+    backing = on_trial()
+    damage(backing, Slot.B)
     store, boot = booted(backing)
-    assert (name_of(boot), boot.reason) == ("one", BootReason.CONFIRMED)
-    assert at_once(store.revert()) == Verdict.GOOD
-    assert name_of(booted(backing)[1]) == "two"
-
-
-def test_without_a_release_before_there_is_no_way_back():
-    store, _ = booted(provisioned())
-    with pytest.raises(OutOfOrderError, match="no release to go back to"):
-        at_once(store.revert())
-
-
-def test_a_damaged_release_is_no_way_back():
+    assert (name_of(boot), boot.reason) == ("one", BootReason.REVERTED)
+    assert boot.verdicts == {Slot.A: Verdict.GOOD, Slot.B: Verdict.WRONG_HASH}
+    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
     backing = updated(TWO)
-    damage(backing, Slot.A)
-    store, _ = booted(backing)
-    assert at_once(store.revert()) == Verdict.WRONG_HASH
+    damage(backing, Slot.B)
+    store, boot = booted(backing)
+    assert (name_of(boot), boot.reason, boot.verdicts[Slot.B]) == ("one", BootReason.FALLBACK, Verdict.WRONG_HASH)
+    before = backing.content(Slot.A)
+    assert transfer(store, TWO) == 0  # the same image, but what stands there is known to be bad
+    assert at_once(store.finish()) == Verdict.GOOD
+    store.activate()
+    assert backing.content(Slot.A) == before
     assert name_of(booted(backing)[1]) == "two"
+
+
+def test_a_refused_release_stays_confirmed_and_is_judged_again():
+    """Another vehicle, or another stillwake.dbc, given to the ECU by mistake."""
+    backing = provisioned()
+    boot = store_on(backing, fits=lambda bundle: Verdict.WRONG_VEHICLE).boot()
+    assert (boot.reason, boot.verdicts) == (BootReason.NO_RELEASE, {Slot.A: Verdict.WRONG_VEHICLE})
+    assert name_of(booted(backing)[1]) == "one"
+
+
+def test_with_no_slot_in_order_there_is_no_bundle_and_the_ecu_can_be_flashed():
+    for images in ((), (TWO,)):
+        backing = updated(*images)
+        backing.memory.slots = dict.fromkeys(Slot)
+        store, boot = booted(backing)
+        assert (boot.slot, boot.bundle, boot.reason) == (None, None, BootReason.NO_RELEASE)
+        assert set(boot.verdicts.values()) == {Verdict.UNREADABLE}
+        assert flash(store, image("three")) == Verdict.GOOD
+        store, boot = booted(backing)
+        assert (name_of(boot), boot.reason) == ("three", BootReason.TRIAL)
+        store.confirm()
+        assert name_of(booted(backing)[1]) == "three"
+
+
+def test_damaged_or_missing_records_are_an_empty_store():
+    for kind in (None, *Kind):
+        for record in (b"", b"rubbish", b"\xff" * 300):
+            backing = provisioned()
+            if kind is None:
+                backing.memory.records.clear()
+            else:
+                backing.memory.records[kind] = record
+            store, boot = booted(backing)
+            assert kind == Kind.CALIBRATION or boot.reason == BootReason.NO_RELEASE, (kind, record)
+            if kind in (None, Kind.STATE):
+                assert store.state == StoreState()
+            if kind in (None, Kind.KEYS):
+                store.take_keys(keys())
+            assert flash(store, TWO) == Verdict.GOOD
+            assert name_of(booted(backing)[1]) == "two", (kind, record)

@@ -2,6 +2,7 @@
 
 import hashlib
 
+import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
@@ -87,8 +88,8 @@ class AnyTester(RuleBasedStateMachine):
         try:
             self.announced = len(new)
             wanted = at_once(self.store.announce(len(new), hashlib.sha256(new).digest()))
-            for start in range(wanted, min(len(new), wanted + blocks * 20_000), 20_000):
-                self.store.append(new[start : start + 20_000])
+            for start in range(wanted, min(len(new), wanted + blocks * 6_000), 6_000):
+                self.store.append(new[start : start + 6_000])
         except OutOfOrderError:
             pass
         except PowerCut:
@@ -176,6 +177,7 @@ class AnyTester(RuleBasedStateMachine):
                 assert self.backing.content(slot) == content
 
 
+@pytest.mark.slow
 def test_whatever_a_tester_does_the_ecu_has_a_release(monkeypatch):
     monkeypatch.setattr(remembered, "check", check)
     run_state_machine_as_test(AnyTester, settings=examples(60, stateful_step_count=30, deadline=None))

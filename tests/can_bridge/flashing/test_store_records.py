@@ -8,64 +8,56 @@ from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
+from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import (
-    HARDWARE,
     RELEASE,
     SECOND,
     STRANGER,
     booted,
     damage,
     digest_of,
-    fits,
     flash,
     image,
     keys,
     name_of,
     provisioned,
     store_on,
-    updated,
 )
 
-ONE, TWO = image("one"), image("two")
+TWO = image("two")
 
 
-def test_a_key_list_replaces_the_one_before():
+def trying_a_second_key(**changes: int) -> tuple[PlainBacking, Store]:
+    """With key list 2, a release by the second key on trial."""
     backing = provisioned()
     store, _ = booted(backing)
     store.take_keys(keys(2, RELEASE, SECOND))
-    assert flash(store_booted := booted(backing)[0], image(key=SECOND)) == Verdict.GOOD
-    assert store_booted.keys is not None
-    assert store_booted.keys.version == 2
+    assert flash(store, image("two", key=SECOND, **changes)) == Verdict.GOOD
+    store, _ = booted(backing)
+    assert store.keys is not None and store.keys.version == 2
+    return backing, store
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
-def test_an_older_key_list_is_no_key_list(version):
-    """Signed by the root key once; whoever brings it again would bring a revoked key back."""
+def test_only_a_newer_list_by_the_root_key_is_taken():
+    """An older one was signed by the root key, too; whoever brings it again would bring a revoked key back."""
     backing = provisioned()
     store, _ = booted(backing)
     store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
-    with pytest.raises(KeyFileError, match=f"version {version}: must be greater than 3"):
-        store.take_keys(keys(version, RELEASE, SECOND))
+    for version in (1, 2, 3):
+        with pytest.raises(KeyFileError, match=f"version {version}: must be greater than 3"):
+            store.take_keys(keys(version, RELEASE, SECOND))
     assert flash(booted(backing)[0], image(key=SECOND)) == Verdict.REVOKED_KEY
-
-
-def test_a_key_list_by_another_root_is_refused():
-    backing = provisioned()
-    store, _ = booted(backing)
-    other = Store(backing, root=public_key(STRANGER), hardware=HARDWARE, fits=fits)
-    assert (store.keys is None, other.keys is None) == (False, True)
+    other = store_on(backing, root=public_key(STRANGER))
+    assert other.keys is None
     with pytest.raises(KeyFileError, match="must be by the root key"):
-        other.take_keys(keys(2))
+        other.take_keys(keys(4))
 
 
 def test_a_key_list_that_disowns_the_confirmed_release_is_refused():
-    backing = provisioned()
-    store, _ = booted(backing)
+    store, _ = booted(provisioned())
     with pytest.raises(KeyFileError, match="which signed the confirmed release"):
         store.take_keys(keys(2, SECOND, revoked=(RELEASE,)))
-    store.take_keys(keys(2, RELEASE, SECOND))
-    assert flash(store, image("two", key=SECOND)) == Verdict.GOOD
-    store, _ = booted(backing)
+    backing, store = trying_a_second_key()
     with pytest.raises(KeyFileError, match="which signed the confirmed release"):  # it is the way back of the trial
         store.take_keys(keys(3, SECOND, revoked=(RELEASE,)))
     store.confirm()
@@ -75,36 +67,18 @@ def test_a_key_list_that_disowns_the_confirmed_release_is_refused():
     assert at_once(store.revert()) == Verdict.REVOKED_KEY
 
 
-def test_a_trial_ends_when_its_key_is_revoked():
-    backing = provisioned()
-    store, _ = booted(backing)
-    store.take_keys(keys(2, RELEASE, SECOND))
-    flash(store, image("two", key=SECOND))
-    store, _ = booted(backing)
+def test_a_trial_whose_key_is_revoked_is_not_confirmed_and_ends():
+    """It would not boot again, and the release before would be too old."""
+    backing, store = trying_a_second_key(version=2)
     store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
+    with pytest.raises(OutOfOrderError, match="taken off the list"):
+        store.confirm()
     _, boot = booted(backing)
     assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)
 
 
-def test_a_trial_whose_key_is_revoked_is_not_confirmed():
-    """It would not boot again, and the release before would be too old."""
-    backing = provisioned()
-    store, _ = booted(backing)
-    store.take_keys(keys(2, RELEASE, SECOND))
-    flash(store, image("two", key=SECOND, version=2))
-    store, _ = booted(backing)
-    store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
-    with pytest.raises(OutOfOrderError, match="taken off the list"):
-        store.confirm()
-    assert name_of(booted(backing)[1]) == "one"
-
-
 def test_the_key_of_a_release_that_runs_because_the_confirmed_one_is_damaged_stays_too():
-    backing = provisioned()
-    store, _ = booted(backing)
-    store.take_keys(keys(2, RELEASE, SECOND))
-    flash(store, image("two", key=SECOND))
-    store, _ = booted(backing)
+    backing, store = trying_a_second_key()
     store.confirm()
     damage(backing, Slot.B)
     store, boot = booted(backing)
@@ -114,7 +88,7 @@ def test_the_key_of_a_release_that_runs_because_the_confirmed_one_is_damaged_sta
     assert name_of(booted(backing)[1]) == "one"
 
 
-def test_a_calibration_belongs_to_one_release():
+def test_a_calibration_belongs_to_one_release_and_goes_with_it():
     backing = provisioned()
     store, boot = booted(backing)
     one = digest_of(boot)
@@ -128,20 +102,14 @@ def test_a_calibration_belongs_to_one_release():
     assert (digest_of(boot), store.calibration(one)) == (one, b"of one")
     store.keep_calibration(None)
     assert booted(backing)[0].calibration(one) is None
-
-
-def test_a_calibration_goes_with_its_release():
-    backing = updated()
-    store, boot = booted(backing)
-    gone = digest_of(boot)
     store.keep_calibration(b"x" * 1024)
     for name in "abc":
         flash(store, image(name))
         store, boot = booted(backing)
         store.confirm()
         store.keep_calibration(b"y" * 1024)
-        assert store.calibration(digest_of(boot)) == b"y" * 1024
-    assert store.calibration(gone) is None
+        assert store.calibration(digest_of(boot)) == b"y" * 1024, name
+    assert store.calibration(one) is None
 
 
 def test_a_calibration_is_kept_only_while_a_release_runs_and_only_a_small_one():
@@ -162,7 +130,7 @@ def test_failed_attempts_outlive_a_reset():
     store.keep_failed_attempts(Level.PROGRAMMING, 2)
     assert backing.calls == calls, "the memory wears out by writing what is there"
     store = store_on(backing.after_power_on())
-    assert [store.failed_attempts(level) for level in Level] == [2, 255]
-    store.boot()
-    flash(store, TWO)
-    assert [store.failed_attempts(level) for level in Level] == [2, 255]
+    for _ in range(2):
+        assert [store.failed_attempts(level) for level in Level] == [2, 255]
+        store.boot()
+        flash(store, TWO)

@@ -40,7 +40,7 @@ def test_values_are_read_without_a_key_written_with_one_and_taken_at_once(ecu, a
     read = calibration.read(asking)
     assert ecu.server.session is Session.DEFAULT
     assert read.in_force == read.release == OWN.as_kept()
-    assert (read.limits.greatest.delay_steps, read.limits.least.action_limit) == (3, np.float32(0.01))
+    assert (read.limits.greatest.delay_steps, read.limits.least.action_limit) == (3, float(np.float32(0.01)))
     assert not read.is_stored
     wanted = calibration.changed(read, {"lift": 0.3, "command_step": 0.02, "delay_steps": 2.0})
     calibration.unlock(asking)

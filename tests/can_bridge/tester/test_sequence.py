@@ -244,6 +244,7 @@ def test_a_memory_that_fails_is_given_up(line: Line, kept: Played, monkeypatch: 
     assert kept.running.name == "old"
 
 
+@pytest.mark.slow
 def test_any_one_request_or_answer_may_be_lost(line: Line) -> None:
     """Each in turn: whatever of the sequence is not answered is asked again, and nothing is written twice."""
     flashed(line)
@@ -268,6 +269,7 @@ def _loses(number: int, *, to_ecu: bool) -> Callable[[bytes, bool], bool]:
     return lose
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
 @examples(15, deadline=None)
 def test_lost_and_doubled_payloads_only_cost_time(seed: int, rate: float, doubled: bool) -> None:

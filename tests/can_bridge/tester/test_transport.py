@@ -41,6 +41,7 @@ def flashed(config: BusConfig) -> Any:
         return flash(client, SHIPPED, key=KEY.answer)
 
 
+@pytest.mark.slow
 def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
     config: BusConfig, kept: Played, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,12 +34,13 @@ class Vehicle:
         self.writes = 0
         self._backing = provisioned()
         self._backing.calls = 0
-        self.line = Line(StoreEcu(self._power_on))
-        self.ecu = self.line.ecu
+        self.ecu = StoreEcu(self._power_on)
+        self.line = Line(self.ecu)
 
     @property
     def runs(self) -> str:
-        return self.line.ecu.boot.bundle.manifest.name
+        assert self.ecu.boot.bundle is not None
+        return self.ecu.boot.bundle.manifest.name
 
     def flash(self, raw: bytes) -> Flashed:
         flashed = flash_over(self.line, raw)
@@ -96,6 +97,7 @@ def test_the_store_refuses_what_the_tester_lets_through() -> None:
         vehicle.flash(image("three"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["request", "answer", "power"])
 def test_a_mishap_at_any_one_request_is_overcome(kind: str) -> None:
     """The tester brings it to its end by itself."""
@@ -112,6 +114,7 @@ def test_a_mishap_at_any_one_request_is_overcome(kind: str) -> None:
         assert vehicle.runs == "two", number
 
 
+@pytest.mark.slow
 def test_a_loss_of_power_in_any_one_write_is_overcome() -> None:
     whole = Vehicle()
     whole.flash(image("two"))

@@ -3,6 +3,7 @@
 import hashlib
 from contextlib import ExitStack
 
+import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -156,5 +157,5 @@ class AnySequence(RuleBasedStateMachine):
         self.quick.close()
 
 
-TestAnySequence = AnySequence.TestCase
+TestAnySequence = pytest.mark.slow(AnySequence.TestCase)
 TestAnySequence.settings = examples(60, stateful_step_count=30, deadline=None)

@@ -19,6 +19,8 @@ from tests.can_bridge.flashing.releases import STRANGER
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.proofs.flash.fuzz import VIOLATIONS, FuzzFigures, fuzz
 
+pytestmark = pytest.mark.slow
+
 
 def violations(figures: FuzzFigures) -> set[str]:
     return {name for name in VIOLATIONS if asdict(figures)[name]}

@@ -38,11 +38,13 @@ def whole() -> int:
     return flash.operations
 
 
+@pytest.mark.slow
 def test_every_cut_leaves_the_old_or_the_new():
     for cut in range(whole()):
         play(SimulatedFlash(10, SECTOR, seed=cut), [cut])
 
 
+@pytest.mark.slow
 def test_every_second_cut_too():
     plan, lengths = [(Slot.A, 1)], {1: 280}
     flash = SimulatedFlash(8, SECTOR)
@@ -52,12 +54,14 @@ def test_every_second_cut_too():
             play(SimulatedFlash(8, SECTOR, seed=first + second), [first, second], plan=plan, lengths=lengths)
 
 
+@pytest.mark.slow
 @examples(300)
 @given(st.integers(0, 2**32), st.lists(st.integers(0, 400), max_size=12))
 def test_many_cuts_in_a_row(seed, cuts):
     play(SimulatedFlash(16, SECTOR, seed=seed), cuts)
 
 
+@pytest.mark.slow
 @examples(200)
 @given(st.integers(0, 2**32), st.dictionaries(st.integers(3, 11), st.integers(0, 40), max_size=2), st.integers(0, 500))
 def test_sectors_that_fail_are_left_for_spare_ones(seed, bad, cut):
@@ -155,6 +159,7 @@ def test_records_that_do_not_fit_are_refused():
     assert backing.records() == {}
 
 
+@pytest.mark.slow
 def test_planted_defects_are_found(monkeypatch):
     def found() -> bool:
         try:

@@ -25,16 +25,17 @@ def test_words_are_programmed_once_between_erasures():
     assert flash.erasures == (1, 0)
 
 
-@pytest.mark.parametrize(("address", "data"), [(1, DATA), (0, DATA[1:]), (2 * SECTOR, DATA), (-WORD, DATA)])
-def test_only_whole_words_within_it_are_programmed(address, data):
-    with pytest.raises(MediumError, match="must be whole words"):
-        SimulatedFlash(2, SECTOR).program(address, data)
-
-
-@pytest.mark.parametrize(("address", "length"), [(0, 2 * SECTOR + 1), (-1, 1), (0, -1)])
-def test_only_what_it_has_is_read(address, length):
-    with pytest.raises(MediumError, match="must lie within 2 sectors"):
-        SimulatedFlash(2, SECTOR).read(address, length)
+def test_only_whole_words_within_it_are_programmed_and_read():
+    flash = SimulatedFlash(2, SECTOR)
+    for address, data in ((1, DATA), (0, DATA[1:]), (2 * SECTOR, DATA), (-WORD, DATA)):
+        with pytest.raises(MediumError, match="must be whole words"):
+            flash.program(address, data)
+    for address, length in ((0, 2 * SECTOR + 1), (-1, 1), (0, -1)):
+        with pytest.raises(MediumError, match="must lie within 2 sectors"):
+            flash.read(address, length)
+    for sectors, size in ((0, SECTOR), (2, 0), (2, 33)):
+        with pytest.raises(ValueError, match="must be 1 or more"):
+            SimulatedFlash(sectors, size)
 
 
 def torn_word(seed: int) -> SimulatedFlash:
@@ -151,9 +152,3 @@ def test_a_copy_goes_its_own_way():
     flash.program(SECTOR, DATA)
     assert third.read(SECTOR, WORD) == ERASED
     assert (flash.operations, other.operations, third.operations) == (3, 2, 2)
-
-
-@pytest.mark.parametrize(("sectors", "size"), [(0, SECTOR), (2, 0), (2, 33)])
-def test_a_size_that_no_flash_has_is_refused(sectors, size):
-    with pytest.raises(ValueError, match="must be 1 or more"):
-        SimulatedFlash(sectors, size)
