@@ -155,7 +155,9 @@ class Traffic:
             pressure_pa=tuple(map(float, pascal)),
             valid=valid,
             enable_request=request,
-            age_ns=rng.choice((0, 1_000_000, 10_000_000)) if rng.random() >= odd / 10 else rng.randrange(655_000_000),
+            age_ns=rng.choice((0, 0, 1_000_000, 10_000_000))
+            if rng.random() >= odd / 10
+            else rng.randrange(655_000_000),
         )
         data = self._messages.pressure.emit(pressure)
         if rng.random() < odd / 20:
@@ -189,15 +191,16 @@ class Traffic:
     def _stamped(self, frame: Frame, now_ns: int, queued_ns: int, odd: float) -> Frame:
         rng = self._rng
         time_ns = now_ns - queued_ns
-        if rng.random() < odd / 60:
-            time_ns = rng.choice((*EDGES, now_ns - 29_999_999, now_ns - 30_000_000, now_ns - 30_000_001))
+        if rng.random() < odd / 20:
+            near = [now_ns - oldest + off for oldest in (0, 20_000_000, 30_000_000) for off in (-1, 0, 1)]
+            time_ns = rng.choice((*EDGES, *near, *near))
         return replace(frame, timestamp_ns=max(0, min(LATEST, time_ns)))
 
     def _other(self, now_ns: int, odd: float) -> Frame:
         """Of another node: of no use, or another ECU's, sound or not."""
         rng = self._rng
         kind = rng.choice(("any", "any", "extended", "long", "ours", "classic ours"))
-        if rng.random() < 0.02:
+        if rng.random() < 0.1:
             kind = "ecu"
         is_fd = rng.random() < 0.5
         frame_id, data = (
@@ -213,8 +216,8 @@ class Traffic:
             frame_id, is_fd = spec.frame_id, spec.is_fd
             content = rng.randbytes(spec.length if rng.random() < 0.8 else rng.randrange(3, 9))
             data = self._misshapen(self._profile.protect(content, data_id=spec.data_id, counter=rng.randrange(16)))
-        is_extended = kind == "extended"
-        if is_extended and rng.random() < 0.5:
+        is_extended = kind == "extended" or (kind == "ecu" and rng.random() < 0.2)
+        if kind == "extended" and rng.random() < 0.5:
             frame_id = rng.randrange(MAX_EXTENDED_ID + 1)
         frame = Frame(frame_id=frame_id, data=data, is_fd=is_fd, is_extended=is_extended)
         return self._stamped(frame, now_ns, rng.randrange(20_000_000), odd)

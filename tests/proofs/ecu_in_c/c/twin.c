@@ -37,7 +37,7 @@ size_t sw_workspace_bytes(void)
 void twin_step(sw_ecu *ecu, const twin_stimulus *stimulus, twin_response *response)
 {
     sw_frame sent[SW_FRAMES_OUT];
-    memset(sent, 0, sizeof sent);
+    memset(sent, 0xA5, sizeof sent); /* whatever stood there must not go out */
     memset(response, 0, sizeof *response);
     answers = &stimulus->answers;
     asked = response;

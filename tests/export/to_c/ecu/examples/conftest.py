@@ -9,6 +9,7 @@ from can_bridge.wire.message_sets import MessageSet, message_set
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
 from contract.release.bundle import load
 from export.program.random_program import random_program, random_windows
 from export.release.lowering import int8_library
@@ -17,15 +18,15 @@ from export.to_c.library import ecu_sources, example_sources
 from firmware_sim.in_c.c_examples import PLAYED, played_pressures
 from firmware_sim.in_c.c_settings import HEADER, ecu_settings
 from tests.export.to_c.ecu.examples.contents import without
-from tests.export.to_c.ecu.wire_parts import FRAMES, vehicle
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 """Of the random release."""
 
 
-@pytest.fixture(scope="session", params=FRAMES)
+@pytest.fixture(scope="session", params=["fd", "classic"])
 def built_for(request) -> tuple[Config, MessageSet]:
-    config = vehicle(request.param)
+    ecu = EcuConfig(sensor_check=SensorCheckConfig(enabled=False))  # the random release has no estimator
+    config = Config(bus=BusConfig(frames=request.param), ecu=ecu)
     return config, message_set(config.bus)
 
 

@@ -11,25 +11,22 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
 from firmware_sim.in_c.compiler import host_compiler
-from tests.export.to_c.ecu.examples import rtos_stand_ins as stand_ins
 from tests.export.to_c.ecu.examples.contents import without
 
 PAGE = (Path(__file__).parents[5] / "docs" / "how-to" / "use-an-rtos.md").read_text(encoding="utf-8")
 HEADER, TASK, FREERTOS, ZEPHYR = re.findall(r"^```c\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+C = Path(__file__).with_name("c")
 SYSTEMS = {
-    "freertos": {
-        "FreeRTOS.h": stand_ins.FREERTOS_H,
-        "queue.h": "",
-        "task.h": "",
-        "port.c": FREERTOS,
-        "system.c": stand_ins.FREERTOS,
-    },
+    "freertos": ["FreeRTOS.h", "freertos.c"],
     # The tests' compiler takes no folders in folders.
-    "zephyr": {
-        "zephyr.h": stand_ins.ZEPHYR_H,
-        "port.c": re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', ZEPHYR, flags=re.MULTILINE),
-        "system.c": stand_ins.ZEPHYR,
-    },
+    "zephyr": ["zephyr.h", "zephyr.c"],
+}
+"""What stands in for each: as far as the page uses it, one thread, and time that passes while it sleeps. Both play
+the vehicle of `pressures.h`: a frame a control period, at its beginning, amid more frames of other nodes than the queue
+holds. JetCommands are printed in hex, and the program ends when the pressures do."""
+PORTS = {
+    "freertos": {"queue.h": "", "task.h": "", "port.c": FREERTOS},
+    "zephyr": {"port.c": re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', ZEPHYR, flags=re.MULTILINE)},
 }
 
 
@@ -39,9 +36,12 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
     config, messages = built_for
     if config.bus.frames != "fd":
         pytest.skip("one of the sets shows it")
-    files = {"ecu_port.h": HEADER, "ecu_task.c": TASK, "board.h": stand_ins.BOARD_H, "board.c": stand_ins.BOARD}
+    stand_ins = {name: (C / name).read_text() for name in ("board.h", "board.c", *SYSTEMS[system])}
     contents = without(folder, "main_socketcan.c", "systick.c")
-    contents |= {name: text.encode() for name, text in (files | SYSTEMS[system]).items()}
+    contents |= {
+        name: text.encode()
+        for name, text in ({"ecu_port.h": HEADER, "ecu_task.c": TASK} | stand_ins | PORTS[system]).items()
+    }
     program = tmp_path / "ecu"
     shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off"))
     done = subprocess.run([program], capture_output=True, text=True, timeout=60, check=True)

@@ -23,40 +23,7 @@ from contract.config.tree import Config
 from firmware_sim.in_c.compiler import host_compiler
 from tests.export.to_c.ecu.examples.contents import without
 
-BUS = rb"""
-/* In place of a CAN interface: a socket that the test holds the other end of. Times of arrival are the kernel's. */
-#include <stdlib.h>
-#include <sys/socket.h>
-
-int __wrap_socket(int domain, int type, int protocol);
-int __wrap_bind(int fd, const struct sockaddr *address, socklen_t size);
-int __wrap_ioctl(int fd, unsigned long request, ...);
-int __wrap_setsockopt(int fd, int level, int name, const void *value, socklen_t size);
-int __real_setsockopt(int fd, int level, int name, const void *value, socklen_t size);
-
-int __wrap_socket(int domain, int type, int protocol)
-{
-    (void)domain, (void)type, (void)protocol;
-    return atoi(getenv("BUS"));
-}
-
-int __wrap_bind(int fd, const struct sockaddr *address, socklen_t size)
-{
-    (void)fd, (void)address, (void)size;
-    return 0;
-}
-
-int __wrap_ioctl(int fd, unsigned long request, ...)
-{
-    (void)fd, (void)request;
-    return 0;
-}
-
-int __wrap_setsockopt(int fd, int level, int name, const void *value, socklen_t size)
-{
-    return level == SOL_SOCKET ? __real_setsockopt(fd, level, name, value, size) : 0;
-}
-"""
+BUS = Path(__file__).with_name("c").joinpath("bus.c").read_bytes()
 WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
 FD_FRAME, CLASSIC_FRAME = struct.Struct("=IB3x64s"), struct.Struct("=IB3x8s")
 """`struct canfd_frame` and `struct can_frame` of Linux."""
