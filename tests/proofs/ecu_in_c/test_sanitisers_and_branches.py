@@ -17,7 +17,7 @@ SANITISERS = (
     "-fno-sanitize-recover=all",
     "-g1",
 )
-PERIODS = 1_500
+PERIODS = 1_200
 NAMES = ("quick to doubt", "late actuator, long windows", "classic, impatient")
 
 

@@ -218,8 +218,8 @@ def test_both_ecus_make_the_same_of_whatever_comes(library, name):
 
 
 def test_traffic_of_a_hostile_bus_has_frames_of_all_kinds():
-    source = Traffic(VARIANTS["as shipped"], 5, "kinds")
-    frames = [frame for _ in range(4_000) for frame in source.next().frames]
+    source = Traffic(VARIANTS["as shipped"], 5, "a")
+    frames = [frame for _ in range(2_000) for frame in source.next().frames]
     assert any(frame.is_extended for frame in frames)
     assert {frame.is_fd for frame in frames} == {True, False}
     assert {0x120, 0x130, 0x140} <= {frame.frame_id for frame in frames}

@@ -6,6 +6,7 @@ under a sound CRC, times at the ends of what C can hold, faults from outside, se
 """
 
 from dataclasses import replace
+from itertools import cycle
 from random import Random
 from typing import Any, Final
 
@@ -59,6 +60,7 @@ class Traffic:
         self._path, self._counter, self._number = Path(), 0, 0
         self._now_ns, self._stands = START_NS, 0
         self._health, self._inbox = BusHealth(), list[Frame]()
+        self._lies = cycle(self._rng.sample(LIES, len(LIES)))
         self._lie, self._liars = "", (0, 1)
         self._stuck = np.zeros(4)
         self._updating = 0
@@ -111,8 +113,8 @@ class Traffic:
     def _pressures(self, odd: float) -> Array:
         """What the wall has, in Cp; what the sensors make of it is `_read`'s."""
         rng = self._rng
-        if rng.random() < 0.004 + odd / 50:
-            self._lie = rng.choice(LIES) if not self._lie or rng.random() < 0.3 else ""
+        if rng.random() < 0.01 + odd / 50:
+            self._lie = next(self._lies) if not self._lie or rng.random() < 0.3 else ""
             one, other = rng.sample(range(4), 2)
             self._liars = (one, other)
             self._stuck = self._numbers.normal(0.0, 0.2, 4)
