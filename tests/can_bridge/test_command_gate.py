@@ -228,9 +228,10 @@ def test_rounding_on_the_wire_cannot_lead_out_of_the_action_limit(limit):
     assert wanted - 0.0002 < received.flow_m2_per_s <= wanted + 1e-9
 
 
-def test_limit_that_is_a_step_of_the_wire_is_kept():
-    config = Config(flow=FlowConfig(action_limit=0.064), operating_point=OperatingPoint())
-    assert GateLimits.from_config(config).flow_m2_per_s == pytest.approx(4.0, abs=1e-12)
+def test_limit_that_is_a_step_of_the_wire_is_kept_up_to_its_very_end():
+    for limit in (4.0, 6.5534):
+        config = Config(flow=FlowConfig(action_limit=limit / 62.5))
+        assert GateLimits.from_config(config).flow_m2_per_s == pytest.approx(limit, abs=1e-12)
 
 
 def test_fail_safe_settings_move_the_age():

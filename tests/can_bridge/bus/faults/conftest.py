@@ -1,6 +1,6 @@
 """Links to try faults on."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import count
 
 import pytest
@@ -13,12 +13,13 @@ CHANNELS = count()
 
 
 @pytest.fixture
-def simulated() -> Link:
+def link() -> Link:
     return simulated_link()
 
 
 @pytest.fixture
 def virtual() -> Iterator[Link]:
+    """Over python-can's bus in this process."""
     config = BusConfig(interface="virtual", channel=f"faults-{next(CHANNELS)}")
     with (
         PythonCanBus.open(config) as one,
@@ -26,14 +27,3 @@ def virtual() -> Iterator[Link]:
         PythonCanBus.open(config) as listener,
     ):
         yield Link([one, other, listener])
-
-
-@pytest.fixture(params=["simulated", "virtual"])
-def link(request) -> Link:
-    return request.getfixturevalue(request.param)
-
-
-@pytest.fixture(scope="session")
-def link_of() -> Callable[[], Link]:
-    """For property tests, which want one an example."""
-    return simulated_link
