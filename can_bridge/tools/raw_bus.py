@@ -7,16 +7,15 @@ identifiers.
 import can
 
 from can_bridge.bus import conversion
-from can_bridge.bus.backends.closing import ClosingBus
+from can_bridge.bus.backends.connection import Connection
 from can_bridge.bus.backends.opening import SIMULATED, one_line, open_backend
-from can_bridge.bus.backends.stumbles import Stumbles
-from can_bridge.bus.rejection import UnusableReceptionError
+from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
 
 
-class RawBus(ClosingBus):
+class RawBus(Connection):
     """One connection. Use as a context manager, or `close` it.
 
     Attributes:
@@ -26,7 +25,6 @@ class RawBus(ClosingBus):
     def __init__(self, bus: can.BusABC) -> None:
         """Take over an open python-can bus, which is closed together with this object."""
         super().__init__(bus)
-        self._stumbles = Stumbles()
         self.rejected = 0
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
@@ -35,17 +33,8 @@ class RawBus(ClosingBus):
         Raises:
             BusError: if the bus failed, or yields nothing but garbage.
         """
-        try:
-            message = self._bus.recv(timeout=timeout_s)
-        except UnusableReceptionError:
-            self.rejected += 1
-            return None
-        except Exception as error:  # noqa: BLE001  (backends raise what they like on what they were sent)
-            self._stumbles.met(error)
-            self.rejected += 1
-            return None
-        self._stumbles.over()
-        if message is not None and not is_sound(message):
+        message = self._received(timeout_s)
+        if isinstance(message, Rejection) or (message is not None and not is_sound(message)):
             self.rejected += 1
             return None
         return message
@@ -66,7 +55,7 @@ def open_bus(config: BusConfig) -> RawBus:
     """Connect to a bus that others are on.
 
     Raises:
-        ConfigError: for the simulated bus, which nobody else can join.
+        ConfigError: for the simulated bus, which no other process can join.
         BusError: naming interface and channel, if that cannot be opened.
     """
     if config.interface == SIMULATED:

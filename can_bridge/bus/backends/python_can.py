@@ -5,7 +5,6 @@ one garbage datagram ends python-can's own Notifier, and garbage on a serial lin
 Here sending always ends, and every reception is either handed over or counted under the reason why not.
 """
 
-import struct
 import time
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -14,13 +13,12 @@ from typing import Final, Self
 import can
 
 from can_bridge.bus.backends import kernel_queue
-from can_bridge.bus.backends.closing import ClosingBus
+from can_bridge.bus.backends.connection import GARBAGE_LIMIT, Connection
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
 from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, one_line, open_backend
-from can_bridge.bus.backends.stumbles import GARBAGE_LIMIT, Stumbles
 from can_bridge.bus.conversion import classified, from_message, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
@@ -31,13 +29,10 @@ __all__ = ["GARBAGE_LIMIT", "QUEUE_SIZE", "RECEPTION_LIMIT", "PythonCanBus", "fr
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 """Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""
 
-_STUMBLES: Final = (can.CanError, OSError, ValueError, TypeError, LookupError, AttributeError, struct.error)
-"""What backends are known to raise."""
-
 _IS_FD: Final = {spec.frame_id: spec.is_fd for spec in SPECS}
 
 
-class PythonCanBus(ClosingBus):
+class PythonCanBus(Connection):
     """One node's connection. Use as a context manager, or `close` it.
 
     One thread may send while another receives.
@@ -68,7 +63,6 @@ class PythonCanBus(ClosingBus):
         self._accept = None if accept is None else frozenset(accept)
         self._is_classic = is_classic
         self._linux_error_frames = linux_error_frames
-        self._stumbles = Stumbles()
         self._rejected = dict.fromkeys(Rejection, 0)
         self._reported = HEALTHY
         self._overflow_reports = 0
@@ -189,19 +183,10 @@ class PythonCanBus(ClosingBus):
 
     def _poll(self, timeout_s: float) -> tuple[Frame | None, bool]:
         """One reception: the frame if an accepted one came, and whether nothing came at all."""
-        try:
-            message = self._bus.recv(timeout=timeout_s)
-        except UnusableReceptionError as refused:
-            self._reject(refused.reason)
-            return None, False
-        except _STUMBLES as error:
-            self._stumbles.met(error)
-            self._reject(Rejection.GARBAGE)
-            return None, False
-        self._stumbles.over()
+        message = self._received(timeout_s)
         if message is None:
             return None, True
-        frame = self._judged(message)
+        frame = message if isinstance(message, Rejection) else self._judged(message)
         if isinstance(frame, Rejection):
             self._reject(frame)
             return None, False

@@ -86,11 +86,11 @@ class Babbling(Injector):
             self.acted += 1
 
 
-def keep_babbling(port: Bus, bus: SimulatedBus, *, every_ns: int = 1_000_000) -> None:
-    """Let the babbling node on this port of the bus look at it so often that its queue need not run empty."""
+def keep_babbling(port: Bus, bus: SimulatedBus) -> None:
+    """Poll the babbling node's port every millisecond, so that its queue does not run empty."""
 
     def look() -> None:
         port.receive_all()
-        bus.call_at(bus.now_ns + every_ns, look)
+        bus.call_at(bus.now_ns + 1_000_000, look)
 
     look()

@@ -1,5 +1,4 @@
 import os
-import time
 from collections.abc import Iterator
 from itertools import count
 from threading import Event, Thread
@@ -7,14 +6,15 @@ from threading import Event, Thread
 import can
 import pytest
 
-from can_bridge.bus.backends.python_can import GARBAGE_LIMIT, PythonCanBus
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.bus.mailbox import Mailbox
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.can_bridge.bus.backends.ptys import adapter
+from tests.refused import refused
 
 CHANNELS = count()
 PATIENCE_S = 10.0
@@ -56,25 +56,6 @@ def test_delivers_in_order_and_stops(pair):
     assert other.receive_all() == [frames[0]]
 
 
-def test_mailbox_behind_it_holds_the_latest(pair):
-    one, other = pair
-    mailbox: Mailbox[Frame] = Mailbox()
-    done = Event()
-
-    def deliver(frame: Frame) -> None:
-        mailbox.put(frame)
-        if frame.timestamp_ns == 9:
-            done.set()
-
-    with ReceiveThread(other, deliver):
-        for i in range(10):
-            one.send(Frame(frame_id=1, data=b"", timestamp_ns=i))
-        assert done.wait(PATIENCE_S)
-    latest = mailbox.take()
-    assert latest is not None
-    assert (latest.timestamp_ns, mailbox.overwritten) == (9, 9)
-
-
 class Failing(can.BusABC):
     """Raises what it is given, once, then is idle."""
 
@@ -98,36 +79,16 @@ class Failing(can.BusABC):
         raise NotImplementedError
 
 
-@pytest.mark.parametrize("error", [OSError(19, "No such device"), MemoryError("out of memory"), RuntimeError("bug")])
-def test_death_of_the_thread_is_kept_and_told(error):
-    failing = Failing(error)
-    with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
-        assert failing.raised.wait(PATIENCE_S)
-        thread._thread.join(PATIENCE_S)
-        assert not thread._thread.is_alive()
-        with pytest.raises(BusError, match="CAN reception ended"):
-            thread.check()
-    assert not failing.polled_again.is_set()
-
-
-def test_error_of_the_consumer_is_told_too(pair):
-    one, other = pair
-
-    def refuse(frame: Frame) -> None:
-        raise RuntimeError(f"no room for {frame.frame_id:#x}")
-
-    with ReceiveThread(other, refuse) as thread:
-        one.send(Frame(frame_id=0x77, data=b""))
-        thread._thread.join(PATIENCE_S)
-        with pytest.raises(BusError, match="no room for 0x77"):
-            thread.check()
-
-
-def test_garbage_does_not_end_it():
-    failing = Failing(ValueError("garbage on the line"))
-    with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
-        assert failing.polled_again.wait(PATIENCE_S)
-        thread.check()
+def test_death_of_the_thread_is_kept_and_told():
+    for error in [OSError(19, "No such device"), MemoryError("out of memory"), RuntimeError("bug")]:
+        failing = Failing(error)
+        with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
+            assert failing.raised.wait(PATIENCE_S), error
+            thread._thread.join(PATIENCE_S)
+            assert not thread._thread.is_alive(), error
+            with refused(BusError, "CAN reception ended"):
+                thread.check()
+        assert not failing.polled_again.is_set(), error
 
 
 def test_serial_line_with_garbage_and_then_pulled_out():
@@ -150,35 +111,12 @@ def test_serial_line_with_garbage_and_then_pulled_out():
             latest = mailbox.take()
             assert latest is not None
             assert (latest.data[0], mailbox.overwritten) == (199, 199)
-            refused = {reason: count for reason, count in bus.rejected.items() if count}
-            assert refused == {Rejection.GARBAGE: 200, Rejection.REMOTE: 200}
+            counted = {reason: count for reason, count in bus.rejected.items() if count}
+            assert counted == {Rejection.GARBAGE: 200, Rejection.REMOTE: 200}
             os.close(line.fd)
             thread._thread.join(PATIENCE_S)
             with pytest.raises(BusError, match=r"CAN reception ended: CAN bus failed: ."):
                 thread.check()
-
-
-def test_flood_of_refused_receptions_ends_neither_the_thread_nor_its_stopping():
-    class Flooded(can.BusABC):
-        def __init__(self) -> None:
-            self.channel_info = "flooded"
-            super().__init__(channel="flooded")
-            self.shutdown()  # nothing to close: python-can would remind us of it
-
-        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            raise UnusableReceptionError(Rejection.GARBAGE)
-
-        def send(self, msg: can.Message, timeout: float | None = None) -> None:
-            raise NotImplementedError
-
-    bus = PythonCanBus(Flooded())
-    with ReceiveThread(bus, lambda frame: None) as thread:
-        deadline = time.monotonic() + PATIENCE_S
-        while bus.received < 2 * GARBAGE_LIMIT and time.monotonic() < deadline:
-            time.sleep(0.001)
-        thread.check()
-    assert not thread._thread.is_alive()
-    assert bus.rejected[Rejection.GARBAGE] == bus.received >= 2 * GARBAGE_LIMIT
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
