@@ -10,7 +10,6 @@ from pathlib import Path
 import can
 import pytest
 
-from benchmarks.bus.two_nodes import lost, run
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.interface import HEALTHY
 from can_bridge.bus.rejection import Rejection
@@ -43,10 +42,3 @@ def test_frames_of_both_formats_pass_and_others_are_refused_by_reason():
         assert refused == {Rejection.EXTENDED: 1, Rejection.REMOTE: 1, Rejection.WRONG_FORMAT: 1}
         assert one.receive_all() == []
         assert (other.health(), other.overflows) == (HEALTHY, 0)
-
-
-@pytest.mark.processes  # starts one, and runs for three seconds
-@pytest.mark.parametrize("frames", ["fd", "classic"])
-def test_two_processes_lose_no_frame(frames):
-    counts = run(BusConfig(interface="socketcan", channel=CHANNEL, frames=frames), periods=600, period_s=0.005)
-    assert lost(counts) == 0

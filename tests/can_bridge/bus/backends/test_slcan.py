@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import can
 import pytest
@@ -228,9 +229,10 @@ def test_opening_commands_for_fd_and_classic(line):
 
 
 def test_bit_rates_that_the_protocol_cannot_say_are_refused(line):
-    for rates in [{"nominal_bitrate": 400_000}, {"data_bitrate": 4_000_000}]:
+    usual = BusConfig(interface="slcan", channel=line.port)
+    for config in (replace(usual, nominal_bitrate=400_000), replace(usual, data_bitrate=4_000_000)):
         with refused(BusError, r"CAN bus slcan '.*': Invalid .*bitrate, choose one of"):
-            PythonCanBus.open(BusConfig(interface="slcan", channel=line.port, **rates), settle_s=0.0)
+            PythonCanBus.open(config, settle_s=0.0)
 
 
 # The plug is pulled

@@ -9,7 +9,7 @@ from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered, simulated_link
+from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered
 
 
 def test_the_node_sends_at_the_rate_beside_its_own_frames(link):
@@ -41,8 +41,8 @@ class Hoard:
         return []
 
 
-def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node():
-    link, full = simulated_link(), Hoard(16)
+def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link):
+    full = Hoard(16)
     faulty = link.wrapped(full, Babble())
     link.advance()
     assert faulty.receive_all() == []
@@ -58,8 +58,8 @@ def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node():
         faulty.send(numbered(1))
 
 
-def test_a_long_pause_does_not_end_in_an_endless_burst():
-    link, bus = simulated_link(), Hoard(10**6)
+def test_a_long_pause_does_not_end_in_an_endless_burst(link):
+    bus = Hoard(10**6)
     faulty = link.wrapped(bus, Babble())
     link.advance(3600 * 10**9)
     faulty.receive_all()

@@ -1,6 +1,7 @@
 """Changed data, ahead of the end-to-end protection and behind it, and a node that is stuck."""
 
 from dataclasses import replace
+from typing import Literal
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -49,12 +50,14 @@ def test_an_empty_frame_has_nothing_to_flip(link):
 
 def test_flips_behind_the_protection_are_all_refused():
     """Up to three wrong bits are always found: the Hamming distance of profile 5's CRC at this length is 4."""
-    for bits in [1, 2, 3]:
-        for side in ["send", "receive"]:
+    sides: tuple[Literal["send", "receive"], ...] = ("send", "receive")
+    for bits in (1, 2, 3):
+        for side in sides:
             link = simulated_link()
             fault = FlipBits(bits=bits, at=side, start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
             faulty = link.wrapped(link.one if side == "send" else link.other, fault)
-            receptions = link.protected(*((faulty, link.other) if side == "send" else (link.one, faulty)), 50)
+            sender, receiver = (faulty, link.other) if side == "send" else (link.one, faulty)
+            receptions = link.protected(sender, receiver, 50)
             checks = [reception.checks for reception in receptions]
             assert checks[10:30] == [(Check.ERROR,)] * 20, (bits, side)
             assert receptions[20].stream is StreamState.INVALID, (bits, side)

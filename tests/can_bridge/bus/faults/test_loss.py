@@ -2,6 +2,7 @@
 
 from itertools import groupby
 from math import sqrt
+from typing import Any
 
 import pytest
 
@@ -20,16 +21,15 @@ def numbers(received) -> list[int]:
 
 
 def test_everything_is_lost_in_the_span_and_nothing_outside_it():
-    for side in ["send", "receive"]:
+    span: Any = {"probability": 1.0, "start_s": 10 * PERIOD_S, "end_s": 15 * PERIOD_S}
+    for at in ("send", "receive"):
         link = simulated_link()
-        fault = Drop(probability=1.0, at=side, start_s=10 * PERIOD_S, end_s=15 * PERIOD_S)
-        faulty = link.wrapped(link.one if side == "send" else link.other, fault)
-        ends = (faulty, link.other) if side == "send" else (link.one, faulty)
-        received = numbers(link.stream(*ends, 30))
-        assert received == [*range(10), *range(15, 30)], side
-        assert faulty.injectors[0].acted == 5, side
+        faulty = link.wrapped(link.one if at == "send" else link.other, Drop(at=at, **span))
+        sender, receiver = (faulty, link.other) if at == "send" else (link.one, faulty)
+        assert numbers(link.stream(sender, receiver, 30)) == [*range(10), *range(15, 30)], at
+        assert faulty.injectors[0].acted == 5, at
         # Who sends faultily is heard so by all; who receives faultily is alone with it.
-        assert len(link.listener.receive_all()) == (25 if side == "send" else 30), side
+        assert len(link.listener.receive_all()) == (25 if at == "send" else 30), at
 
 
 def test_as_many_are_lost_as_the_probability_says(link):
