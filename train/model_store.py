@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import dacite
 import torch
 from torch import nn
 
 from contract.config.tree import Config
-from contract.errors import ModelError
+from contract.errors import ConfigError, ModelError
 from contract.model import model_folder
 from contract.model.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
 from contract.release.manifest import Scaling
@@ -88,7 +87,7 @@ def load(path: Path) -> TrainedModel:
     _fill(path, _parts(teacher, slim, predictor), folder.tensors)
     try:
         metrics, ranking = ModelMetrics.from_tree(about.metrics), SensorChoice.from_tree(about.ranking)
-    except (KeyError, TypeError, dacite.DaciteError) as error:
+    except ConfigError as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
     return TrainedModel(
         config=config,

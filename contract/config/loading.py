@@ -5,15 +5,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from math import inf
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
-import dacite
-
-from contract.config.names import check_names, is_switch, takes_text
+from contract.config.names import check_names, takes_text
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from contract.printable import quoted
+from contract.typed import LONGEST_SHOWN, typed
 
 RELEASE = "release"
 """Name of the packaged settings the shipped bundle was made with."""
@@ -23,16 +22,6 @@ BASE_KEY = "base"
 """In a TOML file: which of the two it goes on top of."""
 LARGEST_FILE = 2**20
 """Bytes; all settings take three thousand."""
-LONGEST_SHOWN = 60
-"""Characters of a value in an error."""
-
-_KINDS: Mapping[Any, str] = {
-    int: "a whole number",
-    float: "a number",
-    str: "text",
-    bool: "true or false",
-    type(None): "left out",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,24 +88,7 @@ def quick() -> Config:
 def from_tree(tree: Mapping[str, Any]) -> Config:
     """A validated Config from nested mappings; missing keys take the paper's values."""
     check_names(tree)
-    _refuse_booleans(tree)
-    try:
-        return dacite.from_dict(Config, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
-    except dacite.DaciteError as error:
-        raise ConfigError(describe_error(error)) from error
-
-
-def describe_error(error: dacite.DaciteError) -> str:
-    """What dacite found wrong, in words: which field, its value, and what it must be."""
-    if not isinstance(error, dacite.WrongTypeError):
-        return str(error)
-    if get_origin(error.field_type) is Literal:
-        *most, last = map(repr, get_args(error.field_type))
-        return f"{error.field_path} = {_short(error.value)}: must be {', '.join(most)} or {last}"
-    kinds = get_args(error.field_type) or (error.field_type,)
-    if not set(kinds) <= set(_KINDS):
-        return str(error)
-    return f"{error.field_path} = {_short(error.value)}: must be {' or '.join(_KINDS[kind] for kind in kinds)}"
+    return typed(tree, Config)
 
 
 def to_tree(config: Config) -> dict[str, Any]:
@@ -124,29 +96,9 @@ def to_tree(config: Config) -> dict[str, Any]:
     return asdict(config)
 
 
-def as_float(value: object) -> object:
-    """A float for a whole number, anything else as it is: TOML and JSON write 1 where 1.0 is meant."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        return value
-    try:
-        return float(value)
-    except OverflowError:
-        return inf if value > 0 else -inf
-
-
-def _refuse_booleans(tree: Mapping[str, Any], above: str = "") -> None:
-    # Python would take true for the number 1.
-    for key, value in tree.items():
-        if isinstance(value, bool) and not is_switch(f"{above}{key}"):
-            raise ConfigError(f"{above}{key} = {str(value).lower()}: must not be a boolean")
-        if isinstance(value, Mapping):
-            _refuse_booleans(value, f"{above}{key}.")
-
-
 def _check(tree: Mapping[str, Any], source: str) -> None:
     try:
         check_names(tree)
-        _refuse_booleans(tree)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
 
@@ -162,10 +114,8 @@ def _parsed(source: Traversable) -> dict[str, Any]:
         raise ConfigError(f"configuration {source}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"configuration {source}: is no text in UTF-8") from error
-    except ValueError as error:  # tomllib's own error, or Python's for a number of thousands of digits
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"configuration {source}: {error}") from error
-    except RecursionError as error:
-        raise ConfigError(f"configuration {source}: nested too deeply") from error
 
 
 def _parsed_override(text: str) -> dict[str, Any]:
@@ -187,9 +137,7 @@ def _parsed_value(name: str, value: str, text: str) -> object:
         raise ConfigError(f"override {_short(text)}: holds a character that cannot be printed")
     try:
         parsed: object = tomllib.loads(f"value = {value}")["value"]
-    except RecursionError as error:
-        raise ConfigError(f"override {_short(text)}: nested too deeply") from error
-    except ValueError as error:  # tomllib's own error, or Python's for a number of thousands of digits
+    except (ValueError, RecursionError) as error:
         if not as_text and not value.isidentifier():
             raise ConfigError(f"override {_short(text)}: {_short(value)} is not a TOML value") from error
         parsed = value
@@ -197,12 +145,7 @@ def _parsed_value(name: str, value: str, text: str) -> object:
 
 
 def _short(value: object) -> str:
-    """A value as Python writes it, cut to what fits a line."""
-    try:
-        text = repr(value)
-    except ValueError:  # a whole number with more digits than Python prints
-        return "a number of thousands of digits"
-    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
+    return quoted(value, LONGEST_SHOWN)
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:

@@ -9,15 +9,13 @@ A rule is metadata of an `Annotated` type. `Settings` checks the rules of its fi
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any, ClassVar, Final, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
 
 from contract.config.sources import Source
 from contract.errors import ConfigError
+from contract.printable import LARGEST, quoted
 
 T = TypeVar("T", int, float)
-
-LARGEST: Final = 2**63 - 1
-"""Whole numbers past it fit no array."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +37,7 @@ class Rule:
         if value is None and self.or_none:
             return True
         if isinstance(value, int):
-            return abs(value) <= LARGEST and self.holds(value)
+            return abs(value) < LARGEST and self.holds(value)
         return isfinite(value) and self.holds(value)  # type: ignore[arg-type]  # None elsewhere is a TypeError
 
 
@@ -90,7 +88,4 @@ class Settings:
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:
     """Raise ConfigError with the value of that field, unless the condition holds."""
     if not holds:
-        value = getattr(owner, name)
-        if isinstance(value, int) and abs(value) > LARGEST:
-            raise ConfigError(f"{owner.section}.{name} has more than 18 digits: must be {wording}, and below 2^63")
-        raise ConfigError(f"{owner.section}.{name} = {value!r}: must be {wording}")
+        raise ConfigError(f"{owner.section}.{name} = {quoted(getattr(owner, name))}: must be {wording}")

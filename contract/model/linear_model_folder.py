@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import dacite
 import numpy as np
 
 from contract.arrays import Array
@@ -27,6 +26,7 @@ from contract.model.model_folder import Provenance
 from contract.model.tensor_folder import WEIGHTS as WEIGHTS
 from contract.model.tensor_folder import check_entries, read_body, read_tensors, write_folder
 from contract.release.manifest import LINEAR, Scaling
+from contract.typed import typed
 
 SCHEMA: Final = "stillwake-linear-model/1"
 DESCRIPTION: Final = "linear_model.json"
@@ -182,12 +182,12 @@ def _describe(path: Path, body: Mapping[str, Any]) -> LinearDescription:
             config=from_tree(body["config"]),
             sensors=tuple(body["sensors"]),
             positions=tuple((float(x), float(y)) for x, y in body["positions"]),
-            scaling=dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple])),
+            scaling=typed(body["scaling"], Scaling),
             identification=body["identification"],
             design=body["design"],
             metrics=body["metrics"],
             dataset_sha256=body["dataset_sha256"],
             versions=body["versions"],
         )
-    except (dacite.DaciteError, ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import dacite
 import numpy as np
 import numpy.typing as npt
 
@@ -30,6 +29,7 @@ from contract.model.tensor_folder import check_entries, read_body, read_tensors,
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from contract.typed import typed
 
 SCHEMA: Final = "stillwake-model/2"
 SCHEMA_1: Final = "stillwake-model/1"
@@ -214,7 +214,7 @@ def _describe(path: Path, body: Mapping[str, Any]) -> Description:
     try:
         return Description(
             config=from_tree(body["config"]),
-            scaling=dacite.from_dict(Scaling, body["scaling"], config=dacite.Config(strict=True, cast=[tuple])),
+            scaling=typed(body["scaling"], Scaling),
             sensors=tuple(body["sensors"]),
             dataset_sha256=body["dataset_sha256"],
             metrics=body["metrics"],
@@ -222,5 +222,5 @@ def _describe(path: Path, body: Mapping[str, Any]) -> Description:
             versions=body["versions"],
             layout=_layout_of(body["layout"]) if "layout" in body else TRUCK,
         )
-    except (dacite.DaciteError, ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

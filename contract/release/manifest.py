@@ -2,18 +2,15 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from types import NoneType
-from typing import Any, Final, Literal, NamedTuple, get_args, get_type_hints
+from typing import Any, Final, Literal, NamedTuple, get_args
 
-import dacite
 import numpy as np
 
 from contract.config.controller import MpcConfig
-from contract.config.loading import as_float, describe_error
 from contract.config.operating_point import OperatingPoint
 from contract.controller.interface import Sizes
 from contract.errors import BundleManifestError, ConfigError
@@ -22,6 +19,7 @@ from contract.release import strict_json
 from contract.release.container import MAX_FILES, is_plain_name
 from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
+from contract.typed import typed
 
 SCHEMA: Final = "stillwake-bundle/5"
 NEW_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -300,40 +298,7 @@ def parse(path: Path, opened: Opened) -> Manifest:
             raise BundleManifestError(f"bundle {path}: {MANIFEST}: {name}: unknown in schema {opened.schema!r}")
         body[name] = _DEFAULTS[name]
     try:
-        tree = _checked(Manifest, body)
-        return dacite.from_dict(Manifest, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
-    except dacite.DaciteError as error:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(describe_error(error))}") from error
+        # The bundle was built with its maker's defaults, not with those of this version: every field must be there.
+        return typed(body, Manifest, complete=True)
     except (ConfigError, BundleManifestError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error
-
-
-def _checked(kind: type[Any], tree: Any, above: str = "") -> dict[str, Any]:
-    """The tree of a dataclass with its lists as tuples.
-
-    Raises BundleManifestError for a field that is missing, which the settings' classes would fill with the defaults of
-    this version, for a boolean, which Python takes for a number, and for a table in a list's place.
-    """
-    if not isinstance(tree, dict):
-        raise BundleManifestError(f"{above.removesuffix('.')} = {quoted(tree)}: must be a table")
-    hints = get_type_hints(kind)
-    checked = dict(tree)
-    for item in fields(kind):
-        name, hint = f"{above}{item.name}", hints[item.name]
-        if item.name not in tree:
-            raise BundleManifestError(f"{name} is missing")
-        value = tree[item.name]
-        part = next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)
-        if part is not None and not (value is None and NoneType in get_args(hint)):
-            checked[item.name] = _checked(part, value, f"{name}.")
-        elif item.name != "provenance":
-            checked[item.name] = _without_lists(name, value)
-    return checked
-
-
-def _without_lists(name: str, value: Any) -> Any:
-    if isinstance(value, bool):
-        raise BundleManifestError(f"{name} = {str(value).lower()}: must not be a boolean")
-    if isinstance(value, dict):
-        raise BundleManifestError(f"{name} = {quoted(value)}: must not be a table")
-    return tuple(_without_lists(name, item) for item in value) if isinstance(value, list) else value

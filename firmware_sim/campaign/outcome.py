@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import dacite
 import numpy as np
 
 from contract.arrays import Array
 from contract.atomic import replacing
-from contract.config.loading import as_float
+from contract.errors import ConfigError
+from contract.typed import typed
 
 SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
@@ -121,6 +121,6 @@ def load(path: Path) -> Outcome | None:
         tree: Any = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(tree, dict) or tree.pop("schema", None) != SCHEMA:
             return None
-        return dacite.from_dict(Outcome, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
-    except (OSError, ValueError, RecursionError, dacite.DaciteError):
+        return typed(tree, Outcome)
+    except (OSError, ValueError, RecursionError, ConfigError):
         return None

@@ -23,15 +23,11 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
-import dacite
-
-from contract.config.loading import as_float, describe_error
 from contract.errors import ConfigError
+from contract.typed import typed
 from firmware_sim.campaign.scenario import LONGEST_NAME, Criteria, Place, Scenario, check_names
-
-_T = TypeVar("_T")
 
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
@@ -88,7 +84,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
     """The scenarios of one file; raises ConfigError as `whole_plan` does."""
     try:
-        plan = _read(_PlanForm, _parsed(source))
+        plan = typed(_parsed(source), _PlanForm)
         return tuple(
             made for group in plan.group for raw in group.scenario for made in _made(raw, group, plan.criteria, place)
         )
@@ -96,20 +92,10 @@ def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
         raise ConfigError(f"plan {source}: {error}") from error
 
 
-def _read(kind: type[_T], tree: Mapping[str, Any]) -> _T:
-    """A form from nested mappings; raises ConfigError naming the field."""
-    try:
-        return dacite.from_dict(kind, tree, config=dacite.Config(strict=True, type_hooks={float: as_float}))
-    except dacite.UnexpectedDataError as error:
-        raise ConfigError(f"no field is called {', '.join(sorted(map(repr, error.keys)))}") from error
-    except dacite.DaciteError as error:
-        raise ConfigError(describe_error(error)) from error
-
-
 def _made(raw: Mapping[str, Any], group: _GroupForm, criteria: Criteria, place: Place) -> Iterator[Scenario]:
     """The scenarios that one entry stands for."""
     try:
-        form = _read(_ScenarioForm, raw)
+        form = typed(raw, _ScenarioForm)
         for value in _values(form, place):
             words = _words(place, value)
             yield Scenario(
@@ -175,7 +161,5 @@ def _parsed(source: Traversable) -> dict[str, Any]:
         raise ConfigError(error.strerror or str(error)) from error
     except UnicodeDecodeError as error:
         raise ConfigError("is no text in UTF-8") from error
-    except RecursionError as error:
-        raise ConfigError("nested too deeply") from error
-    except ValueError as error:  # tomllib's own error, or Python's for a number of thousands of digits, or a NUL
+    except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
         raise ConfigError(str(error)) from error

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import dacite
 import torch
 from torch import Tensor
 
 from contract.arrays import Index
 from contract.errors import DatasetError
 from contract.recording.needs import HORIZONS as HORIZONS
+from contract.typed import typed
 from train.distillation.distil import encode_all
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.samples.rows import Rows
@@ -78,8 +78,8 @@ class ModelMetrics:
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "ModelMetrics":
-        """Back from `as_tree`; raises dacite.DaciteError for a tree of another form."""
-        return dacite.from_dict(cls, tree, config=dacite.Config(strict=True, cast=[tuple]))
+        """Back from `as_tree`; raises ConfigError for a tree of another form."""
+        return typed(tree, cls)
 
 
 def evaluate_model(

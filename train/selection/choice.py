@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-import dacite
-
+from contract.typed import typed
 from train.selection.ranking import Ranking
 
 STABILITY_SETS: Final = (2, 4, 6, 8)
@@ -60,5 +59,5 @@ class SensorChoice:
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "SensorChoice":
-        """Back from `as_tree`; raises dacite.DaciteError for a tree of another form."""
-        return dacite.from_dict(cls, tree, config=dacite.Config(strict=True, cast=[tuple]))
+        """Back from `as_tree`; raises ConfigError for a tree of another form."""
+        return typed(tree, cls)

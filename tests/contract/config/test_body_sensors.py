@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from contract import sensors
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.body_sensors import layout_of
-from contract.config.loading import load_config
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, WAKE_PROBE
 
@@ -50,30 +49,14 @@ def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(
     assert (np.diff(x[:sides]) >= 0).all() and (np.diff(y[base]) < 0).all()
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 10])
-def test_the_mirror_image_of_the_upper_side_is_the_lower(count: int) -> None:
-    layout = layout_of(BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=count, sensors_on_base=count))
-    assert layout.mirror is not None
-    assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
-    upper, lower = (layout.names.index(f"{side}_00") for side in ("upper", "lower"))
-    assert layout.mirror[upper] == lower
-
-
-@pytest.mark.parametrize(
-    ("override", "reason"),
-    [
-        ("body.length=0.1", r"length = 0\.1: must be in 0\.5\.\.15: shorter, the grid"),
-        ("body.length=23", "too little of the wake"),
-        ("body.leading_edge_radius=0.6", r"in 0\.\.0\.5: 0 is a sharp edge"),
-        ("body.leading_edge_radius=-0.1", "in 0"),
-        ("body.length=nan", "length = nan"),
-        ("body.sensors_per_side=0", "at least 1"),
-        ("body.sensors_on_base=0", "at least 1"),
-    ],
-)
-def test_impossible_bodies_are_refused_with_the_reason(override: str, reason: str) -> None:
-    with pytest.raises(ConfigError, match=reason):
-        load_config(None, [override])
+def test_the_mirror_image_of_the_upper_side_is_the_lower() -> None:
+    for count in (1, 2, 5, 10):
+        body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=count, sensors_on_base=count)
+        layout = layout_of(body)
+        assert layout.mirror is not None
+        assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
+        upper, lower = (layout.names.index(f"{side}_00") for side in ("upper", "lower"))
+        assert layout.mirror[upper] == lower
 
 
 def test_the_nose_must_fit_into_the_body() -> None:

@@ -1,69 +1,61 @@
 import math
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 import pytest
 
 from contract.config.controller import CostWeights, MpcConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig
 from contract.errors import ConfigError
 
 
-def leaves(tree: Any, above: tuple[str, ...] = ()):
+def groups(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """Every section with its dotted name."""
     for field in fields(tree):
         value = getattr(tree, field.name)
         if is_dataclass(value):
-            yield from leaves(value, (*above, field.name))
-        else:
-            yield type(tree), field.name, value
+            yield f"{above}{field.name}", value
+            yield from groups(value, f"{above}{field.name}.")
 
 
-NUMBERS = [
-    pytest.param(owner, name, value, id=f"{owner.__name__}.{name}")
-    for owner, name, value in leaves(Config())
-    if not isinstance(value, str | bool)
-]
+def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
+    for _, group in groups(Config()):
+        for field in fields(group):
+            value = getattr(group, field.name)
+            if isinstance(value, str | bool) or is_dataclass(value):
+                continue
+            bad = [math.nan, math.inf, -math.inf]
+            if field.name != "drag_reference":
+                bad.append(-1 if isinstance(value, int) else -1e-9)
+            for wrong in bad:
+                with pytest.raises(ConfigError, match=rf"{group.section}\.{field.name} = {wrong}: must be"):
+                    type(group)(**{field.name: wrong})
 
 
-@pytest.mark.parametrize(("owner", "name", "value"), NUMBERS)
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_every_number_must_be_finite(owner, name, value, bad):
-    with pytest.raises(ConfigError, match=name):
-        owner(**{name: bad})
-
-
-# A reference may have either sign.
-@pytest.mark.parametrize(
-    ("owner", "name", "value"), [item for item in NUMBERS if item.id != "MpcConfig.drag_reference"]
-)
-def test_no_number_may_be_negative(owner, name, value):
-    with pytest.raises(ConfigError, match=name):
-        owner(**{name: -1 if isinstance(value, int) else -1e-9})
-
-
-@pytest.mark.parametrize(
-    ("build", "culprit"),
-    [
-        (lambda: MpcConfig(horizon=1), "horizon = 1"),
-        (lambda: FlowConfig(action_limit=0.0), "action_limit"),
-        (lambda: EcuConfig(rearm_frames=0), "rearm_frames"),
-        (lambda: EcuConfig(loss_limit=0), "loss_limit"),
-        (lambda: EcuConfig(loss_limit=51), "loss_limit"),
-        (lambda: BusConfig(channel=""), "channel"),
-        (lambda: BusConfig(nominal_bitrate=1_000_001), "nominal_bitrate = 1000001: must be at most 1000000"),
-        (lambda: BusConfig(data_bitrate=499_999), r"data_bitrate = 499999: must be in nominal_bitrate\.\.8000000"),
-        (lambda: BusConfig(data_bitrate=8_000_001), "data_bitrate = 8000001"),
-        (lambda: E2eConfig(min_ok=6), "min_ok = 6"),
-        (lambda: E2eConfig(max_errors=5), "max_errors = 5"),
-        (lambda: E2eConfig(max_delta=128), "max_delta = 128"),
-        (lambda: E2eConfig(window=0), "window = 0"),
-    ],
-)
-def test_value_out_of_range_is_refused_by_name(build, culprit):
-    with pytest.raises(ConfigError, match=culprit):
-        build()
+def test_value_out_of_range_is_refused_by_name():
+    for kind, name, value, must in (
+        (OperatingPoint, "speed", 0.0, "positive"),
+        (MpcConfig, "horizon", 1, "at least 2"),
+        (FlowConfig, "action_limit", 0.0, "positive"),
+        (EcuConfig, "rearm_frames", 0, "at least 1"),
+        (EcuConfig, "loss_limit", 0, r"in 1\.\.loss_window"),
+        (EcuConfig, "loss_limit", 51, r"in 1\.\.loss_window"),
+        (BusConfig, "channel", "", "the name of a channel"),
+        (BusConfig, "nominal_bitrate", 1_000_001, "at most 1000000"),
+        (BusConfig, "data_bitrate", 499_999, r"in nominal_bitrate\.\.8000000"),
+        (BusConfig, "data_bitrate", 8_000_001, r"in nominal_bitrate\.\.8000000"),
+        (E2eConfig, "min_ok", 6, r"in 1\.\.window"),
+        (E2eConfig, "max_errors", 5, r"in 0\.\.window-1"),
+        (E2eConfig, "max_delta", 128, r"in 1\.\.127"),
+        (E2eConfig, "window", 0, "at least 1"),
+    ):
+        with pytest.raises(ConfigError, match=rf"\.{name} = {value!r}: must be {must}"):
+            kind(**{name: value})
+    assert BusConfig(frames="classic", data_bitrate=1).data_bitrate == 1, "classic frames have no data bit rate"
 
 
 def test_defaults_are_the_papers():
@@ -79,16 +71,5 @@ def test_weights_keep_declaration_order():
 
 
 def test_a_section_is_called_by_its_place_in_the_tree():
-    def sections(tree: Any, above: str = ""):
-        for field in fields(tree):
-            value = getattr(tree, field.name)
-            if is_dataclass(value):
-                yield f"{above}{field.name}", value
-                yield from sections(value, f"{above}{field.name}.")
-
-    for name, section in sections(Config()):
-        assert section.section == name
-
-
-def test_a_bus_of_classic_frames_has_no_data_bit_rate_to_check():
-    assert BusConfig(frames="classic", data_bitrate=1).data_bitrate == 1
+    for name, group in groups(Config()):
+        assert group.section == name

@@ -122,7 +122,7 @@ def short(name: str) -> dict[str, Any]:
         ({"metrics": None}, "lacks 'metrics'"),
         ({"weights_sha256": None}, "lacks 'weights_sha256'"),
         ({"config": {"flow": {"reynold": 1.0}}}, "reynold"),
-        ({"scaling": {"pressure_mean": [0.0]}}, "pressure_std"),
+        ({"scaling": {"pressure_mean": [0.0]}}, "action_std is missing"),
         ({"scaling": short("pressure_std")}, r"scaling\.pressure_std has 89 values, must have 90"),
         ({"scaling": short("force_mean")}, r"scaling\.force_mean has 1 values, must have 2"),
     ],

@@ -10,16 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from contract.errors import BundleManifestError
-from contract.release import bundle
 from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
-from tests.examples import examples
 
 SHIPPED = json.loads((BUNDLE / MANIFEST).read_bytes())
 PATH = Path("planted")
@@ -107,15 +103,15 @@ def test_a_manifest_of_an_old_schema_means_the_same_and_has_no_security_version(
         assert read(sealed(body)) == replace(expected, sensor_estimator=None, sensor_positions=None)
 
 
-@pytest.mark.parametrize("name", FLASHED)
-def test_an_old_schema_knows_nothing_of_flashing(name):
-    for schema, body in ((4, FOURTH), (3, FORMER), (2, OLD)):
-        assert f"{name}: unknown in schema 'stillwake-bundle/{schema}'" in refusal(sealed({**body, name: 1}))
-
-
-@pytest.mark.parametrize("value", [-1, 2**32, 1.0, "1", True, None, [1]])
-def test_a_security_version_is_a_32_bit_number(value):
-    assert "security_version" in refusal(sealed(changed("security_version", value)))
+def test_an_old_schema_knows_nothing_of_later_fields():
+    for schema, body, later in (
+        (4, FOURTH, FLASHED),
+        (3, FORMER, (*FLASHED, "sensor_estimator")),
+        (2, OLD, (*FLASHED, "sensor_estimator", "sensor_positions")),
+    ):
+        for name in later:
+            text = refusal(sealed({**body, name: None}))
+            assert f"{name}: unknown in schema 'stillwake-bundle/{schema}'" in text
 
 
 def test_every_security_version_and_hardware_is_kept():
@@ -124,126 +120,114 @@ def test_every_security_version_and_hardware_is_kept():
     assert read(sealed(changed("hardware", "stillwake-ecu-1"))).hardware == "stillwake-ecu-1"
 
 
-@pytest.mark.parametrize("value", ["", "x" * 101, "a\nb", "\x1b[2J", 1, ["ecu"]])
-def test_a_hardware_is_a_printable_name(value):
-    assert "hardware" in refusal(sealed(changed("hardware", value)))
-
-
-def test_the_old_schema_knows_no_positions():
-    assert "sensor_positions: unknown in schema 'stillwake-bundle/2'" in refusal(
-        sealed({**OLD, "sensor_positions": None})
-    )
-
-
-@pytest.mark.parametrize("name", [name for name in leaves(SHIPPED) if name != "manifest_sha256"])
-def test_nothing_may_be_missing(name):
-    """A key that this version has a default for is missed all the same: the bundle was built with its maker's."""
-    assert name.rsplit(".", 1)[-1] in refusal(sealed(without(name)))
+def test_nothing_may_be_missing():
+    """Nor what this version has a default for: the bundle was built with its maker's."""
+    for name in leaves(SHIPPED):
+        if name != "manifest_sha256":
+            assert name.rsplit(".", 1)[-1] in refusal(sealed(without(name))), name
 
 
 NUMBERS = [
     *("action_limit", "budget_ms", "compute_time_ms", "control_period", "window", "mpc.horizon", "mpc.iterations"),
-    *("mpc.drag_reference", "mpc.learning_rate", "mpc.weights.lift", "operating_point.speed", "scaling.action_std"),
+    *("mpc.learning_rate", "mpc.weights.lift", "operating_point.speed", "scaling.action_std"),
+]
+NO_NUMBERS = [None, True, False, "1", [], {}, -1e300, float("nan"), float("inf"), 10**400]
+NO_LISTS = [None, 1.0, "abcd", {}, [None] * 4, [True] * 4, [1e999] * 4, [float("nan")] * 4]
+NO_TABLES = [[[0.1] * 4] * 3, [[0.1] * 3] * 4, [[0.1] * 4] * 3 + [[0.1] * 3 + [0.0]], [0.1] * 4, None, [["a"] * 4] * 4]
+NO_POSITIONS = [[], [[0.0, 1.0]], [[0.0]] * 4, [[0.0] * 3] * 4, 3, "abcd", [["a", "b"]] * 4, [[True, 0.0]] * 4, {}]
+
+
+def test_every_field_refuses_values_that_are_none_of_its_kind():
+    for names, values in (
+        (NUMBERS, NO_NUMBERS),
+        (["mpc.drag_reference"], [value for value in NO_NUMBERS if value != -1e300]),
+        (["security_version"], [-1, 2**32, 1.0, "1", True, None, [1]]),
+        (["hardware"], ["", "x" * 101, "a\nb", "\x1b[2J", 1, ["ecu"]]),
+        (["scaling.pressure_mean", "scaling.pressure_std"], NO_LISTS),
+        (["scaling.force_mean", "scaling.force_std"], [v[:2] if isinstance(v, list) else v for v in NO_LISTS]),
+        (["sensor_estimator.fast", "sensor_estimator.slow"], NO_TABLES),
+        (["sensor_estimator"], [[], 3.0, "yes", True]),
+        (["sensor_positions"], NO_POSITIONS),
+    ):
+        for name in names:
+            for value in values:
+                text = refusal(sealed(changed(name, value)))
+                is_named = name.rsplit(".", 1)[-1] in text or "damaged" in text or "standard deviation" in text
+                assert is_named, (name, value, text)
+
+
+NONSENSE = [
+    ("mpc", {}, "mpc.drag_reference is missing"),
+    ("operating_point", {}, "operating_point.density is missing"),
+    ("mpc", None, "mpc = None: must be a table"),
+    ("sensors", None, "sensors = None: must be a list"),
+    ("sensors", "abcd", "sensors = 'abcd': must be a list"),
+    ("scaling.force_mean", {"": None}, "must be a list"),
+    ("sensors", [], "sensor_positions has 4 places: must have 0"),
+    ("sensors", ["a", "b", "c", "c"], "'c': named twice"),
+    ("sensors", ["a", "b", "c", "d\x1b[2J"], r"sensor 'd\x1b[2J': must be"),
+    ("sensors", ["a", "b", "c", "d" * 101], "must be 1 to 100 printable characters"),
+    ("sensors", ["a", "b", "c", "d,e"], "without commas"),
+    ("sensors", ["a", "b", "c", 4], "sensors[3] = 4: must be text"),
+    ("sensors", ["base_0"], "has 4"),
+    ("precision", "fp16", "precision = 'fp16': must be 'float32' or 'int8'"),
+    ("compute_time_ms", 20.5, "compute_time_ms = 20.5: must be in 0..budget_ms, which is 20.0"),
+    ("dataset_sha256", "0" * 63, "must be a SHA-256"),
+    ("weights_sha256", None, "weights_sha256 = None: must be text"),
+    ("operating_point.width", -1.0, "operating_point.width = -1.0: must be positive"),
+    ("window", 10**9, "window = 1000000000: must be positive and at most 10000"),
+    ("window", 10**400, "an integer of 401 digits"),
+    ("mpc.horizon", 10**9, "mpc.horizon = 1000000000"),
+    ("created", "yesterday", "created = 'yesterday': must be a date"),
+    ("created", "2026-W01-1", "created = '2026-W01-1': must be a date"),
+    ("created", "20260102", "created = '20260102': must be a date"),
+    ("created", "2026-02-30", "created = '2026-02-30': must be a date"),
+    ("created", "\u0662026-01-01", "must be a date"),
+    ("name", "", "name '': must be"),
+    ("name", "x" * 101, "must be 1 to 100 printable characters"),
+    ("name", "a\x1b]0;title\x07", r"name 'a\x1b]0;title\x07': must be"),
+    ("name", "a\nb", r"name 'a\nb'"),
+    ("name", "\ud800", "half of a surrogate pair"),
+    ("provenance", [], "provenance"),
+    ("provenance", {"\udfff": 1}, "half of a surrogate pair"),
+    ("provenance", {"loss": float("nan")}, "NaN is no number"),
+    ("provenance", {"loss": float("-inf")}, "-Infinity is no number"),
+    ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
+    ("files", {"../evil": "0" * 64}, "must be a plain file name"),
+    ("files", {CONTROLLER: None}, "files.controller.onnx = None: must be a SHA-256"),
+    ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
+    ("surprise\x1b[2J", 1, r"\x1b[2J"),
+    ("schema", "\x1b[2J" * 1000, "this version reads"),
+    ("schema", 2, "schema 2, this version reads"),
 ]
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-@pytest.mark.parametrize("value", [None, True, False, "1", [], {}, -1e300, float("nan"), float("inf"), 10**400])
-def test_a_number_is_a_number(name, value):
-    if (name, value) == ("mpc.drag_reference", -1e300):
-        pytest.skip("any finite number is one")
-    refusal(sealed(changed(name, value)))
+def test_what_makes_no_sense_is_named():
+    for name, value, named in NONSENSE:
+        text = refusal(sealed(changed(name, value)))
+        assert named in text, (name, value, text)
+    assert "sensors: none is named" in refusal(sealed({**SHIPPED, "sensors": [], "sensor_positions": None}))
 
 
-@pytest.mark.parametrize("name", ["pressure_mean", "pressure_std", "force_mean", "force_std"])
-@pytest.mark.parametrize("value", [None, 1.0, "abcd", {}, [None] * 4, [True] * 4, [1e999] * 4, [float("nan")] * 4])
-def test_a_scaling_is_a_list_of_finite_numbers(name, value):
-    refusal(sealed(changed(f"scaling.{name}", value[:2] if isinstance(value, list) and "force" in name else value)))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "named"),
-    [
-        ("mpc", {}, "mpc.horizon is missing"),
-        ("operating_point", {}, "operating_point.width is missing"),
-        ("mpc", None, "mpc = None: must be a table"),
-        ("sensors", None, "sensors"),
-        ("sensors", "abcd", "sensors"),
-        ("scaling.force_mean", {"": None}, "must not be a table"),
-        ("sensors", [], "sensor_positions has 4 places: must have 0"),
-        ("sensors", ["a", "b", "c", "c"], "'c': named twice"),
-        ("sensors", ["a", "b", "c", "d\x1b[2J"], r"sensor 'd\x1b[2J': must be"),
-        ("sensors", ["a", "b", "c", "d" * 101], "must be 1 to 100 printable characters"),
-        ("sensors", ["a", "b", "c", "d,e"], "without commas"),
-        ("sensors", ["a", "b", "c", 4], "sensors"),
-        ("window", 10**9, "window = 1000000000: must be positive and at most 10000"),
-        ("window", 10**400, "an integer of 401 digits"),
-        ("mpc.horizon", 10**9, "mpc.horizon = 1000000000"),
-        ("created", "2026-W01-1", "created = '2026-W01-1': must be a date"),
-        ("created", "20260102", "created = '20260102': must be a date"),
-        ("created", "2026-02-30", "created = '2026-02-30': must be a date"),
-        ("created", "\u0662026-01-01", "must be a date"),
-        ("name", "", "name '': must be"),
-        ("name", "x" * 101, "must be 1 to 100 printable characters"),
-        ("name", "a\x1b]0;title\x07", r"name 'a\x1b]0;title\x07': must be"),
-        ("name", "a\nb", r"name 'a\nb'"),
-        ("name", "\ud800", "half of a surrogate pair"),
-        ("provenance", [], "provenance"),
-        ("provenance", {"\udfff": 1}, "half of a surrogate pair"),
-        ("provenance", {"loss": float("nan")}, "NaN is no number"),
-        ("provenance", {"loss": float("-inf")}, "-Infinity is no number"),
-        ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
-        ("files", {"../evil": "0" * 64}, "must be a plain file name"),
-        ("files", {CONTROLLER: None}, "files.controller.onnx = None: must be a SHA-256"),
-        ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
-        ("surprise\x1b[2J", 1, r"\x1b[2J"),
-        ("schema", "\x1b[2J" * 1000, "this version reads"),
-        ("schema", 2, "schema 2, this version reads"),
-    ],
-)
-def test_what_makes_no_sense_is_named(name, value, named):
-    assert named in refusal(sealed(changed(name, value)))
-
-
-@pytest.mark.parametrize("depth", [33, 500, 900, *range(960, 1010), 5_000, 100_000])
-def test_nesting_is_bounded(depth):
+def test_nesting_is_bounded():
     """At some depths the parser passes and what works on its result does not: all are tried around the limit."""
-    raw = json.dumps({**SHIPPED, "provenance": "HERE"}).replace('"HERE"', '{"a":' * depth + "1" + "}" * depth)
-    assert "nested more than 32 deep" in refusal(raw.encode())
+    for depth in (33, 500, 900, *range(960, 1010), 5_000, 100_000):
+        raw = json.dumps({**SHIPPED, "provenance": "HERE"}).replace('"HERE"', '{"a":' * depth + "1" + "}" * depth)
+        assert "nested more than 32 deep" in refusal(raw.encode()), depth
 
 
-@pytest.mark.parametrize(
-    ("raw", "named"),
-    [
+def test_json_that_has_two_readings_is_refused():
+    for raw, named in (
         (b'{"schema": 1, "schema": 2}', "'schema' is there twice"),
         (b'{"schema": 1e999}', "1e999 is too large a number"),
         (b"\xff\xfe{\x00}\x00", "decode"),
         (b"[" * 100_000, "nested"),
         (b'"text"', "it is not a table"),
+        (b"", "is damaged"),
+        (b'{"schema": 1, "manifest_sha256": 1, "files": []}', "is damaged"),
         (b"{" + b",".join(b'"%d":0' % i for i in range(100_000)) + b',"7":0}', "'7' is there twice"),
-    ],
-)
-def test_json_that_has_two_readings_is_refused(raw, named):
-    assert named in refusal(raw)
-
-
-@pytest.mark.slow  # 300 manifests
-@examples(300)
-@given(data=st.data())
-def test_any_value_anywhere_is_read_or_refused_in_one_line(data):
-    """Numbers, texts and tables of every kind in the place of every field."""
-    scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
-    value = data.draw(
-        st.recursive(
-            scalars, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
-        )
-    )
-    name = data.draw(st.sampled_from([name for name in leaves(SHIPPED) if name != "manifest_sha256"]))
-    raw = sealed(changed(name, value))
-    try:
-        read(raw)
-    except BundleManifestError as error:
-        assert str(error).isprintable()
+    ):
+        assert named in refusal(raw), raw[:30]
 
 
 def placed(positions: Any) -> Manifest:
@@ -262,30 +246,10 @@ def test_positions_are_written_and_read():
     assert read(unplaced).sensor_positions is None
 
 
-@pytest.mark.parametrize(
-    "positions",
-    [[], [[0.0, 1.0]], [[0.0]] * 4, [[0.0, 0.0, 0.0]] * 4, 3, "abcd", [["a", "b"]] * 4, [[True, 0.0]] * 4, {}],
-)
-def test_positions_are_one_pair_a_sensor(positions):
-    body = json.loads(encode(placed(PLACES), {CONTROLLER: "0" * 64}, "0" * 64))
-    body["sensor_positions"] = positions
-    assert "sensor_positions" in refusal(sealed(body))
-
-
-def test_a_manifest_without_positions_needs_sensors_too():
-    assert "sensors: none is named" in refusal(sealed({**SHIPPED, "sensors": [], "sensor_positions": None}))
-
-
 def test_positions_are_finite():
     for bad in (np.nan, np.inf):
         with pytest.raises(BundleManifestError, match="finite"):
             placed((*PLACES[:3], (0.0, float(bad))))
-
-
-def test_the_present_schema_needs_its_positions():
-    body = json.loads(encode(placed(PLACES), {CONTROLLER: "0" * 64}, "0" * 64))
-    del body["sensor_positions"]
-    assert "sensor_positions is missing" in refusal(sealed(body))
 
 
 def test_a_provenance_that_json_cannot_say_is_not_written():
@@ -296,32 +260,5 @@ def test_a_provenance_that_json_cannot_say_is_not_written():
             encode(broken, {}, "0" * 64)
 
 
-def test_the_shipped_bundle_is_whole():
-    assert [check.error for check in bundle.examine(BUNDLE)] == [None] * 9
-
-
-def test_the_former_schema_knows_no_estimator():
-    assert "sensor_estimator: unknown in schema 'stillwake-bundle/3'" in refusal(
-        sealed({**FORMER, "sensor_estimator": None})
-    )
-
-
-def test_the_present_schema_needs_to_say_whether_there_is_an_estimator():
-    assert "sensor_estimator is missing" in refusal(sealed(without("sensor_estimator")))
+def test_the_manifest_may_state_that_there_is_no_estimator():
     assert read(sealed({**SHIPPED, "sensor_estimator": None})).sensor_estimator is None
-
-
-@pytest.mark.parametrize("name", ["fast", "slow"])
-@pytest.mark.parametrize(
-    "table",
-    [[[0.1] * 4] * 3, [[0.1] * 3] * 4, [[0.1] * 4] * 3 + [[0.1, 0.1, 0.1, 0.0]], [0.1] * 4, None, [["a"] * 4] * 4],
-)
-def test_an_estimator_has_a_positive_figure_for_every_two_sensors(name, table):
-    assert "sensor_estimator" in refusal(sealed(changed(f"sensor_estimator.{name}", table)))
-
-
-def test_an_estimator_is_a_table():
-    odd: tuple[object, ...] = ([], 3.0, "yes", True)
-    for value in odd:
-        assert "sensor_estimator" in refusal(sealed(changed("sensor_estimator", value)))
-    assert "sensor_estimator.slow is missing" in refusal(sealed(without("sensor_estimator.slow")))

@@ -83,7 +83,7 @@ def test_a_users_scenarios_come_after_the_built_in_ones(written, place) -> None:
         (b"\xff\xfe", "UTF-8"),
         ("", "group"),
         ("[[group]]\ntitle = 'x'\n", "scenario"),
-        (OWN.replace('sentence = "It', 'sentense = "It'), r"'late_\{each\}'.*'sentense'"),
+        (OWN.replace('sentence = "It', 'sentense = "It'), r"'late_\{each\}'.*sentense is unknown"),
         (OWN.replace("each = [1, 2.5]", "each = 'wheels'"), r"'late_\{each\}'.*each = 'wheels'"),
         (OWN.replace("each = [1, 2.5]", "each = []"), "each"),
         (OWN.replace("disturb = [", "disturb = [3, "), r"'late_\{each\}'.*disturb"),
