@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import pytest
 
@@ -21,7 +21,7 @@ class Sample(Settings):
 
 
 def test_a_rule_holds_up_to_its_bound_and_no_further():
-    for field, good, bad, wording in (
+    bounds: list[tuple[str, Any, Any, str]] = [
         ("positive", 1e-300, 0.0, "positive"),
         ("non_negative", 0, -1, "non-negative"),
         ("fraction", math.nextafter(1.0, 0.0), 1.0, r"in \[0, 1\)"),
@@ -29,7 +29,8 @@ def test_a_rule_holds_up_to_its_bound_and_no_further():
         ("none", None, -1, "at least 1"),
         ("pair", 2, 1, "at least 2, for a pair"),
         ("between", 127, 128, r"in 1\.\.127, half a byte"),
-    ):
+    ]
+    for field, good, bad, wording in bounds:
         assert getattr(Sample(**{field: good}), field) == good
         with pytest.raises(ConfigError, match=rf"^sample\.{field} = {bad}: must be {wording}$"):
             Sample(**{field: bad})

@@ -37,7 +37,7 @@ def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
 
 
 def test_value_out_of_range_is_refused_by_name():
-    for kind, name, value, must in (
+    refused: list[tuple[type[Any], str, object, str]] = [
         (OperatingPoint, "speed", 0.0, "positive"),
         (MpcConfig, "horizon", 1, "at least 2"),
         (FlowConfig, "action_limit", 0.0, "positive"),
@@ -52,7 +52,8 @@ def test_value_out_of_range_is_refused_by_name():
         (E2eConfig, "max_errors", 5, r"in 0\.\.window-1"),
         (E2eConfig, "max_delta", 128, r"in 1\.\.127"),
         (E2eConfig, "window", 0, "at least 1"),
-    ):
+    ]
+    for kind, name, value, must in refused:
         with pytest.raises(ConfigError, match=rf"\.{name} = {value!r}: must be {must}"):
             kind(**{name: value})
     assert BusConfig(frames="classic", data_bitrate=1).data_bitrate == 1, "classic frames have no data bit rate"

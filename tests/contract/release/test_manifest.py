@@ -131,8 +131,8 @@ NUMBERS = [
     *("action_limit", "budget_ms", "compute_time_ms", "control_period", "window", "mpc.horizon", "mpc.iterations"),
     *("mpc.learning_rate", "mpc.weights.lift", "operating_point.speed", "scaling.action_std"),
 ]
-NO_NUMBERS = [None, True, False, "1", [], {}, -1e300, float("nan"), float("inf"), 10**400]
-NO_LISTS = [None, 1.0, "abcd", {}, [None] * 4, [True] * 4, [1e999] * 4, [float("nan")] * 4]
+NO_NUMBERS: list[Any] = [None, True, False, "1", [], {}, -1e300, float("nan"), float("inf"), 10**400]
+NO_LISTS: list[Any] = [None, 1.0, "abcd", {}, [None] * 4, [True] * 4, [1e999] * 4, [float("nan")] * 4]
 NO_TABLES = [[[0.1] * 4] * 3, [[0.1] * 3] * 4, [[0.1] * 4] * 3 + [[0.1] * 3 + [0.0]], [0.1] * 4, None, [["a"] * 4] * 4]
 NO_POSITIONS = [[], [[0.0, 1.0]], [[0.0]] * 4, [[0.0] * 3] * 4, 3, "abcd", [["a", "b"]] * 4, [[True, 0.0]] * 4, {}]
 
