@@ -1,6 +1,5 @@
 import dataclasses
 import warnings
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -80,13 +79,13 @@ def test_the_bound_itself_is_not_clipped(env: TruckWakeEnv) -> None:
     assert not env.step(env.action_space.high)[4]["clipped"]
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-def test_an_action_that_is_not_finite_is_refused_by_its_value(env: TruckWakeEnv, value: float) -> None:
-    env.reset(seed=1)
-    with pytest.raises(PlantError, match=f"action {value}: must be finite"):
-        env.step(action(value))
-    # Nothing has moved.
-    assert env.step(action(0.0))[4]["clipped_count"] == 0
+def test_an_action_that_is_not_finite_is_refused_by_its_value(env: TruckWakeEnv) -> None:
+    for value in [float("nan"), float("inf"), -float("inf")]:
+        env.reset(seed=1)
+        with pytest.raises(PlantError, match=f"action {value}: must be finite"):
+            env.step(action(value))
+        # Nothing has moved.
+        assert env.step(action(0.0))[4]["clipped_count"] == 0
 
 
 def test_an_action_of_another_shape_is_refused(env: TruckWakeEnv) -> None:
@@ -131,20 +130,17 @@ def test_another_start_is_where_the_phases_begin(wake: TruckWake) -> None:
     assert env.reset(options={"phase_steps": 1})[1]["Cd"] == wake.advance(0.0).Cd
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv) -> None:
+    for options, message in [
         ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
         ({"phase_steps": 1, "start": None}, "must be one of"),
         ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
         ({"phase_steps": -1}, "phase_steps = -1"),
         ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
         ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv, options: dict[str, object], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        env.reset(options=options)
+    ]:
+        with pytest.raises(ConfigError, match=message):
+            env.reset(options=options)
 
 
 def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
@@ -153,9 +149,8 @@ def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
         env.reset(options={"start": start})
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
+def test_settings_that_do_not_fit_are_refused() -> None:
+    for settings, message in [
         ({"sensor_names": ("left_front",)}, "left_front"),
         (
             {"sensor_names": "upper_39"},
@@ -166,11 +161,9 @@ def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
         ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),
         ({"max_phase_steps": -1}, "max_phase_steps = -1: must be at least 0"),
         ({"render_mode": "human"}, "render_mode = 'human'"),
-    ],
-)
-def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        TruckWakeEnv(**settings)
+    ]:
+        with pytest.raises(ConfigError, match=message):
+            TruckWakeEnv(**settings)
 
 
 def test_nothing_works_before_the_first_reset() -> None:

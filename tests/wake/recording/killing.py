@@ -5,7 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from contract.recording.dataset import Dataset
 
 
 class Killed(BaseException):
@@ -29,3 +32,12 @@ def kill_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> Calla
     for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
         monkeypatch.setattr(owner, name, watched(getattr(owner, name)))
     return lambda: count
+
+
+def equal(a: Dataset, b: Dataset) -> bool:
+    """Whether two recordings have the same episodes and samples."""
+    return [x.name for x in a.episodes] == [y.name for y in b.episodes] and all(
+        np.array_equal(x.series[name], y.series[name])
+        for x, y in zip(a.episodes, b.episodes, strict=True)
+        for name in x.series
+    )

@@ -9,7 +9,6 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
 from contract.recording.dataset import Dataset, read
-from tests.wake.recording.killing import Killed
 from wake.recording.calm_plan import CalmRound
 from wake.recording.controlled_plan import ControlledRound
 from wake.recording.controlled_recording import record_round
@@ -53,9 +52,8 @@ def test_no_two_episodes_are_disturbed_alike() -> None:
     assert len(np.unique(signals.round(9), axis=0)) == len(plans) == 48
 
 
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
+def test_what_makes_no_sense_is_refused_by_name() -> None:
+    for changes, named in [
         ({"episodes": 0}, "episodes = 0: must be at least 1"),
         ({"steps": 0}, "steps = 0"),
         ({"seed": -1}, "seed = -1"),
@@ -63,11 +61,9 @@ def test_no_two_episodes_are_disturbed_alike() -> None:
         ({"largest": 0.0}, "largest amplitude = 0.0"),
         ({"smallest": 0.03}, r"smallest amplitude = 0\.03: must not exceed the largest, 0\.02"),
         ({"role": "test"}, "role = 'test': must be one of train, calm"),
-    ],
-)
-def test_what_makes_no_sense_is_refused_by_name(changes: dict[str, Any], named: str) -> None:
-    with pytest.raises(ConfigError, match=named):
-        CalmRound(**changes)
+    ]:
+        with pytest.raises(ConfigError, match=named):
+            CalmRound(**changes)
 
 
 @pytest.mark.usefixtures("cheap_plant")
@@ -105,18 +101,3 @@ class TestOnACheapPlant:
         record_round(output, controlled, Config())
         names = [episode.name for episode in recorded(output, start, wanted).episodes]
         assert names == ["calm_1_0", "controlled_2_0", "calm_3_0"]
-
-    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path, start: Path) -> None:
-        wanted = CalmRound(episodes=2, steps=8)
-        whole = recorded(tmp_path / "whole.h5", start, wanted)
-
-        def stop(name: str, steps: int, total: int) -> None:
-            if steps == 6:
-                raise Killed
-
-        stopped = tmp_path / "stopped.h5"
-        with pytest.raises(Killed):
-            recorded(stopped, start, wanted, progress=stop)
-        found = recorded(stopped, start, wanted)
-        for a, b in zip(whole.episodes, found.episodes, strict=True):
-            assert all(np.array_equal(a.series[name], b.series[name]) for name in a.series)

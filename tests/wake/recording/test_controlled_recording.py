@@ -15,8 +15,9 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
+from contract.shipped import BUNDLE
 from firmware_sim.ecu.bundle_policy import BundlePolicy
-from tests.wake.recording.killing import Killed, kill_before_operation
+from tests.wake.recording.killing import Killed, equal
 from wake.recording import recorder
 from wake.recording.blocks import EpisodeBlocks
 from wake.recording.controlled_plan import ControlledRound
@@ -27,7 +28,6 @@ from wake.recording.forcing import exploration
 
 pytestmark = pytest.mark.slow  # records episodes under a controller
 
-ROOT = Path(__file__).resolve().parents[3]
 FLOW = FlowConfig()
 LIMIT = FLOW.action_limit
 
@@ -72,28 +72,22 @@ def recorded(
     return read(output)
 
 
-def equal(a: Dataset, b: Dataset) -> bool:
-    return [x.name for x in a.episodes] == [y.name for y in b.episodes] and all(
-        np.array_equal(x.series[name], y.series[name])
-        for x, y in zip(a.episodes, b.episodes, strict=True)
-        for name in x.series
-    )
-
-
-@pytest.mark.parametrize("time", [0.4, 1.0, 3.0])
-def test_exploration_has_the_variance_and_the_memory_it_should(time: float) -> None:
-    n, rms = 400_000, 0.15
-    x = exploration(n, ForcingConfig(exploration_time=time), FLOW, np.random.default_rng(3), rms=rms) / LIMIT
-    # Independent samples that tell as much: n (1 - r^2) / (1 + r^2), 27,000 at least; four standard errors.
-    r = np.exp(-0.2 / time)
-    few = n * (1 - r**2) / (1 + r**2)
-    assert x.mean() == pytest.approx(0.0, abs=4 * rms * np.sqrt((1 + r) / (1 - r) / n))
-    assert x.std() == pytest.approx(rms, rel=4 / np.sqrt(2 * few))
-    for lag in (1, 2, 5, 10):
-        # Of an Ornstein-Uhlenbeck process: exp(-lag / time).
-        assert np.corrcoef(x[:-lag], x[lag:])[0, 1] == pytest.approx(np.exp(-0.2 * lag / time), abs=4 / np.sqrt(few))
-    # Gaussian: 4.55 % beyond two standard deviations.
-    assert np.mean(np.abs(x) > 2 * rms) == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / few))
+def test_exploration_has_the_variance_and_the_memory_it_should() -> None:
+    for time in [0.4, 1.0, 3.0]:
+        n, rms = 400_000, 0.15
+        x = exploration(n, ForcingConfig(exploration_time=time), FLOW, np.random.default_rng(3), rms=rms) / LIMIT
+        # Independent samples that tell as much: n (1 - r^2) / (1 + r^2), 27,000 at least; four standard errors.
+        r = np.exp(-0.2 / time)
+        few = n * (1 - r**2) / (1 + r**2)
+        assert x.mean() == pytest.approx(0.0, abs=4 * rms * np.sqrt((1 + r) / (1 - r) / n))
+        assert x.std() == pytest.approx(rms, rel=4 / np.sqrt(2 * few))
+        for lag in (1, 2, 5, 10):
+            # Of an Ornstein-Uhlenbeck process: exp(-lag / time).
+            assert np.corrcoef(x[:-lag], x[lag:])[0, 1] == pytest.approx(
+                np.exp(-0.2 * lag / time), abs=4 / np.sqrt(few)
+            )
+        # Gaussian: 4.55 % beyond two standard deviations.
+        assert np.mean(np.abs(x) > 2 * rms) == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / few))
 
 
 def test_exploration_is_stationary_from_the_first_step_on() -> None:
@@ -122,20 +116,17 @@ def test_no_two_episodes_explore_alike() -> None:
     assert [p.lead for p in many] != [p.lead for p in a_round(episodes=24).plans(2)]
 
 
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
+def test_what_makes_no_sense_is_refused_by_name() -> None:
+    for changes, named in [
         ({"exploration": -0.1}, "exploration = -0.1: must be finite and at least 0"),
         ({"exploration": np.nan}, "exploration = nan"),
         ({"role": "test"}, "role = 'test': must be one of train, controlled"),
         ({"seed": -1}, "seed = -1"),
         ({"episodes": 0}, "episodes = 0"),
         ({"steps": 0}, "steps = 0"),
-    ],
-)
-def test_what_makes_no_sense_is_refused_by_name(changes: dict[str, Any], named: str) -> None:
-    with pytest.raises(ConfigError, match=named):
-        a_round(**changes)
+    ]:
+        with pytest.raises(ConfigError, match=named):
+            a_round(**changes)
 
 
 @pytest.mark.usefixtures("cheap_plant")
@@ -200,15 +191,10 @@ class TestOnACheapPlant:
         found = recorded(tmp_path / "a.h5")
         assert [episode.name for episode in found.with_role("train")] == ["controlled_2_0", "controlled_2_1"]
 
-    @pytest.mark.parametrize("policy", ["integrator", "shipped"])
-    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path, policy: str) -> None:
-        release = load(ROOT / "firmware_sim/data/bundle")
+    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path) -> None:
         # The shipped controller's window takes 32 steps to fill: its plan is stopped as it goes on, too.
-        wanted = a_round(steps=44 if policy == "shipped" else 8)
-        arguments: dict[str, Any] = {
-            "policy": partial(BundlePolicy, release) if policy == "shipped" else Integrator,
-            "block_steps": 11 if policy == "shipped" else 3,
-        }
+        wanted = a_round(steps=44)
+        arguments: dict[str, Any] = {"policy": partial(BundlePolicy, load(BUNDLE)), "block_steps": 11}
         whole = recorded(tmp_path / "whole.h5", wanted, **arguments)
         calls = 0
 
@@ -242,32 +228,6 @@ class TestOnACheapPlant:
         with pytest.raises(Killed):
             recorded(tmp_path / "a.h5", progress=stop)
         assert not equal(recorded(tmp_path / "a.h5"), whole)
-
-    @pytest.mark.slow
-    def test_it_may_be_killed_before_any_change_on_disk(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        recorder.record(tmp_path / "begun.h5", [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
-        begun = (tmp_path / "begun.h5").read_bytes()
-        (tmp_path / "whole.h5").write_bytes(begun)
-        wanted = a_round(episodes=1, steps=5)
-        whole = recorded(tmp_path / "whole.h5", wanted)
-        number, killed = 1, True
-        while killed:
-            output = tmp_path / f"{number}.h5"
-            output.write_bytes(begun)
-            with monkeypatch.context() as patch:
-                kill_before_operation(patch, number)
-                try:
-                    recorded(output, wanted)
-                    killed = False
-                except Killed:
-                    # Old or new, never anything between.
-                    assert output.read_bytes() == begun or equal(read(output), whole)
-            if output.with_name(output.name + ".parts").exists() or output.read_bytes() == begun:
-                recorded(output, wanted)
-            assert equal(read(output), whole), f"killed before operation {number}"
-            assert not output.with_name(output.name + ".parts").exists()
-            number += 1
-        assert number > 15
 
     def test_another_flow_is_refused_before_anything_is_recorded(self, tmp_path: Path) -> None:
         output = tmp_path / "a.h5"

@@ -61,14 +61,14 @@ def test_only_the_same_task_continues_what_was_begun(parts: PartsFolder) -> None
     assert parts.is_owned_by("four")
 
 
-@pytest.mark.parametrize("label", [None, "{", "nonsense"])
-def test_parts_without_a_readable_label_are_refused(parts: PartsFolder, label: str | None) -> None:
-    (parts.path / "episode").mkdir(parents=True)
-    if label is not None:
-        (parts.path / "task.json").write_text(label)
-    assert parts.task() is None
-    with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
-        parts.claim(TASK, "one")
+def test_parts_without_a_readable_label_are_refused(parts: PartsFolder) -> None:
+    for label in [None, "{", "nonsense"]:
+        (parts.path / "episode").mkdir(parents=True, exist_ok=True)
+        if label is not None:
+            (parts.path / "task.json").write_text(label)
+        assert parts.task() is None
+        with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
+            parts.claim(TASK, "one")
 
 
 def test_clearing_leaves_nothing_even_after_a_clearing_that_was_stopped(parts: PartsFolder) -> None:

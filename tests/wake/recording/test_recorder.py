@@ -13,7 +13,7 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording.dataset import Dataset, read
-from tests.wake.recording.killing import Killed, kill_before_operation
+from tests.wake.recording.killing import Killed, equal, kill_before_operation
 from wake.recording import recorder
 from wake.recording.episode_plan import EpisodePlan, paper_plans
 from wake.recording.recorder import record
@@ -34,14 +34,6 @@ def every_plant_is_cheap(cheap_plant: None) -> None:
 def recorded(output: Path, plans: list[EpisodePlan] = PLANS, **arguments: Any) -> Dataset:
     record(output, plans, Config(), block_steps=3, **arguments)
     return read(output)
-
-
-def equal(a: Dataset, b: Dataset) -> bool:
-    return all(
-        np.array_equal(x.series[name], y.series[name])
-        for x, y in zip(a.episodes, b.episodes, strict=True)
-        for name in x.series
-    )
 
 
 def test_samples_follow_the_timing_convention(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wake: TruckWake) -> None:
@@ -74,7 +66,7 @@ def test_provenance_holds_how_each_episode_was_made(tmp_path: Path) -> None:
     assert {"python", "numpy", "numba", "scipy", "stillwake"} <= first["versions"].keys()
 
 
-@pytest.mark.parametrize("done", range(0, 10, 3))
+@pytest.mark.parametrize("done", [0, 6])
 def test_a_stopped_recording_continues_without_a_seam(tmp_path: Path, done: int) -> None:
     stopped = tmp_path / "stopped.h5"
 

@@ -16,9 +16,13 @@ def series(frequency: float, phase: float, count: int) -> tuple[np.ndarray, np.n
 
 
 # A period of 24.2 control steps, never a whole number of samples.
-@pytest.mark.parametrize("phase", np.linspace(0.0, 1.0, 7, endpoint=False))
 @pytest.mark.parametrize("count", [75, 140, 300])
-def test_a_sine_and_its_drag(phase: float, count: int) -> None:
+def test_a_sine_and_its_drag(count: int) -> None:
+    for phase in np.linspace(0.0, 1.0, 7, endpoint=False):
+        _check_a_sine_and_its_drag(phase, count)
+
+
+def _check_a_sine_and_its_drag(phase: float, count: int) -> None:
     frequency = 0.2066
     t, lift = series(frequency, phase, count)
     average = over_cycles(t, 1.05 * lift)
@@ -66,18 +70,18 @@ def test_less_than_a_cycle_is_refused() -> None:
         over_cycles(t, lift)
 
 
-@pytest.mark.parametrize("count", [60, 83, 300])
-def test_the_last_cycles_of_a_known_frequency(count: int) -> None:
+def test_the_last_cycles_of_a_known_frequency() -> None:
     """The mean of a sine over its whole cycles is zero wherever they begin; a transient at the start is left out."""
-    frequency = 0.2
-    t, lift = series(frequency, 0.37, count)
-    average = over_last_cycles(t, frequency)
-    assert average.cycles == int((count - 1) * DT * frequency)
-    assert average.weights.sum() == pytest.approx(1.0, abs=1e-12)
-    assert average.mean(lift) == pytest.approx(0.0, abs=1e-12)
-    assert average.weights[-1] > 0.0
-    left_out = (count - 1) - round(average.cycles / (frequency * DT))
-    assert not average.weights[:left_out].any()
+    for count in [60, 83, 300]:
+        frequency = 0.2
+        t, lift = series(frequency, 0.37, count)
+        average = over_last_cycles(t, frequency)
+        assert average.cycles == int((count - 1) * DT * frequency)
+        assert average.weights.sum() == pytest.approx(1.0, abs=1e-12)
+        assert average.mean(lift) == pytest.approx(0.0, abs=1e-12)
+        assert average.weights[-1] > 0.0
+        left_out = (count - 1) - round(average.cycles / (frequency * DT))
+        assert not average.weights[:left_out].any()
 
 
 def test_a_cycle_of_no_whole_number_of_samples_is_cut_between_them() -> None:
@@ -97,7 +101,7 @@ def test_noise_that_crosses_zero_marks_no_cycles() -> None:
     assert over_last_cycles(t, 0.2).mean(drag) == pytest.approx(0.8, abs=1e-12)
 
 
-@pytest.mark.parametrize("count", [0, 1, 20])
-def test_less_than_a_known_cycle_is_refused(count: int) -> None:
-    with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
-        over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)
+def test_less_than_a_known_cycle_is_refused() -> None:
+    for count in [0, 1, 20]:
+        with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
+            over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)
