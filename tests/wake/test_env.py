@@ -131,14 +131,15 @@ def test_another_start_is_where_the_phases_begin(wake: TruckWake) -> None:
 
 
 def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv) -> None:
-    for options, message in [
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
         ({"phase_steps": 1, "start": None}, "must be one of"),
         ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
         ({"phase_steps": -1}, "phase_steps = -1"),
         ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
         ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
-    ]:
+    ]
+    for options, message in cases:
         with pytest.raises(ConfigError, match=message):
             env.reset(options=options)
 
@@ -150,7 +151,7 @@ def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
 
 
 def test_settings_that_do_not_fit_are_refused() -> None:
-    for settings, message in [
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"sensor_names": ("left_front",)}, "left_front"),
         (
             {"sensor_names": "upper_39"},
@@ -161,7 +162,8 @@ def test_settings_that_do_not_fit_are_refused() -> None:
         ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),
         ({"max_phase_steps": -1}, "max_phase_steps = -1: must be at least 0"),
         ({"render_mode": "human"}, "render_mode = 'human'"),
-    ]:
+    ]
+    for settings, message in cases:
         with pytest.raises(ConfigError, match=message):
             TruckWakeEnv(**settings)
 

@@ -53,7 +53,7 @@ def test_no_two_episodes_are_disturbed_alike() -> None:
 
 
 def test_what_makes_no_sense_is_refused_by_name() -> None:
-    for changes, named in [
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"episodes": 0}, "episodes = 0: must be at least 1"),
         ({"steps": 0}, "steps = 0"),
         ({"seed": -1}, "seed = -1"),
@@ -61,7 +61,8 @@ def test_what_makes_no_sense_is_refused_by_name() -> None:
         ({"largest": 0.0}, "largest amplitude = 0.0"),
         ({"smallest": 0.03}, r"smallest amplitude = 0\.03: must not exceed the largest, 0\.02"),
         ({"role": "test"}, "role = 'test': must be one of train, calm"),
-    ]:
+    ]
+    for changes, named in cases:
         with pytest.raises(ConfigError, match=named):
             CalmRound(**changes)
 

@@ -117,14 +117,15 @@ def test_no_two_episodes_explore_alike() -> None:
 
 
 def test_what_makes_no_sense_is_refused_by_name() -> None:
-    for changes, named in [
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"exploration": -0.1}, "exploration = -0.1: must be finite and at least 0"),
         ({"exploration": np.nan}, "exploration = nan"),
         ({"role": "test"}, "role = 'test': must be one of train, controlled"),
         ({"seed": -1}, "seed = -1"),
         ({"episodes": 0}, "episodes = 0"),
         ({"steps": 0}, "steps = 0"),
-    ]:
+    ]
+    for changes, named in cases:
         with pytest.raises(ConfigError, match=named):
             a_round(**changes)
 

@@ -60,13 +60,14 @@ def test_another_version_of_the_software_made_the_same_recording(output: Path) -
 
 
 def test_another_recording_is_refused_by_what_differs(output: Path) -> None:
-    for plans, changes, named in [
+    cases: list[tuple[tuple[EpisodePlan, ...], dict[str, Any], str]] = [
         ((replace(TRAINING, steps=20), NONE), {}, "episode training_5 has 7 steps, not 20"),
         ((replace(TRAINING, seed=6), NONE), {}, "no episode training_6, but training_5, none_0"),
         ((replace(TRAINING, lead=3), NONE), {}, "episode training_5 has lead_steps = 2, not 3"),
         ((TRAINING,), {}, "it also has episode none_0"),
         (PLANS, {"reynolds": 1000.0}, r"episode training_5 has flow.reynolds = 500.0, not 1000.0"),
-    ]:
+    ]
+    for plans, changes, named in cases:
         before, config = output.read_bytes(), replace(Config(), flow=replace(Config().flow, **changes))
         with pytest.raises(OutputError, match=rf"{named}.*; give --overwrite to replace it, or another name"):
             record(output, plans, config)
