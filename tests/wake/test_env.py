@@ -1,5 +1,6 @@
 import dataclasses
 import warnings
+from typing import Any
 
 import gymnasium
 import numpy as np
