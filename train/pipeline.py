@@ -80,84 +80,61 @@ def train_all(
         StillwakeError: if `output` cannot be written.
     """
     with torch_threads(threads):
-        return _train_all(
-            dataset_path,
-            config,
-            output,
-            progress=progress,
-            device=device,
-            resume=resume,
-            chosen=chosen,
-            threads=threads,
-            notice=notice,
+        where = device_named(device)
+        model_folder.check_free(output)
+        recording = dataset.read(dataset_path)
+        layout = recording.layout
+        # Whatever the later phases would refuse is refused before the first one has cost minutes.
+        _check_selection(config, layout, chosen)
+        refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
+        for line in left_out(recording, config):
+            notice(line)
+        digest = hashlib.sha256(dataset_path.read_bytes()).hexdigest()
+        episodes = trainable(recording, config)
+        scaling = fit_scaling(episodes, layout)
+        train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
+        test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
+        checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen, threads), resume)
+        used = sorted({*unfinished.threads(checkpoints.folder), threads})
+        if len(used) > 1:
+            notice(
+                f"torch's threads were {_listed(n for n in used if n != threads)} and are {threads}: bytes may differ"
+            )
+
+        rows = train_rows.to(where)
+        teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
+        if chosen is None:
+            names, choice = _choice(teacher.encoder, rows, config, checkpoints, progress)
+        else:
+            names, choice = tuple(chosen), SensorChoice(method=GIVEN, order=tuple(chosen))
+        indices = layout.indices(names)
+        slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
+        predictor = None
+        if config.model.is_slimmed:
+            # From the latents that the vehicle's encoder gives, not from the teacher's.
+            latents = encode_all(slim, rows.with_sensors(indices))
+            lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
+            predictor = distil_predictor(
+                lessons, config.model, config.train, progress=progress, checkpoints=checkpoints
+            ).cpu()
+
+        teacher, slim = teacher.cpu(), slim.cpu()
+        trained = TrainedModel(
+            config=config,
+            scaling=scaling,
+            teacher=teacher,
+            slim=slim,
+            predictor=predictor,
+            sensors=names,
+            dataset_sha256=digest,
+            metrics=evaluate_model(teacher, slim, predictor, test_rows, indices),
+            ranking=choice,
+            versions={**_versions(), THREADS: _listed(used)},
+            layout=layout,
         )
-
-
-def _train_all(
-    dataset_path: Path,
-    config: Config,
-    output: Path,
-    *,
-    progress: Progress,
-    device: str,
-    resume: bool,
-    chosen: Sequence[str] | None,
-    threads: int,
-    notice: Callable[[str], None],
-) -> TrainedModel:
-    where = device_named(device)
-    model_folder.check_free(output)
-    recording = dataset.read(dataset_path)
-    layout = recording.layout
-    # Whatever the later phases would refuse is refused before the first one has cost minutes.
-    _check_selection(config, layout, chosen)
-    refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
-    for line in left_out(recording, config):
-        notice(line)
-    digest = hashlib.sha256(dataset_path.read_bytes()).hexdigest()
-    episodes = trainable(recording, config)
-    scaling = fit_scaling(episodes, layout)
-    train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
-    test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
-    checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen, threads), resume)
-    used = sorted({*unfinished.threads(checkpoints.folder), threads})
-    if len(used) > 1:
-        notice(f"torch's threads were {_listed(n for n in used if n != threads)} and are {threads}: bytes may differ")
-
-    rows = train_rows.to(where)
-    teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
-    if chosen is None:
-        names, choice = _choice(teacher.encoder, rows, config, checkpoints, progress)
-    else:
-        names, choice = tuple(chosen), SensorChoice(method=GIVEN, order=tuple(chosen))
-    indices = layout.indices(names)
-    slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
-    predictor = None
-    if config.model.is_slimmed:
-        # From the latents that the vehicle's encoder gives, not from the teacher's.
-        latents = encode_all(slim, rows.with_sensors(indices))
-        lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
-        predictor = distil_predictor(
-            lessons, config.model, config.train, progress=progress, checkpoints=checkpoints
-        ).cpu()
-
-    teacher, slim = teacher.cpu(), slim.cpu()
-    trained = TrainedModel(
-        config=config,
-        scaling=scaling,
-        teacher=teacher,
-        slim=slim,
-        predictor=predictor,
-        sensors=names,
-        dataset_sha256=digest,
-        metrics=evaluate_model(teacher, slim, predictor, test_rows, indices),
-        ranking=choice,
-        versions={**_versions(), THREADS: _listed(used)},
-        layout=layout,
-    )
-    model_store.save(output, trained)
-    shutil.rmtree(checkpoints.folder, ignore_errors=True)
-    return trained
+        model_store.save(output, trained)
+        shutil.rmtree(checkpoints.folder, ignore_errors=True)
+        return trained
 
 
 def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str] | None) -> None:

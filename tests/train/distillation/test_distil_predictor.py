@@ -26,7 +26,7 @@ def test_the_student_rolls_out_as_the_teacher(small_recording: Dataset, small_co
     config = replace(
         small_config,
         model=replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16),
-        train=replace(small_config.train, epochs=20.0, predictor_lessons=8192, predictor_epochs=12.0),
+        train=replace(small_config.train, epochs=20.0, predictor_lessons=4096, predictor_epochs=12.0),
         mpc=replace(small_config.mpc, horizon=10),
     )
     teacher = fit_joint(rows, config)
