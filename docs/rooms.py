@@ -11,6 +11,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from pathlib import Path
 from textwrap import wrap
@@ -51,6 +52,7 @@ class Box:
     bottom: float
 
 
+@cache
 def imports(root: Path) -> dict[tuple[str, str], int]:
     """Numbers of modules by importing and imported room."""
     used: defaultdict[tuple[str, str], set[str]] = defaultdict(set)

@@ -1,5 +1,7 @@
 """Whether a release was made for this flow and this vehicle; a refusal names both values."""
 
+from dataclasses import fields
+
 import numpy as np
 
 from can_bridge.wire.messages import SENSORS
@@ -62,7 +64,7 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def _values(point: OperatingPoint) -> str:
-    return ", ".join(f"{name} {value}" for name, value in vars(point).items())
+    return ", ".join(f"{field.name} {getattr(point, field.name)}" for field in fields(point))
 
 
 def _place(position: Array) -> str:

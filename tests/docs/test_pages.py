@@ -10,7 +10,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import pytest
 import typer
 
 import benchmarks.__main__ as door
@@ -55,52 +54,52 @@ def _commands(page: Path) -> Iterator[list[str]]:
             yield shlex.split(one, comments=True)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=_id)
-def test_links_resolve(page):
-    for link in _LINK.findall(_CODE.sub("", page.read_text(encoding="utf-8"))):
-        if "://" in link:
-            continue
-        path, _, anchor = link.partition("#")
-        target = (page.parent / path).resolve() if path else page
-        assert target.exists(), f"{_id(page)}: no file {link}"
-        assert not anchor or anchor in _anchors(target), f"{_id(page)}: no heading {link}"
+def test_links_resolve():
+    for page in PAGES:
+        for link in _LINK.findall(_CODE.sub("", page.read_text(encoding="utf-8"))):
+            if "://" in link:
+                continue
+            path, _, anchor = link.partition("#")
+            target = (page.parent / path).resolve() if path else page
+            assert target.exists(), f"{_id(page)}: no file {link}"
+            assert not anchor or anchor in _anchors(target), f"{_id(page)}: no heading {link}"
 
 
-@pytest.mark.parametrize("page", NOW, ids=_id)
-def test_named_files_exist(page):
-    for name in _FILE.findall(page.read_text(encoding="utf-8")):
-        if name.split("/")[0] in _OWN and "NAME" not in name:
-            assert list(ROOT.glob(name)), f"{_id(page)}: no {name}"
+def test_named_files_exist():
+    for page in NOW:
+        for name in _FILE.findall(page.read_text(encoding="utf-8")):
+            if name.split("/")[0] in _OWN and "NAME" not in name:
+                assert list(ROOT.glob(name)), f"{_id(page)}: no {name}"
 
 
-@pytest.mark.parametrize("page", NOW, ids=_id)
-def test_named_modules_and_what_they_define_exist(page):
-    for name in _NAME.findall(page.read_text(encoding="utf-8")):
-        path, parts = ROOT, name.split(".")
-        while parts and (path / parts[0]).is_dir():
-            path /= parts.pop(0)
-        if parts and (path / f"{parts[0]}.py").is_file():
-            text = (path / f"{parts.pop(0)}.py").read_text(encoding="utf-8")
-            assert not parts or re.search(rf"^(?:class |def )?{parts[0]}\b", text, re.MULTILINE), (
-                f"{_id(page)}: no {name}"
-            )
-            continue
-        assert not parts, f"{_id(page)}: no {name}"
+def test_named_modules_and_what_they_define_exist():
+    for page in NOW:
+        for name in _NAME.findall(page.read_text(encoding="utf-8")):
+            path, parts = ROOT, name.split(".")
+            while parts and (path / parts[0]).is_dir():
+                path /= parts.pop(0)
+            if parts and (path / f"{parts[0]}.py").is_file():
+                text = (path / f"{parts.pop(0)}.py").read_text(encoding="utf-8")
+                assert not parts or re.search(rf"^(?:class |def )?{parts[0]}\b", text, re.MULTILINE), (
+                    f"{_id(page)}: no {name}"
+                )
+                continue
+            assert not parts, f"{_id(page)}: no {name}"
 
 
-@pytest.mark.parametrize("page", NOW, ids=_id)
-def test_named_commands_exist(page):
+def test_named_commands_exist():
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
-    for words in _commands(page):
-        if words[0] == "make":
-            # A word with = sets a variable.
-            assert {word for word in words[1:] if "=" not in word} <= targets, f"{_id(page)}: {shlex.join(words)}"
-            continue
-        options, rest = _found(words)
-        known = options | {"--help"}
-        given = {word for word in rest if word.startswith("--")}
-        assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
-        load_config(None, [word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word])
+    for page in NOW:
+        for words in _commands(page):
+            if words[0] == "make":
+                # A word with = sets a variable.
+                assert {word for word in words[1:] if "=" not in word} <= targets, f"{_id(page)}: {shlex.join(words)}"
+                continue
+            options, rest = _found(words)
+            known = options | {"--help"}
+            given = {word for word in rest if word.startswith("--")}
+            assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
+            load_config(None, [word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word])
 
 
 def test_the_installs_carry_what_the_project_declares():
@@ -117,13 +116,6 @@ def test_every_page_is_in_the_index():
     index = ROOT / "docs" / "README.md"
     linked = {(index.parent / link.partition("#")[0]).resolve() for link in _LINK.findall(index.read_text())}
     assert linked >= {page for page in PAGES if page.is_relative_to(index.parent) and page != index}
-
-
-@pytest.mark.parametrize("page", [page for page in NOW if page.parent != ROOT], ids=_id)
-def test_a_page_names_its_reader_first(page):
-    if page.name != "README.md":
-        _, first = page.read_text(encoding="utf-8").split("\n\n")[:2]
-        assert first.startswith("For "), f"{_id(page)}: begin with whom the page is for"
 
 
 @cache
