@@ -6,30 +6,22 @@ import pytest
 import torch
 
 from contract.config.tree import Config
-from contract.recording.dataset import Dataset
 from train.distillation.distil import encode_all
 from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import rollout_starts
 from train.distillation.lessons import teach
-from train.fitting.fit import fit_joint
 from train.networks.model import Predictor
-from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling
 
 
 @pytest.mark.slow
-def test_the_student_rolls_out_as_the_teacher(small_recording: Dataset, small_config: Config) -> None:
-    episodes = small_recording.with_role("train")
-    scaling = fit_scaling(episodes)
-    rows = prepare(episodes, scaling, mirrored=True)
-    test = prepare(small_recording.with_role("test"), scaling, mirrored=False)
+def test_the_student_rolls_out_as_the_teacher(fitted, small_config: Config) -> None:
+    teacher, scaling, rows, test = fitted.model, fitted.scaling, fitted.rows, fitted.unseen
     config = replace(
         small_config,
         model=replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16),
-        train=replace(small_config.train, epochs=20.0, predictor_lessons=4096, predictor_epochs=12.0),
+        train=replace(small_config.train, predictor_lessons=4096, predictor_epochs=6.0),
         mpc=replace(small_config.mpc, horizon=10),
     )
-    teacher = fit_joint(rows, config)
     before = [parameter.clone() for parameter in teacher.parameters()]
     latents = encode_all(teacher.encoder, rows)
     lessons = teach(teacher, latents, rows, scaling, config)

@@ -19,8 +19,7 @@ from train.fitting.checkpoint import Identity
 from train.fitting.fit import Checkpoints, device_named, fit_joint, seeded
 from train.fitting.progress import Phase
 from train.networks.model import WakeModel
-from train.samples.rows import Rows, prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import Rows
 
 pytestmark = pytest.mark.slow  # networks are trained
 
@@ -47,11 +46,8 @@ def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
 
 
 @pytest.mark.slow
-def test_it_predicts_unseen_forcing(make_episode, small_config: Config) -> None:
-    training = [make_episode("waveform", "train", 600, 1), make_episode("none", "train", 100, 2, forced=False)]
-    scaling = fit_scaling(training)
-    model = fit_joint(prepare(training, scaling, mirrored=True), trained(small_config, epochs=40.0))
-    test = prepare([make_episode("chirp", "test", 300, 3)], scaling, mirrored=False)
+def test_it_predicts_unseen_forcing(fitted) -> None:
+    model, test = fitted.model, fitted.unseen
     metrics = evaluate(model.encoder, model, test)
     # measured: R2 0.987 and 0.996; at 25 steps L1/sigma 0.25 and 0.19
     assert metrics.drag.r2 > 0.95
