@@ -21,6 +21,7 @@ from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
+from tests.each import each
 from tests.examples import examples
 
 pytestmark = pytest.mark.slow  # a library is compiled for each size
@@ -73,7 +74,7 @@ def small() -> tuple[ControllerProgram, CController]:
     return program, in_c(program)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each("seed", range(8))
 def test_random_nets_of_odd_sizes(seed):
     program = odd_sized_program(seed)
     check_lowering(program, in_c(program), "C library", random_windows(program, 8, seed=seed))

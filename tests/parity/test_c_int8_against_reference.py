@@ -26,6 +26,7 @@ from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
+from tests.each import each
 from tests.examples import examples
 
 HORIZON = 8
@@ -63,7 +64,7 @@ def small() -> tuple[ControllerProgram, CController]:
     return rounded.program, in_integers(rounded)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@each("seed", range(6))
 def test_random_nets_of_odd_sizes(seed):
     rng = np.random.default_rng([seed, 4])
     model = ModelConfig(
@@ -107,7 +108,7 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, w
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
 
 
-@pytest.mark.parametrize("dynamics_width", [3, 13, 70, 128])
+@each("dynamics_width", [3, 13, 70, 128])
 def test_avx2_computes_what_plain_c_does(dynamics_width):
     """Integers, and floats in the same order, so to the bit."""
     processor = Path("/proc/cpuinfo")

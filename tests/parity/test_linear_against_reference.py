@@ -17,6 +17,7 @@ from export.to_c.linear_library import linear_c_library
 from export.to_onnx.linear_step import build_linear_controller
 from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
+from tests.each import each
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07", "base_3", "base_6")
 SIZES = ((1, 2, 2), (2, 64, 25), (3, 7, 9), (4, 12, 31))
@@ -39,7 +40,7 @@ def in_c(program: LinearProgram) -> CController:
     return CController(linear_c_library(program), program.sizes, flags=FAST_BUILD)
 
 
-@pytest.mark.parametrize("seed", range(len(SIZES)))
+@each("seed", range(len(SIZES)))
 def test_the_graph_computes_the_reference(seed):
     program = program_of(seed)
     graph = build_linear_controller(program).SerializeToString()
@@ -48,7 +49,7 @@ def test_the_graph_computes_the_reference(seed):
 
 
 @pytest.mark.compiler
-@pytest.mark.parametrize("seed", range(len(SIZES)))
+@each("seed", range(len(SIZES)))
 def test_the_library_computes_the_reference(seed):
     program = program_of(seed)
     check_lowering(program, in_c(program), "C library", random_windows(program, 10, seed=seed))

@@ -26,6 +26,7 @@ from export.reference.mpc import control_step
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
+from tests.each import each
 
 MODEL = ModelConfig(window=7, latent=4, lstm_width=6, dynamics_width=22, decoder_width=10)
 PAIRS = [1, 0, 3, 2]
@@ -114,7 +115,7 @@ def assert_mirrored(
         assert np.abs(one.plan).max() > 1e-3
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_reference(seed):
     program = symmetric_program(seed)
     assert_mirrored(program, partial(control_step, program), 1e-9, 1e-9)

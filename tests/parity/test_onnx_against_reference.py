@@ -19,6 +19,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
+from tests.each import each
 
 pytestmark = pytest.mark.slow  # seconds of graphs built and run, one for each size
 
@@ -43,8 +44,8 @@ def small_program(seed: int) -> ControllerProgram:
     return random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.2)))
 
 
-@pytest.mark.parametrize("precision", ["float32", "int8"])
-@pytest.mark.parametrize("seed", range(10))
+@each("precision", ["float32", "int8"])
+@each("seed", range(10))
 def test_random_small_nets(seed, precision):
     program = small_program(seed)
     lowered = rounded_to_nearest(program) if precision == "int8" else program
@@ -52,7 +53,7 @@ def test_random_small_nets(seed, precision):
     check_parity(effective(lowered), model, random_windows(program, 6, seed=seed))
 
 
-@pytest.mark.parametrize("precision", ["float32", "int8"])
+@each("precision", ["float32", "int8"])
 def test_paper_size(precision):
     program = random_program(11)
     lowered = rounded_to_nearest(program) if precision == "int8" else program

@@ -20,6 +20,7 @@ from export.program.random_program import random_program, random_window
 from export.reference.cost import cost_gradient
 from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
 from export.reference.mpc import control_step, gradient
+from tests.each import each
 
 pytestmark = pytest.mark.slow  # seconds of whole control steps by autograd
 
@@ -66,23 +67,21 @@ def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
     assert found.cost == pytest.approx(expected_cost, abs=TOLERANCE)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@each("seed", range(40))
 def test_control_step_of_random_small_nets(seed):
     program = small_program(seed)
     for case in control_cases(program, count=3, seed=seed):
         assert_same_step(program, case)
 
 
-@pytest.mark.parametrize(
-    "mpc", [MpcConfig(), MpcConfig(horizon=40, iterations=3, learning_rate=5e-3)], ids=["paper", "longer"]
-)
+@each("mpc", [MpcConfig(), MpcConfig(horizon=40, iterations=3, learning_rate=5e-3)])
 def test_control_step_at_paper_size(mpc):
     program = random_program(100, mpc=mpc)
     for case in control_cases(program, count=2, seed=7):
         assert_same_step(program, case)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@each("seed", range(10))
 def test_encoder_matches_torch_lstm(seed):
     program = small_program(seed)
     window = random_window(program, np.random.default_rng(seed))
@@ -90,7 +89,7 @@ def test_encoder_matches_torch_lstm(seed):
     np.testing.assert_allclose(encode(program, window), expected, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@each("seed", range(10))
 def test_gradient_matches_autograd(seed):
     program = small_program(seed)
     rng = np.random.default_rng(seed)

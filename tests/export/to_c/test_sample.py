@@ -10,6 +10,7 @@ from contract.controller.c_folder import COMPILE_FLAGS
 from contract.errors import LibraryError
 from firmware_sim.in_c.compiler import host_compiler
 from stillwake.parts.c_samples import main
+from tests.each import each
 
 SOURCES = Path(str(files("export.to_c").joinpath("sources")))
 SAMPLES = "../../../../build/c"
@@ -39,17 +40,13 @@ def flags_of(folder: Path) -> list[str]:
     return (folder / COMPILE_FLAGS).read_text().split()
 
 
-@pytest.mark.parametrize("kind", ["float32", "int8", "linear"])
+@each("kind", ["float32", "int8", "linear"])
 def test_a_sample_is_parsed_by_its_flags(samples, kind):
     parse(samples / kind, flags_of(samples / kind))
 
 
-@pytest.mark.parametrize("folder", ["common", "networks", "float32", "int8", "linear"])
+@each("folder", ["common", "networks", "float32", "int8", "linear"])
 def test_the_sources_are_parsed_in_place(samples, folder):
     flags = flags_of(SOURCES / folder)
     assert any(SAMPLES in flag for flag in flags)
     parse(SOURCES / folder, [flag.replace(SAMPLES, str(samples)) for flag in flags])
-
-
-def test_a_sample_can_be_written_again(samples):
-    main(samples)

@@ -105,19 +105,6 @@ def test_the_seed_decides_and_nothing_else():
     assert first.frames != other.frames
 
 
-def test_each_draws_from_a_sequence_of_its_own():
-    """The noise is the same with a disturbance behind it."""
-    alone, beside = Run("noise:level=0.5"), Run("noise:level=0.5", "wire_errors:bit_error_rate=0.0005")
-    np.testing.assert_array_equal(alone.read()[:10], beside.read()[:10])
-
-
-def test_what_ends_leaves_nothing_behind(calm):
-    """Before control is requested the oscillator knows nothing of it."""
-    ended = Run("noise:level=2@0..0.1", "swap:sensors=base_0+base_9@0..0.1", "operating_point:speed=30@0..0.1")
-    np.testing.assert_array_equal(ended.read()[5:10], calm.read()[5:10])
-    assert ended.acted == [5, 5, 5]
-
-
 # Transducers.
 
 

@@ -22,6 +22,7 @@ from contract.controller.calibration import NAMES, WEIGHTS, Calibration
 from contract.errors import ConfigError
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu
+from tests.each import each
 from tests.examples import examples
 from tests.firmware_sim.conftest import RecordingController, make_bundle
 
@@ -60,8 +61,8 @@ def numbered(recording_controller):
     return recording_controller(lambda i: 0.0016 * (next(counter) % 40))
 
 
-@pytest.mark.parametrize("delay", [0, 2])
-@pytest.mark.parametrize("plan_ahead", [False, True])
+@each("delay", [0, 2])
+@each("plan_ahead", [False, True])
 def test_the_releases_own_values_change_no_bit(bench_of, recording_controller, delay, plan_ahead):
     """Also where the calibration is rounded to float32, as over the bus: 0.075 and 0.1 are no float32."""
     settings = {"delay_steps": delay, "plan_ahead": plan_ahead}
@@ -142,8 +143,8 @@ def test_a_narrower_range_bounds_the_very_next_command(bench_of, recording_contr
     assert back == pytest.approx([LIMIT, LIMIT], abs=QUANTUM)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
+@each(
+    "changes, message",
     [
         ({"action_limit": 1.001 * LIMIT}, "action_limit = 0.075075: must be in 0.00375..0.075"),
         ({"action_limit": 0.0}, "action_limit = 0"),
@@ -156,7 +157,8 @@ def test_a_narrower_range_bounds_the_very_next_command(bench_of, recording_contr
         ({"lift": float("nan")}, "lift"),
     ],
 )
-def test_values_out_of_the_limits_are_refused_and_change_nothing(bench, changes, message):
+def test_values_out_of_the_limits_are_refused_and_change_nothing(bench_of, changes, message):
+    bench = bench_of()
     bench.into_control()
     before = bench.ecu
     with pytest.raises(ConfigError, match=message):
@@ -209,8 +211,8 @@ def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, rec
     assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
 
 
-@pytest.mark.parametrize("plan_ahead", [False, True])
-@pytest.mark.parametrize(("before", "after"), [(0, 1), (1, 0), (0, 3), (3, 0), (2, 1)])
+@each("plan_ahead", [False, True])
+@each("before, after", [(0, 1), (1, 0), (0, 3), (3, 0), (2, 1)])
 def test_another_delay_settles_what_is_under_way_by_it(bench_of, recording_controller, before, after, plan_ahead):
     controller = numbered(recording_controller)
     bench = bench_of(controller, delay_steps=before, plan_ahead=plan_ahead)

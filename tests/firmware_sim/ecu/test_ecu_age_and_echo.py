@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from can_bridge.command_gate import Intervention
@@ -36,32 +35,6 @@ def test_pressures_are_planned_on_for_a_period_and_a_half(bench, in_queue, age_m
     assert bench.status.reason is (Reason.NONE if usable else Reason.STALE)
     assert len(bench.controller.calls) - calls == usable
     assert bench.status.missed - missed == (not usable)
-
-
-@pytest.mark.parametrize("in_queue", [True, False])
-def test_a_stream_that_is_always_late_ends_in_a_fault_that_says_so(bench, in_queue):
-    full = bench.into_control().flow_m2_per_s
-    found = []
-    for _ in range(8):
-        command = bench.step(aged(bench, 90.0, in_queue))
-        found.append((command.mode, command.enable, round(command.flow_m2_per_s / full, 3), bench.status.reason))
-    stale = Reason.STALE
-    shut = [(Mode.FAULT, False, 0.0, stale)] * 5
-    assert found == [
-        (Mode.HOLD, True, 1.0, stale),
-        (Mode.DECAY, True, 0.5, stale),
-        (Mode.DECAY, True, 0.25, stale),
-        *shut,
-    ]
-    assert bench.status.missed == 9  # the first frame of all was not yet trusted
-
-
-def test_stale_pressures_do_not_enter_the_window(bench):
-    bench.into_control()
-    bench.step(aged(bench, 35.0, True, (3.0,) * 4))
-    bench.step(bench.pressure((0.5,) * 4))
-    rows = bench.controller.calls[-1][0][:, 0]
-    np.testing.assert_allclose(rows, [0.1, 0.1, 0.1, 0.5], atol=1e-3)
 
 
 def test_pressures_of_the_future_are_stale(bench):
@@ -117,21 +90,3 @@ def test_while_a_command_is_held_the_echo_is_of_the_frame_behind_it(bench):
     # No frame is behind a command of zero that comes of none.
     assert bench.step().pressure_counter is None
     assert bench.step().pressure_counter is None
-
-
-def test_a_frame_refused_behind_the_one_used_is_not_echoed(bench):
-    bench.into_control()
-    used = bench.pressure()
-    bench.sender.state = SenderState(counter=bench.sender.state.counter + 50)
-    command = bench.step(used, bench.pressure())
-    assert (command.mode, command.pressure_counter) == (Mode.CONTROL, used.data[2])
-
-
-def test_the_echo_comes_back_with_the_pressures_while_a_fault_is_latched(bench):
-    bench.into_control()
-    for _ in range(6):
-        bench.step()
-    assert bench.good(1)[0].pressure_counter is None  # the stream is not trusted yet
-    frame = bench.pressure()
-    command = bench.step(frame)
-    assert (command.mode, command.enable, command.pressure_counter) == (Mode.FAULT, False, frame.data[2])

@@ -1,13 +1,12 @@
 """Clocks that stand, jump and go back, steps that come late or early, and a CAN controller that was bus-off."""
 
-import pytest
-
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire import codec
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
+from tests.each import each
 
 MS = 1_000_000
 SHUT = (Mode.FAULT, False, 0.0)
@@ -32,8 +31,9 @@ def step_after(bench, elapsed_ns: int, *, fresh: bool = True):
     return bench.step(bench.pressure()) if fresh else bench.step()
 
 
-@pytest.mark.parametrize("back_ns", [0, 1, 200 * MS, 10**10, 11 * 24 * 3600 * 10**9])
-def test_a_clock_that_stands_or_goes_back_shuts_the_jets_and_latches(bench, back_ns):
+@each("back_ns", [0, 1, 200 * MS, 10**10, 11 * 24 * 3600 * 10**9])
+def test_a_clock_that_stands_or_goes_back_shuts_the_jets_and_latches(bench_of, back_ns):
+    bench = bench_of()
     bench.now_ns = 10**16
     bench.into_control()
     assert seen(step_after(bench, -back_ns)) == SHUT
@@ -45,22 +45,7 @@ def test_a_clock_that_stands_or_goes_back_shuts_the_jets_and_latches(bench, back
     assert bench.good(1)[0].mode is Mode.CONTROL
 
 
-def test_steps_at_one_instant_do_not_move_the_jets(bench_of, recording_controller):
-    bench = bench_of(swinging(recording_controller))
-    bench.into_control()
-    assert [seen(step_after(bench, 0)) for _ in range(6)] == [SHUT] * 6
-
-
-def test_rows_of_a_wrong_clock_do_not_stay_in_the_window(bench_of):
-    bench = bench_of(rearm_frames=1)
-    bench.into_control()
-    step_after(bench, 0)
-    modes = [command.mode for command in [*bench.good(1, enable=False), *bench.good(3)]]
-    # The third of these fills the window of four; the first row is of the step at which the clock was wrong.
-    assert modes == [Mode.FAULT, Mode.WARMUP, Mode.CONTROL, Mode.CONTROL]
-
-
-@pytest.mark.parametrize("elapsed_ms", [1, 5, 9, 10, 15])
+@each("elapsed_ms", [1, 5, 9, 10, 15])
 def test_steps_too_often_do_not_slew_faster_and_end_as_a_wrong_clock(bench_of, recording_controller, elapsed_ms):
     bench = bench_of(swinging(recording_controller))
     bench.into_control()
@@ -74,16 +59,6 @@ def test_steps_too_often_do_not_slew_faster_and_end_as_a_wrong_clock(bench_of, r
         found.append(command.mode)
     assert found[-1] is Mode.FAULT
     assert bench.status.reason is Reason.CLOCK
-
-
-def test_a_clock_set_forward_shuts_the_jets_and_latches(bench):
-    for jump_ns in (100 * MS, 10**9, 1311 * 10**9, 10**17):
-        bench.good(1, enable=False)
-        bench.good(8)
-        bench.good(1, enable=False)
-        assert bench.good(1)[0].mode is Mode.CONTROL
-        assert seen(step_after(bench, jump_ns)) == SHUT
-        assert bench.status.reason is Reason.DEADLINE
 
 
 def test_a_jump_of_the_clock_costs_no_more_rows_than_the_gap_that_is_bridged(bench, monkeypatch):
@@ -103,45 +78,6 @@ def test_a_jump_of_the_clock_costs_no_more_rows_than_the_gap_that_is_bridged(ben
     assert bench.status.overruns == 0xFFFF
 
 
-@pytest.mark.parametrize("now_ns", [-1, -(10**18)])
-def test_a_time_before_zero_is_a_wrong_clock_and_no_exception(bench, now_ns):
-    bench.into_control()
-    frame = bench.pressure()
-    bench.now_ns = now_ns
-    assert seen(bench.step(frame)) == SHUT
-    assert bench.status.reason is Reason.CLOCK
-    bench.now_ns = 10**15
-    bench.good(5, enable=False)
-    assert bench.good(2)[-1].mode is Mode.CONTROL
-
-
-def test_a_thousand_frames_in_one_step(bench):
-    bench.into_control()
-    command = bench.step(*[bench.pressure() for _ in range(1024)])
-    assert (command.mode, command.pressure_counter) == (Mode.CONTROL, (4 + 1024) % 256)
-
-
-@pytest.mark.parametrize("pattern", [(2,), (3, 3, 1), (2, 2, 1), (2, 1)])
-def test_an_ecu_late_again_and_again_switches_itself_off(bench, pattern):
-    bench.into_control()
-    modes = []
-    for periods in (pattern * 10)[:10]:
-        modes.append(bench.step(bench.pressure(), periods=periods).mode)
-    late = [k + 1 for k, periods in enumerate((pattern * 10)[:9]) if periods > 1]
-    assert [mode is Mode.FAULT for mode in modes] == [k >= late[2] for k in range(10)]
-    assert bench.status.reason is Reason.DEADLINE
-
-
-def test_periods_of_almost_one_and_a_half_are_seen(bench):
-    bench.into_control()
-    for _ in range(20):
-        command = step_after(bench, 29_900_000)
-    assert command.mode is Mode.FAULT
-    assert bench.status.reason is Reason.DEADLINE
-    # Half a period each, added up, but for what is forgotten.
-    assert 8 <= bench.status.overruns <= 10
-
-
 def step_with(bench, health: BusHealth, *frames):
     answers = bench.ecu.step(bench.now_ns, frames, health)
     bench.now_ns += bench.config.period_ns
@@ -155,9 +91,10 @@ OFF_NOW = BusHealth(state=BusState.BUS_OFF, tx_errors=256, bus_off=1)
 RECOVERED = BusHealth(bus_off=1)
 
 
-@pytest.mark.parametrize("unseen", [True, False])
-def test_after_bus_off_the_jets_stay_shut_until_the_request_is_raised_anew(bench, unseen):
+@each("unseen", [True, False])
+def test_after_bus_off_the_jets_stay_shut_until_the_request_is_raised_anew(bench_of, unseen):
     """Whether the ECU stepped while it was bus-off, or only finds that it has been."""
+    bench = bench_of()
     bench.into_control()
     for _ in range(1 if unseen else 3):
         health = RECOVERED if unseen else OFF_NOW

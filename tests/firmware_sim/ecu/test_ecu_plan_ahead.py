@@ -1,10 +1,10 @@
 """An ECU that plans for the next period: what is settled, what it sends, and that a delay adds to it."""
 
 import numpy as np
-import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
+from tests.each import each
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
@@ -16,7 +16,7 @@ def numbered(recording_controller):
     return recording_controller(lambda i: 0.0016 * (next(counter) % 40))
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@each("delay", [0, 1, 3])
 def test_the_action_in_force_is_settled_and_the_one_after_it_is_sent(bench_of, recording_controller, delay):
     controller = numbered(recording_controller)
     bench = bench_of(controller, plan_ahead=True, delay_steps=delay)

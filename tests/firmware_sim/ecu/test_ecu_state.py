@@ -15,6 +15,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.controller.interface import ControllerError, ControlStep
 from firmware_sim.ecu.ecu import Ecu, StepOutcome
 from firmware_sim.ecu.ecu_state import EcuState
+from tests.each import each
 
 
 class Mixing:
@@ -82,8 +83,8 @@ def identical(one: StepOutcome, other: StepOutcome) -> bool:
     return (one.state, one.frames, forces[0], vars(rest[0])) == (other.state, other.frames, forces[1], vars(rest[1]))
 
 
-@pytest.mark.parametrize("delay", [0, 2])
-@pytest.mark.parametrize("saved", [copy.deepcopy, lambda state: pickle.loads(pickle.dumps(state))])
+@each("delay", [0, 2])
+@each("saved", [copy.deepcopy, lambda state: pickle.loads(pickle.dumps(state))])
 def test_restored_at_any_step_it_sends_the_rest_of_the_episode(bench_of, saved, delay):
     bench = bench_of(Mixing(), delay_steps=delay, deadline_misses=2)
     steps = recorded(bench.ecu, periods_of(bench, EPISODE))
@@ -118,19 +119,6 @@ def test_a_step_is_a_function_of_state_time_and_frames(bench_of, events, delay):
     assert other.state == bench_of(Mixing(), delay_steps=delay).ecu.state
 
 
-def test_states_differ_where_anything_differs(bench_of):
-    bench = bench_of(Mixing())
-    steps = recorded(bench.ecu, periods_of(bench, EPISODE))
-    for k, step in enumerate(steps):
-        assert all(step.state_after != other.state_after for other in steps[:k])
-    one, other = bench_of(Mixing()), bench_of(Mixing())
-    assert one.ecu.state == other.ecu.state
-    one.good(3)
-    assert one.ecu.state != other.ecu.state
-    other.good(3)
-    assert one.ecu.state == other.ecu.state
-
-
 def test_a_hand_over_after_a_long_silence_is_one_of_any_longer_silence(bench_of):
     """Counters apart, nothing is left of what was before."""
     after = []
@@ -144,8 +132,8 @@ def test_a_hand_over_after_a_long_silence_is_one_of_any_longer_silence(bench_of)
     assert after[1].overruns - after[0].overruns == 50_000 - 8
 
 
-@pytest.mark.parametrize(
-    ("bundle", "settings", "named"),
+@each(
+    "bundle, settings, named",
     [
         ({"window": 6}, {}, r"= \(6, 4, 5, 0\): this ECU has \(4, 4, 5, 0\)"),
         ({}, {"delay_steps": 1}, r"= \(4, 4, 5, 1\): this ECU has \(4, 4, 5, 0\)"),

@@ -13,10 +13,11 @@ from contract.sensors import TRUCK
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.fit import check_flow, check_sensors, check_vehicle
+from tests.each import each
 
 
-@pytest.mark.parametrize(
-    ("changes", "named"),
+@each(
+    "changes, named",
     [
         ({"control_period": 0.1}, r"'small' was built for another control period: 0\.1, the flow has 0\.2"),
         ({"action_limit": 0.05}, r"'small' was built for another action limit: 0\.05, the flow has 0\.075"),
@@ -28,8 +29,8 @@ def test_a_bundle_for_another_flow_is_refused(bundle_of, changes, named):
         check_flow(bundle_of(**changes), FlowConfig())
 
 
-@pytest.mark.parametrize(
-    ("bundle_changes", "config", "named"),
+@each(
+    "bundle_changes, config, named",
     [
         ({"operating_point": OperatingPoint(speed=20.0)}, Config(), "operating point.*20.0.*25.0"),
         ({"control_period": 0.1}, Config(), "control period: 0.1, the vehicle has 0.2"),
@@ -75,9 +76,3 @@ def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
     check_sensors(built_for_it, SHORTER)
     with pytest.raises(BundleError, match=r"sensor base_0 lies at \(5, 0\.\d+\), on this plant at \(7\.647, "):
         check_sensors(built_for_it, TRUCK)
-
-
-def test_a_sensor_that_the_plant_lacks_is_named(bundle_of):
-    few = layout_of(BodyConfig(sensors_per_side=10))
-    with pytest.raises(BundleError, match="'small' is of another plant: unknown sensor 'upper_39'"):
-        check_sensors(bundle_of(), few)

@@ -2,13 +2,10 @@
 
 from dataclasses import replace
 
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
+from tests.each import each
 
 ARMED = FailSafe(mode=OperatingMode.ARMED, enable_request=False)
 """Control may be requested at any time."""
@@ -48,8 +45,8 @@ def modes(state: FailSafe, events: str, config: EcuConfig | None = None) -> str:
     return found
 
 
-@pytest.mark.parametrize(
-    ("hold", "decay", "events", "expected"),
+@each(
+    "hold, decay, events, expected",
     [
         (1, 2, "GxxxxxG", "CHDDFFF"),
         (0, 0, "GxxG", "CFFF"),
@@ -67,8 +64,8 @@ def test_misses_hold_decay_and_latch(hold, decay, events, expected):
     assert modes(ARMED, events, config) == expected
 
 
-@pytest.mark.parametrize(
-    ("events", "expected"),
+@each(
+    "events, expected",
     [
         ("GGGGGGGG", "FFFFFFFF"),  # good frames alone do not
         ("gGgGgG", "FFFFFC"),  # an edge, and it is the fifth frame or later
@@ -97,7 +94,7 @@ def test_a_fault_of_the_ecu_itself_latches_before_the_frames_of_the_period_count
     assert (state.mode, state.reason, state.good) == (OperatingMode.FAULT, Reason.DEADLINE, 1)
 
 
-@pytest.mark.parametrize("rearm", [1, 2])
+@each("rearm", [1, 2])
 def test_an_edge_in_a_period_with_a_fault_is_spent(rearm):
     config = EcuConfig(rearm_frames=rearm)
     assert modes(after(ON, "g"), "TGGgG", config) == "FFFFC"
@@ -117,8 +114,8 @@ def test_a_request_that_is_low_when_a_fault_begins_must_be_seen_low_again():
     assert modes(after(ON, "g").next(replace(lost, enable_request=False), config), "G", config) == "C"
 
 
-@pytest.mark.parametrize(
-    ("events", "expected"),
+@each(
+    "events, expected",
     [
         ("GGGGGGGG", "OOOOOOOO"),  # a request that stands at power-on may be of the time before a fault
         ("GGGGgGG", "OOOOOCC"),
@@ -145,8 +142,8 @@ def test_a_stream_that_is_not_trusted_latches_at_once():
         assert (state.mode, state.reason) == (OperatingMode.HOLD, reason)
 
 
-@pytest.mark.parametrize(
-    ("pattern", "latches_at"),
+@each(
+    "pattern, latches_at",
     [
         # Lost so far is what the pattern says, the twenty-fifth of it latches.
         ("Gxxx", 33),
@@ -205,7 +202,7 @@ def written(state: FailSafe, **changes) -> FailSafe:
     return state.next(PeriodInputs(**{**inputs, "updating": True, **changes}), EcuConfig())
 
 
-@pytest.mark.parametrize("mode", OperatingMode)
+@each("mode", OperatingMode)
 def test_an_update_begins_where_no_jet_may_run_and_ends_with_a_reset_alone(mode):
     state = written(FailSafe(mode=mode, reason=Reason.DEADLINE), enable_request=None)
     assert (state.mode is OperatingMode.UPDATE) != mode.drives_jets
@@ -227,42 +224,3 @@ def test_the_first_cause_is_kept_while_latched():
     assert after(state, "ggggG").reason is Reason.NONE
     assert after(ON, "x", reason=Reason.STREAM_INVALID).reason is Reason.STREAM_INVALID
     assert after(ON, "xi").reason is Reason.NONE
-
-
-def test_another_fault_latches_at_once_and_counts_good_frames_from_there():
-    state = ON.latch(Reason.INTERNAL)
-    assert (state.mode, state.reason) == (OperatingMode.FAULT, Reason.INTERNAL)
-    assert modes(state, "gGggG") == "FFFFC"
-
-
-EVENTS = st.lists(st.sampled_from("GGGggxxiIL"), max_size=60)  # L: latched by something else
-
-
-@given(EVENTS, st.integers(0, 2), st.integers(0, 2), st.integers(1, 4))
-def test_every_history_keeps_the_rules(events, hold, decay, rearm):
-    config = EcuConfig(hold_periods=hold, decay_periods=decay, rearm_frames=rearm)
-    state, request, in_a_row, missed = ARMED, False, 0, 0
-    for event in events:
-        if event == "L":
-            state, in_a_row = state.latch(Reason.INTERNAL), 0
-            continue
-        before, requested = state, request
-        state = after(state, event, config)
-        request = requested if event == "x" else event.isupper()
-        in_a_row, missed = (in_a_row + 1, 0) if event in "Gg" else (0, missed + 1)
-        mode = state.mode
-        if before.mode is OperatingMode.FAULT and state.mode is not OperatingMode.FAULT:
-            assert event == "G"
-            assert not requested
-            assert in_a_row >= rearm
-        if request and missed > hold + decay:
-            assert mode is OperatingMode.FAULT
-        if mode is OperatingMode.ACTIVE:
-            assert request
-            assert missed == 0
-        if mode in (OperatingMode.HOLD, OperatingMode.DECAY):
-            assert request
-            assert 1 <= missed <= hold + decay
-            assert (mode is OperatingMode.HOLD) == (missed <= hold)
-            assert state.reason is Reason.STREAM_LOST
-        assert (state.reason is Reason.NONE) or mode in (OperatingMode.HOLD, OperatingMode.DECAY, OperatingMode.FAULT)

@@ -4,12 +4,11 @@ from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
-import pytest
-
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu import state_machine
 from firmware_sim.ecu.state_machine import ALWAYS, TRANSITIONS, FailSafe, OperatingMode, PeriodInputs, Transition
+from tests.each import each
 
 SHORT_HOLD = EcuConfig(hold_periods=1, decay_periods=1, rearm_frames=3, loss_window=4, loss_limit=4)
 LONG_HOLD = EcuConfig(hold_periods=3, decay_periods=3, rearm_frames=3, loss_window=4, loss_limit=3)
@@ -83,11 +82,7 @@ def reached(config: EcuConfig) -> list[Step]:
 HAPPENED = [step for config in (SHORT_HOLD, LONG_HOLD, *OTHERS) for step in reached(config)]
 
 
-def name(row: Transition) -> str:
-    return f"{TRANSITIONS.index(row) + 1}-{row.to.name}"
-
-
-@pytest.mark.parametrize("row", TRANSITIONS, ids=name)
+@each("row", TRANSITIONS)
 def test_every_row_is_reached_from_each_of_its_states_and_leads_where_it_says(row):
     mine = [step for step in HAPPENED if step.row is row]
     assert {step.before.mode for step in mine} == row.start
@@ -129,7 +124,7 @@ def periods_until(mode: OperatingMode, state: FailSafe, config: EcuConfig, event
     raise AssertionError(f"{mode} is not reached")
 
 
-@pytest.mark.parametrize("formula", sorted({row.within for row in TRANSITIONS} - {"1"}))
+@each("formula", sorted({row.within for row in TRANSITIONS} - {"1"}))
 def test_a_row_with_a_count_reacts_in_exactly_the_periods_that_it_states(formula):
     mode, config, events = STATED[formula]
     expected = eval(formula, {}, vars(config))
@@ -141,39 +136,8 @@ def test_a_row_with_a_count_reacts_in_exactly_the_periods_that_it_states(formula
     assert periods_until(mode, start, config, events) == expected
 
 
-@pytest.mark.parametrize("row", [row for row in TRANSITIONS if row.within == "1"], ids=name)
+@each("row", [row for row in TRANSITIONS if row.within == "1"])
 def test_every_other_row_needs_no_more_than_the_period_that_has_its_cause(row):
     """Nothing has been counted before it: the period before was in order, or there was none with pressures."""
     mine = [step for step in HAPPENED if step.row is row and step.before.lost == 0]
     assert any(step.before.misses == 0 or step.before.mode is OperatingMode.INIT for step in mine)
-
-
-def test_losses_are_borne_up_to_the_limit_and_not_one_further():
-    """(m, k)-firm: 24 of any 50 periods may be lost, whatever their order, as long as no more than 3 are in a row."""
-    config = EcuConfig()
-    assert (config.loss_limit, config.loss_window, config.hold_periods + config.decay_periods) == (25, 50, 3)
-    borne = "GGGGxxxGxxxGxxxGxxxGxxxGxxxGxxxGxxxGGGGGGGGGGGGGGG"
-    borne = (borne + "G" * 50)[:50]
-    assert borne.count("x") == 24
-    state = FailSafe(mode=OperatingMode.ACTIVE, good=9)
-    for number, event in enumerate(borne * 20):
-        state = state.next(LOST if event == "x" else GOOD, config)
-        assert state.mode is not OperatingMode.FAULT, number
-    # One more in any window of 50.
-    one_more = borne[:2] + "x" + borne[3:]
-    state, story = FailSafe(mode=OperatingMode.ACTIVE, good=9), ""
-    for event in one_more:
-        state = state.next(LOST if event == "x" else GOOD, config)
-        story += event
-        assert (state.mode is OperatingMode.FAULT) == (story.count("x") >= 25)
-        if state.mode is OperatingMode.FAULT:
-            break
-    assert state.mode is OperatingMode.FAULT
-    assert state.reason is Reason.STREAM_LOST
-    # Losses 50 periods apart are not judged together.
-    state = FailSafe(mode=OperatingMode.ACTIVE, good=9)
-    for event in "x" + "Gx" * 24 + "GGx" + "Gx":
-        state = state.next(LOST if event == "x" else GOOD, config)
-        if event == "x":
-            last = state.mode
-    assert last is OperatingMode.FAULT

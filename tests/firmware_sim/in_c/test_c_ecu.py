@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
 from contract.config.vehicle import BusConfig, EcuConfig
@@ -18,6 +17,7 @@ from firmware_sim.in_c.c_settings import ecu_settings
 from firmware_sim.in_c.c_structs import differing
 from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
+from tests.each import each
 from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Exported, Feed, exported
 
 try:
@@ -90,13 +90,6 @@ def test_its_surroundings_reach_it(c, python, health, fault, updating):
     assert c.trace.mode is (Mode.OFF if updating else Mode.FAULT)
 
 
-@pytest.mark.parametrize("now_ns", [-1, -(2**70), 2**63 - 1, 2**70])
-def test_a_time_that_c_has_no_room_for_is_a_fault_of_the_clock(c, now_ns):
-    c.step(1_000_000, [])
-    c.step(now_ns, [])
-    assert (c.trace.mode, c.state.fail_safe.reason) == (Mode.FAULT, Reason.CLOCK)
-
-
 def test_it_goes_on_from_a_state_in_bytes_and_from_one_of_the_ecu_in_python(c, python, sources):
     feed = Feed()
     for now_ns, frames in feed.periods(INTO_CONTROL, damaged=(5,)):
@@ -161,7 +154,7 @@ def test_what_c_cannot_do_is_refused(release):
         ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)))
 
 
-@pytest.mark.parametrize(("plan_ahead", "most"), [(True, 14), (False, 15)])
+@each("plan_ahead, most", [(True, 14), (False, 15)])
 def test_the_longest_delay_is_named_as_it_is(release, plan_ahead, most):
     manifest = release.bundle.manifest
     longer = replace(release.bundle, manifest=replace(manifest, mpc=replace(manifest.mpc, horizon=25)))
@@ -193,24 +186,6 @@ def test_the_check_is_off_where_the_release_has_no_estimator(release):
     assert b"#define SW_SENSOR_CHECK 0\n" in found[ECU_SETTINGS]
 
 
-def test_a_header_without_its_sources_does_not_load(sources):
-    with pytest.raises(LibraryError) as raised:
-        CEcu({name: text for name, text in sources.items() if name != "sw_gate.c"}, flags=FLAGS)
-    assert str(raised.value) == "the compiled library does not load: its sources lack sw_gate; export it anew"
-
-
-def test_padding_of_its_surroundings_does_not_reach_its_state(c, sources):
-    """States are compared as bytes, and padding of what the caller assigns may hold anything."""
-    ffi, other = c.structs.ffi, CEcu(sources, flags=FLAGS)
-    ffi.buffer(ffi.addressof(c.ecu.surroundings))[:] = b"\xff" * ffi.sizeof("sw_surroundings")
-    for now_ns, frames in Feed().periods(2):
-        c.step(now_ns, frames)
-        other.step(now_ns, frames)
-    # What is not padding was written anew.
-    assert c.ecu.surroundings.health.rx_errors == 0
-    assert c.saved() == other.saved()
-
-
 def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, python):
     """As its header says: the same memory for both, and NULL without frames."""
     ffi = c.structs.ffi
@@ -232,21 +207,9 @@ UNFIT = {
 }
 
 
-@pytest.mark.parametrize("flag", UNFIT.values(), ids=UNFIT)
+@each("flag", UNFIT.values())
 def test_arithmetic_in_which_its_decisions_would_differ_is_refused(sources, flag):
     name = flag.removeprefix("-D").partition("=")[0]
     undefined = (f"-U{name}",) if flag.startswith("-D") else ()
     with pytest.raises(LibraryError, match="#error"):
         CEcu(sources, flags=(*FLAGS, *undefined, flag))
-
-
-def test_frames_that_are_no_pressures_go_past_it(c, python):
-    """Of both formats and lengths, and more than a period brings."""
-    other = [
-        Frame(frame_id=0x123, data=bytes(64)),
-        Frame(frame_id=0x1ABCDEF, data=b"", is_fd=False, is_extended=True),
-        Frame(frame_id=0, data=bytes(8), is_fd=False, timestamp_ns=2**70),
-    ]
-    for now_ns, frames in Feed().periods(3):
-        assert c.step(now_ns, other * 50 + frames) == python.step(now_ns, other * 50 + frames)
-        assert differing(c.state, python.state) == []

@@ -3,7 +3,6 @@
 import re
 
 import numpy as np
-import pytest
 
 from can_bridge.e2e.receiver import Check, E2eReceiver
 from can_bridge.wire.frame import Frame
@@ -12,6 +11,7 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from firmware_sim.in_c.c_examples import ASKED_FROM, MOST_PERIODS, played_pressures
+from tests.each import each
 
 ROWS = np.random.default_rng(0).normal(scale=0.5, size=(MOST_PERIODS + 9, 5))
 
@@ -23,7 +23,7 @@ def frames_of(rows: Array, config: Config) -> list[Frame]:
     return [Frame(frame_id=spec.frame_id, data=item, is_fd=spec.is_fd) for item in data]
 
 
-@pytest.mark.parametrize("frames", ["fd", "classic"])
+@each("frames", ["fd", "classic"])
 def test_each_row_is_a_sound_frame_with_its_pressures(frames):
     config = Config(bus=BusConfig(frames=frames))
     messages = message_set(config.bus)

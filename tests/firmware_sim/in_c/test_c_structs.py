@@ -13,6 +13,7 @@ from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.in_c.c_ecu import ecu_sources
 from firmware_sim.in_c.c_structs import Structs, differing, flattened
 from firmware_sim.in_c.compiler import compile_c, host_compiler
+from tests.each import each
 from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, exported
 
 try:
@@ -103,7 +104,7 @@ def some_state(start: EcuState, seed: int) -> EcuState:
     )
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
 def test_a_state_is_the_same_after_a_stay_in_c(structs, start, seed):
     state = some_state(start, seed)
     place = structs.ffi.new("sw_ecu_state *")
@@ -119,8 +120,8 @@ def _alike(one: object, other: object) -> bool:
     return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("member", "value", "name"),
+@each(
+    "member, value, name",
     [
         ("memory.window[3][4]", 1e-300, "memory.window"),
         ("memory.plan[7]", 1e-30, "memory.plan"),

@@ -5,7 +5,6 @@ resolution comes on top: two actions on either side of a rounding boundary part 
 """
 
 import html
-import importlib.util
 import json
 import shutil
 from dataclasses import dataclass, fields
@@ -215,20 +214,6 @@ def test_an_altered_header_is_refused(whole, tmp_path, old, new, said):
     (folder / "sw_settings.h").write_text(header.replace(old, new))
     with pytest.raises(LibraryError, match=said):
         open_library(folder, whole.bundle)
-
-
-def test_without_a_compiler_the_line_says_so(whole, monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
-        open_library(whole.folder, whole.bundle)
-
-
-def test_a_compiler_that_does_not_run_is_named(whole, monkeypatch):
-    monkeypatch.setenv("CC", "/nowhere/gcc")
-    with pytest.raises(LibraryError, match="/nowhere/gcc: No such file"):
-        open_library(whole.folder, whole.bundle)
 
 
 def test_sources_that_do_not_compile_are_one_line(whole, tmp_path):

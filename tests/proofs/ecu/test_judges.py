@@ -18,6 +18,7 @@ from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.pressure_reception import PressureReception
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from firmware_sim.ecu.timing import Timing
+from tests.each import each
 from tests.proofs.ecu import hostile
 from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
 from tests.proofs.ecu.promises import PROMISES
@@ -67,14 +68,14 @@ def broken_in(world: World, story: list[Events]) -> set[str]:
     return {name for events in [*CALM, *story] for name in world.period(events)}
 
 
-@pytest.mark.parametrize("story", STORIES)
+@each("story", STORIES)
 def test_no_story_breaks_anything_as_it_is(story):
     for settings in hostile.SETTINGS.values():
         assert broken_in(World(Config(ecu=settings)), STORIES[story]) == set()
 
 
-@pytest.mark.parametrize("settings", hostile.SETTINGS)
-@pytest.mark.parametrize("hostility", [0.0, 0.03, 0.3])
+@each("settings", hostile.SETTINGS)
+@each("hostility", [0.0, 0.03, 0.3])
 def test_nothing_is_broken_as_it_is(settings, hostility):
     world = World(Config(ecu=hostile.SETTINGS[settings]))
     assert broken_first(world, 1, 300, hostility) == set()
@@ -102,7 +103,7 @@ LAX = [
 ]
 
 
-@pytest.mark.parametrize("lax", LAX, ids=lambda lax: lax.promise)
+@each("lax", LAX)
 def test_a_lax_setting_is_found(lax):
     assert lax.promise in broken_in(World(lax.config, judged_by=CONFIG), STORIES[lax.promise])
 

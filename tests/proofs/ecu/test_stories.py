@@ -9,6 +9,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
+from tests.each import each
 from tests.proofs.ecu.hostile_controller import BAD, GOOD
 from tests.proofs.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, RandomEvents, World
 
@@ -91,7 +92,7 @@ def test_no_story_that_hypothesis_finds_breaks_a_promise():
     run_state_machine_as_test(HostilePeriods, settings=settings(max_examples=25, stateful_step_count=20, deadline=None))
 
 
-@pytest.mark.parametrize("hostility", [0.01, 0.3])
+@each("hostility", [0.01, 0.3])
 def test_a_calm_and_a_hostile_while_break_nothing(hostility):
     world, events = World(Config()), RandomEvents(1, hostility)
     for _ in range(200):
@@ -134,7 +135,7 @@ def test_the_world_leads_everywhere():
     assert found >= EVERYTHING, EVERYTHING - found
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
 def test_a_reset_under_a_standing_request_drives_nothing_until_it_is_raised_anew(seed):
     world = World(Config())
     for k in range(12):

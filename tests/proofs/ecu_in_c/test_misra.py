@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.each import each
 from tests.proofs.ecu_in_c import misra
 from tests.proofs.ecu_in_c.library import ecu_files, sources
 from tests.proofs.ecu_in_c.variants import VARIANTS
@@ -38,7 +39,7 @@ def test_each_has_a_reason_and_a_file():
         assert len(reason) > 20, rule
 
 
-@pytest.mark.parametrize("rule", ["15.1", "7.1", "21.3", "17.2"])
+@each("rule", ["15.1", "7.1", "21.3", "17.2"])
 def test_a_violation_that_is_planted_is_found(gate, rule):
     before, contents = gate
     old, new = PLANTED[rule]

@@ -14,6 +14,7 @@ from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
+from tests.each import each
 from tests.examples import examples
 from tests.proofs.ecu_in_c import campaign
 from tests.proofs.ecu_in_c.edges import Edges
@@ -41,8 +42,8 @@ def library(tmp_path_factory):
     return get
 
 
-@pytest.mark.parametrize("seed", ["0", "1"])
-@pytest.mark.parametrize("name", VARIANTS)
+@each("seed", ["0", "1"])
+@each("name", VARIANTS)
 def test_both_ecus_live_through_the_same_periods_alike(library, name, seed):
     found = campaign.stretch(library(name), name, seed, PERIODS)
     assert found.mismatch is None, str(found.mismatch)
@@ -209,7 +210,7 @@ class BothEcus(RuleBasedStateMachine):
         self.restarts = True
 
 
-@pytest.mark.parametrize("name", ["quick to doubt", "late actuator, long windows"])
+@each("name", ["quick to doubt", "late actuator, long windows"])
 def test_both_ecus_make_the_same_of_whatever_comes(library, name):
     machine: Any = type("Both", (BothEcus,), {"library": library(name), "name": name})
     test = machine.TestCase

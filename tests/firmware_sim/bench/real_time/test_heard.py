@@ -1,11 +1,10 @@
 """What is said when no usable command comes."""
 
-import pytest
-
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
 from firmware_sim.bench.real_time.heard import Heard, line
+from tests.each import each
 
 
 def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
@@ -17,8 +16,8 @@ def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     return line(heard, messages, reasons, seconds=1.0)
 
 
-@pytest.mark.parametrize(
-    ("messages", "ids", "rejected", "expected"),
+@each(
+    "messages, ids, rejected, expected",
     [
         (FD, {}, {}, "nothing at all is heard; no ECU on this bus, or it is another bus.channel"),
         # Its own frames, which some interfaces hear again, are nothing.
@@ -41,10 +40,3 @@ def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, exp
     assert text.startswith(f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: ")
     assert expected in text
     assert "\n" not in text
-
-
-def test_a_bus_full_of_identifiers_takes_little_memory() -> None:
-    heard = Heard()
-    for number in range(5000):
-        heard.add([Frame(frame_id=number % 0x800, data=bytes(number // 0x800), is_fd=False)])
-    assert len(heard.frames) <= 1000

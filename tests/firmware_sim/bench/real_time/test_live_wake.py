@@ -84,14 +84,6 @@ def test_a_process_that_dies_is_an_error_and_no_wait(start: Path) -> None:
                 live.sampled()
 
 
-def test_a_stop_of_the_whole_group_leaves_it_to_the_vehicle(start: Path) -> None:
-    with LiveWake(COARSE, start) as live:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            os.kill(live._process.pid or 0, number)
-        live.drive(0.0)
-        next_pressures(live)
-
-
 def test_what_is_wrong_with_the_flow_is_said_here(start: Path, tmp_path: Path) -> None:
     with pytest.raises(PlantError, match="not a flow state"):
         LiveWake(COARSE, tmp_path / "missing.npz")

@@ -18,7 +18,7 @@ from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, VehicleConfig
-from contract.errors import BusError, ConfigError, StillwakeError
+from contract.errors import BusError, ConfigError
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
 from firmware_sim.ecu.ecu import Ecu
@@ -199,9 +199,3 @@ def test_a_bus_that_fails_is_an_error(replay) -> None:
     bus = Broken.open(BUS)
     with bus, pytest.raises(BusError, match="CAN reception ended: no such device"):
         run_vehicle(bus, NAMES, replay, CONFIG, course())
-
-
-def test_stage_times_that_cannot_be_written_are_an_error(replay, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("", encoding="ascii")
-    with PythonCanBus.open(BUS) as bus, pytest.raises(StillwakeError, match=r"file"):
-        run_vehicle(bus, NAMES, replay, CONFIG, course(periods=3, stage_times=tmp_path / "file" / "times.npz"))

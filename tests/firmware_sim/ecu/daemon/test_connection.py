@@ -81,17 +81,6 @@ def virtual() -> tuple[list[can.BusABC], Connection]:
     return opened, Connection(opens, lambda frame: None, first_pause_s=0.01)
 
 
-def test_each_loss_counts_as_one_bus_off():
-    opened, connection = virtual()
-    with connection:
-        for losses in (1, 2, 3):
-            opened[-1].shutdown()
-            assert isinstance(changed(connection), Lost)
-            assert connection.health().bus_off == losses
-            assert isinstance(changed(connection), Back)
-            assert connection.health().bus_off == losses
-
-
 def test_a_bus_that_cannot_be_opened_at_the_start_is_an_error():
     connection = Connection(lambda: PythonCanBus.open(BusConfig(interface="socketcan", channel="no0")), print)
     with pytest.raises(BusError, match="socketcan 'no0'"), connection:

@@ -17,7 +17,6 @@ from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from firmware_sim.ecu.daemon.control_side import ControlSide
 from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
-from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time import clock
 from tests.firmware_sim.ecu.daemon.conftest import wait_for
@@ -121,13 +120,6 @@ def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(t
         control.step(clock.now_ns(), [])
         assert control.state.commands.counter == 1
         assert tester.ask(b"\x22\xf1\x86") == b"\x62\xf1\x86\x01"
-
-
-def test_more_frames_than_one_look_takes_are_looked_at_in_portions(tmp_path: Path) -> None:
-    with served(tmp_path) as (_, tester):
-        for _ in range(2 * MOST_FRAMES):
-            tester.thread.put(Frame(frame_id=REQUEST_ID, data=b"\x30\x00\x00" + bytes(5)))
-        assert tester.ask(b"\x22\xf1\x8c") == b"\x62\xf1\x8c42"
 
 
 def test_what_ends_the_thread_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

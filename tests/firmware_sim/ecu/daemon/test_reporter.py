@@ -1,6 +1,5 @@
 """What is told of the ECU, and what comes of it where nothing can be written."""
 
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -41,15 +40,6 @@ def test_everything_is_told_in_order_before_it_ends():
     assert lines == [f"a: {number}" for number in range(100)]
 
 
-def test_telling_does_not_wait_for_a_log_that_does_not_move():
-    moves = threading.Event()
-    with Reporter(lambda line: moves.wait(PATIENCE_S), by_name, bundle="") as reporter:
-        for _ in range(1000):
-            reporter.tell("a", "b")
-        # Here only because none of them waited for the first.
-        moves.set()
-
-
 def test_a_full_disk_under_the_log_costs_lines_and_nothing_else(tmp_path: Path, counters: Counters):
     metrics = tmp_path / "ecu.prom"
     with open("/dev/full", "w") as full:
@@ -85,12 +75,6 @@ def test_a_file_of_counters_that_cannot_be_written_is_told_once_and_once_when_it
     assert [line.split(": ")[0] for line in lines] == ["metrics_failed", "metrics_written"]
     assert "cannot write" in lines[0]
     assert [path.name for path in folder.iterdir()] == ["ecu.prom"]
-
-
-def test_the_last_counters_are_those_in_the_file(tmp_path, counters):
-    with Reporter(lambda line: None, by_name, bundle="", metrics=tmp_path / "ecu.prom") as reporter:
-        reporter.counters = replace(counters, steps=12345)
-    assert "stillwake_ecu_steps_total 12345\n" in (tmp_path / "ecu.prom").read_text()
 
 
 def test_what_happens_every_period_is_a_line_an_interval(counters):

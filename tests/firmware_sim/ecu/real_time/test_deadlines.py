@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.ecu.real_time.deadlines import LARGEST_SLEW, REMEMBERED, Arrivals, Deadlines, wrapped
+from tests.each import each
 from tests.examples import examples
 
 PERIOD = 20_000_000
@@ -21,8 +22,8 @@ def test_work_that_is_done_in_time_leaves_the_deadlines_a_period_apart():
     assert deadlines.left_out == 0
 
 
-@pytest.mark.parametrize(
-    ("took", "grace", "left_out"),
+@each(
+    "took, grace, left_out",
     [
         (PERIOD, 0, 0),
         (PERIOD + 1, 0, 1),
@@ -107,7 +108,7 @@ def test_nothing_is_expected_before_enough_has_been_seen_nor_after_forgetting():
     assert arrivals.forgotten().expected_ns is None
 
 
-@pytest.mark.parametrize("wrong", [{"period_ns": 0}, {"grace_ns": PERIOD}, {"grace_ns": -1}])
+@each("wrong", [{"period_ns": 0}, {"grace_ns": PERIOD}, {"grace_ns": -1}])
 def test_what_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValueError, match="_ns = "):
         Deadlines(**({"period_ns": PERIOD, "due_ns": 0} | wrong))

@@ -2,10 +2,9 @@
 
 from threading import Thread
 
-import pytest
-
 from can_bridge.wire.frame import Frame
 from firmware_sim.ecu.real_time.inbox import Inbox
+from tests.each import each
 
 
 def frame(number: int = 0) -> Frame:
@@ -45,7 +44,7 @@ def test_a_flood_costs_the_oldest_and_is_counted() -> None:
     assert numbers(inbox.before(1)) == list(range(7, 107))
 
 
-@pytest.mark.parametrize("room", [2, 10_000])
+@each("room", [2, 10_000])
 def test_between_two_threads_every_frame_is_taken_or_counted(room: int) -> None:
     """With little room it is full again and again, while the loop empties it."""
     inbox, taken = Inbox(lambda item: 0, room=room), list[Frame]()

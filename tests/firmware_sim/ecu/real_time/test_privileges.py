@@ -8,10 +8,9 @@ import resource
 import threading
 from pathlib import Path
 
-import pytest
-
 from firmware_sim.ecu.real_time import privileges
-from firmware_sim.ecu.real_time.privileges import Privilege, Wanted, in_words, stay_ordinary, step_back, taken
+from firmware_sim.ecu.real_time.privileges import Privilege, Wanted, in_words, step_back, taken
+from tests.each import each
 
 
 def locked_kib() -> int:
@@ -47,7 +46,7 @@ def test_what_is_said_to_be_granted_is_and_all_is_given_back():
     assert state() == before
 
 
-@pytest.mark.parametrize("priority", [0, 5])
+@each("priority", [0, 5])
 def test_a_thread_that_steps_back_is_below_the_one_that_started_it(priority):
     found = []
 
@@ -61,25 +60,6 @@ def test_a_thread_that_steps_back_is_below_the_one_that_started_it(priority):
         thread.join()
     has_priority = Privilege(f"SCHED_FIFO {priority}", granted=True) in privileges
     assert found == [(os.SCHED_FIFO, 1) if has_priority else (os.SCHED_OTHER, 0)]
-
-
-def test_a_thread_that_stays_ordinary_does_not_inherit_the_priority():
-    policies = []
-
-    def look() -> None:
-        stay_ordinary()
-        policies.append(os.sched_getscheduler(0))
-
-    with taken(Wanted(priority=1, lock_memory=False)):
-        thread = threading.Thread(target=look)
-        thread.start()
-        thread.join()
-    assert policies == [os.SCHED_OTHER]
-
-
-def test_what_is_not_wanted_is_not_asked_for():
-    with taken(Wanted(priority=0, processor=None, lock_memory=False, without_collector=False)) as found:
-        assert [item.what for item in found] == ["timer slack 1 ns"]
 
 
 def test_a_refusal_says_why(monkeypatch):
@@ -110,15 +90,3 @@ def test_under_a_limit_what_comes_later_is_not_locked(monkeypatch):
     with taken(Wanted(priority=0, without_collector=False)):
         pass
     assert [item for item in calls if item[0] == "mlockall"] == [("mlockall", 1)]
-
-
-@pytest.mark.parametrize(
-    ("found", "line"),
-    [
-        ([], "none"),
-        ([Privilege("a", granted=True), Privilege("b", granted=True)], "a, b"),
-        ([Privilege("a", granted=True), Privilege("b", granted=False, why="no")], "a; not granted: b (no)"),
-    ],
-)
-def test_they_are_told_in_one_line(found, line):
-    assert in_words(found) == line

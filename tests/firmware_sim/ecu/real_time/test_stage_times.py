@@ -5,6 +5,7 @@ import pytest
 
 from contract.errors import StillwakeError
 from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes, VehicleStage, load
+from tests.each import each
 
 
 def test_what_was_noted_is_read_back_and_the_rest_is_nothing(tmp_path):
@@ -38,13 +39,7 @@ def test_columns_bear_the_names_that_others_read_them_by(tmp_path):
         assert file["rows"].shape == (0, 8)
 
 
-def test_a_vehicle_s_blank_row_has_no_counters():
-    table = StageTimes(VehicleStage, periods=1)
-    table.begin()
-    assert table.rows().tolist() == [[0, 0, 0, 0, NOTHING, 0, NOTHING, 0]]
-
-
-@pytest.mark.parametrize("periods", [1, 3, 4, 7, 8, 9])
+@each("periods", [1, 3, 4, 7, 8, 9])
 def test_a_full_table_keeps_the_newest(periods):
     table = StageTimes(VehicleStage, periods=4)
     for period in range(periods):
@@ -65,14 +60,3 @@ def test_another_file_is_refused(tmp_path):
     for name in ("vehicle.npz", "text.npz", "floats.npz", "none.npz"):
         with pytest.raises(StillwakeError, match=name):
             load(tmp_path / name, EcuStage)
-
-
-def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StillwakeError, match="cannot write"):
-        StageTimes(EcuStage, periods=1).save(tmp_path / "file" / "ecu.npz")
-
-
-def test_no_periods_are_refused():
-    with pytest.raises(ValueError, match="periods = 0"):
-        StageTimes(EcuStage, periods=0)
