@@ -68,13 +68,10 @@ def module(text) -> Block:
     return read(text).one("PROJECT").one("MODULE")
 
 
-def test_it_is_plain_text_of_version_1_71(text):
+def test_it_is_plain_text_of_version_1_71(text, module):
     assert text.isascii()
     assert read(text).words == ["ASAP2_VERSION", "1", "71"]
     assert max(map(len, text.splitlines())) <= 132
-
-
-def test_names_are_escaped(module):
     assert module.one("MOD_PAR").after("VERSION") == r'"truck \"wake\"\\4.1????"'
 
 
@@ -105,10 +102,8 @@ def test_limits_and_units(module):
     assert conversions["action_limit"] == conversions["command_step"] == '"U_inf W"'
     assert conversions["delay_steps"] == '"control periods"'
     assert {conversions[name] for name in NAMES[:7]} == {'""'}
-
-
-def test_every_value_is_in_one_group(module):
-    assert [name for block in module.all("GROUP") for name in block.one("REF_CHARACTERISTIC").words] == list(NAMES)
+    groups = [name for block in module.all("GROUP") for name in block.one("REF_CHARACTERISTIC").words]
+    assert groups == list(NAMES)
 
 
 def test_the_segment_and_its_pages(module):
@@ -124,7 +119,7 @@ def test_the_segment_and_its_pages(module):
     }
 
 
-def test_how_a_tool_reaches_the_ecu(module, slave):
+def test_how_a_tool_reaches_the_ecu(module, slave, segment):
     interface = module.one("IF_DATA")
     can = interface.one("XCP_ON_CAN")
     assert (can.after("CAN_ID_MASTER"), can.after("CAN_ID_SLAVE")) == ("0x7d0", "0x7d8")
@@ -137,11 +132,8 @@ def test_how_a_tool_reaches_the_ecu(module, slave):
     announced = {Command[protocol[i + 1]] for i, word in enumerate(protocol) if word == "OPTIONAL_CMD"}
     for command in announced:
         assert slave.command(0, bytes([command]) + bytes(7)) != [b"\xfe\x20"]
-
-
-def test_classic_can_has_no_part_of_can_fd(segment):
-    module = read(a2l_text(segment, release="r", data_bitrate=None)).one("PROJECT").one("MODULE")
-    assert module.one("IF_DATA").one("XCP_ON_CAN").blocks == []
+    classic = read(a2l_text(segment, release="r", data_bitrate=None)).one("PROJECT").one("MODULE")
+    assert classic.one("IF_DATA").one("XCP_ON_CAN").blocks == []
 
 
 @pytest.mark.processes

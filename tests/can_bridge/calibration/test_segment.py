@@ -21,26 +21,15 @@ def float_bytes(value: float) -> bytes:
     return struct.pack("<f", value)
 
 
-def test_nothing_is_pending_at_first(segment):
+def test_values_are_taken_together_and_once(segment):
     assert segment.working is REFERENCE
-    assert not segment.is_pending
-    assert segment.take() is None
-
-
-def test_a_value_is_taken_once(segment):
-    segment.write(OFFSETS["effort"], float_bytes(0.5))
-    assert segment.is_pending
-    taken = segment.take()
-    assert taken.weights.effort == 0.5
-    assert (taken.weights.smoothness, taken.delay_steps) == (8.0, 1)
-    assert segment.take() is None
-
-
-def test_several_writes_are_taken_together(segment):
+    assert not segment.is_pending and segment.take() is None
     segment.write(OFFSETS["effort"], float_bytes(0.5))
     segment.write(OFFSETS["delay_steps"], (3).to_bytes(4, "little"))
+    assert segment.is_pending
     taken = segment.take()
-    assert (taken.weights.effort, taken.delay_steps) == (0.5, 3)
+    assert (taken.weights.effort, taken.weights.smoothness, taken.delay_steps) == (0.5, 8.0, 3)
+    assert segment.take() is None
 
 
 def test_half_of_a_value_waits_for_the_rest(segment):
@@ -61,11 +50,12 @@ def test_half_of_a_value_is_dropped_when_its_rest_is_refused(segment):
         segment.write(OFFSETS["effort"] + 2, float_bytes(2.0)[2:])
 
 
-@pytest.mark.parametrize("to_reference", [Segment.revert, Segment.copy_reference])
-def test_half_of_a_value_is_dropped_with_the_working_page(segment, to_reference):
-    segment.write(OFFSETS["effort"], b"\x01\x02")
-    to_reference(segment)
-    assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+def test_half_of_a_value_is_dropped_with_the_working_page():
+    for to_reference in (Segment.revert, Segment.copy_reference):
+        segment = Segment(REFERENCE, LIMITS)
+        segment.write(OFFSETS["effort"], b"\x01\x02")
+        to_reference(segment)
+        assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack(), to_reference
 
 
 def test_half_of_a_value_is_dropped_by_a_write_elsewhere(segment):
@@ -96,25 +86,26 @@ def test_the_whole_set_may_come_in_pieces_and_only_whole_values_are_taken(weight
     assert segment.in_force.pack() == raw
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_value_out_of_its_limits_is_refused_and_nothing_changes(segment, name):
-    too_great = (7).to_bytes(4, "little") if name == "delay_steps" else float_bytes(1000.001)
-    with pytest.raises(ConfigError, match=f"calibration: {name} = .*: must be in 0"):
-        segment.write(OFFSETS[name], too_great)
-    assert segment.working is REFERENCE
-
-
-@pytest.mark.parametrize("value", [nan, inf, -inf, -1.0, -1e-30])
-def test_what_is_no_weight_is_refused(segment, value):
-    with pytest.raises(ConfigError):
-        segment.write(OFFSETS["drag_mean"], float_bytes(value))
-    assert segment.working is REFERENCE
-
-
-def test_a_write_is_refused_as_a_whole(segment):
-    with pytest.raises(ConfigError):
-        segment.write(OFFSETS["effort"], float_bytes(1.0) + float_bytes(-1.0))
-    assert segment.working is REFERENCE
+def test_what_is_not_allowed_is_refused_as_a_whole(segment):
+    for name in NAMES:
+        too_great = (7).to_bytes(4, "little") if name == "delay_steps" else float_bytes(1000.001)
+        with pytest.raises(ConfigError, match=f"calibration: {name} = .*: must be in 0"):
+            segment.write(OFFSETS[name], too_great)
+        assert segment.working is REFERENCE, name
+    for value in (nan, inf, -inf, -1.0, -1e-30):
+        with pytest.raises(ConfigError):
+            segment.write(OFFSETS["drag_mean"], float_bytes(value))
+        with pytest.raises(ConfigError):
+            segment.write(OFFSETS["effort"], float_bytes(1.0) + float_bytes(value))
+        assert segment.working is REFERENCE, value
+    for offset, length in ((-1, 1), (40, 1), (37, 4), (0, 41), (0, -1)):
+        with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
+            segment.read(Page.WORKING, offset, length)
+        if length > 0:
+            with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
+                segment.write(offset, bytes(length))
+    with pytest.raises(ConfigError, match=r"action_limit = 0\.08"):
+        Segment(changed(action_limit=0.08), LIMITS)
 
 
 def test_a_limit_may_be_reached_though_it_is_no_float32_and_is_not_passed(segment):
@@ -136,6 +127,7 @@ def test_the_releases_own_values_come_back_as_they_were(segment):
 
 
 def test_set_and_revert(segment):
+    segment.select(Page.REFERENCE)
     segment.set(changed(effort=0.25))
     assert segment.take().weights.effort == 0.25
     segment.select(Page.REFERENCE)
@@ -143,12 +135,13 @@ def test_set_and_revert(segment):
     assert segment.take() is REFERENCE
     assert segment.page is Page.WORKING
     assert segment.reference is REFERENCE
-    with pytest.raises(ConfigError, match="delay_steps = 7"):
-        segment.set(changed(delay_steps=7))
-    with pytest.raises(ConfigError, match="no place in its 4 bytes"):
-        segment.set(changed(delay_steps=-1))
-    with pytest.raises(ConfigError, match="no place in its 4 bytes"):
-        segment.set(changed(effort=1e300))
+    for values, message in (
+        ({"delay_steps": 7}, "delay_steps = 7"),
+        ({"delay_steps": -1}, "no place in its 4 bytes"),
+        ({"effort": 1e300}, "no place in its 4 bytes"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            segment.set(changed(**values))
     assert segment.in_force is REFERENCE
 
 
@@ -163,26 +156,6 @@ def test_the_page_in_force_is_selected(segment):
     taken = segment.take()
     assert (taken.weights.effort, taken.weights.rate) == (0.5, 0.5)
     assert segment.read(Page.REFERENCE, 0, 40) == REFERENCE.pack()
-
-
-def test_a_set_puts_the_working_page_in_force(segment):
-    segment.select(Page.REFERENCE)
-    segment.set(changed(effort=0.5))
-    assert segment.take().weights.effort == 0.5
-
-
-@pytest.mark.parametrize(("offset", "length"), [(-1, 1), (40, 1), (37, 4), (0, 41), (0, -1)])
-def test_what_lies_outside_is_refused(segment, offset, length):
-    with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
-        segment.read(Page.WORKING, offset, length)
-    if length > 0:
-        with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
-            segment.write(offset, bytes(length))
-
-
-def test_a_reference_out_of_the_limits_is_refused():
-    with pytest.raises(ConfigError, match=r"action_limit = 0\.08"):
-        Segment(changed(action_limit=0.08), LIMITS)
 
 
 @examples(200)

@@ -53,24 +53,21 @@ def unlocked(slave, access) -> XcpSlave:
     return slave
 
 
-def test_connect_says_what_there_is(slave):
+def test_connect_lists_what_there_is(slave):
     assert ask(slave, CONNECT) == "FF 01 80 08 08 00 01 01"
     assert ask(slave, "FB") == "FF 00 00 00 00 00 00 10"
     assert slave.is_connected
 
 
-def test_nobody_but_a_connected_tool_is_answered(slave):
+def test_only_a_connected_tool_is_answered(slave):
     assert ask(slave, "") == ""
     for code in range(0xFF):
         assert ask(slave, f"{code:02X} 00 00 00 00 00 00 00") == ""
 
 
-def test_disconnect(slave):
+def test_disconnect_status_and_synch(slave):
     assert ask(slave, CONNECT, "FE") == "FF"
     assert ask(slave, "FD") == ""
-
-
-def test_status_and_synch(slave):
     assert ask(slave, CONNECT, "FD") == "FF 00 01 00 00 00"
     assert ask(slave, "FC") == "FE 00"
 
@@ -88,9 +85,9 @@ def test_the_name_of_the_a2l_file(slave):
     assert ask(slave, "FA 04") == "FF 00 00 00 00 00 00 00"
 
 
-@pytest.mark.parametrize("command", ["F6 00 00 00 02 00 00 20", "F4 02 00 00 00 00 00 20"])
-def test_after_the_name_memory_is_read_again(slave, command):
-    assert ask(slave, CONNECT, "FA 01", command, "F5 02") == "FF 80 3F"
+def test_after_the_name_memory_is_read_again(slave):
+    for command in ("F6 00 00 00 02 00 00 20", "F4 02 00 00 00 00 00 20"):
+        assert ask(slave, CONNECT, "FA 01", command, "F5 02") == "FF 80 3F", command
 
 
 def test_a_new_connection_begins_anew(unlocked, access):
@@ -131,13 +128,13 @@ def test_a_value_is_written_with_the_right_key(unlocked, segment):
     assert segment.take().weights.rate == 2.0
 
 
-@pytest.mark.parametrize("flip", [1, 0x80])
-def test_a_wrong_key_ends_the_connection(slave, access, segment, flip):
-    ask(slave, CONNECT)
-    assert unlock(slave, access, flip=flip) == LOCKED
-    assert ask(slave, EFFORT) == ""
-    assert ask(slave, CONNECT, EFFORT, ONE) == LOCKED
-    assert not segment.is_pending
+def test_a_wrong_key_ends_the_connection(slave, access, segment):
+    for flip in (1, 0x80):
+        ask(slave, CONNECT)
+        assert unlock(slave, access, flip=flip) == LOCKED
+        assert ask(slave, EFFORT) == ""
+        assert ask(slave, CONNECT, EFFORT, ONE) == LOCKED
+        assert not segment.is_pending
 
 
 def test_a_key_is_good_for_one_seed(slave, access):
@@ -168,9 +165,11 @@ def test_seed_and_key_come_in_order(slave):
     assert ask(slave, "F7 10 00 00 00 00 00 00") == SEQUENCE
 
 
-@pytest.mark.parametrize("again", [CONNECT, "FE"])
-def test_the_end_of_a_connection_locks(unlocked, again):
-    assert ask(unlocked, again, CONNECT, EFFORT, ONE) == LOCKED
+def test_the_end_of_a_connection_locks(slave, access):
+    for again in (CONNECT, "FE"):
+        ask(slave, CONNECT)
+        assert unlock(slave, access) == "FF 00"
+        assert ask(slave, again, CONNECT, EFFORT, ONE) == LOCKED, again
 
 
 def test_a_connection_that_is_left_alone_ends(unlocked, segment):
@@ -274,9 +273,9 @@ def test_storing_that_failed_is_over_without_an_event(unlocked):
     assert ask(unlocked, "FD") == "FF 00 00 00 00 00"
 
 
-@pytest.mark.parametrize("command", ["FF", "FA", "F8 00", "F6 00 00 00 00 00 00", "F4 04", "F3 00 00 00 28", "E8 00"])
-def test_too_short_a_command_is_refused(unlocked, command):
-    assert ask(unlocked, command) == SYNTAX
+def test_too_short_a_command_is_refused(unlocked):
+    for command in ("FF", "FA", "F8 00", "F6 00 00 00 00 00 00", "F4 04", "F3 00 00 00 28", "E8 00"):
+        assert ask(unlocked, command) == SYNTAX, command
 
 
 @examples(300)

@@ -71,16 +71,6 @@ def test_our_block_size_and_separation_time_are_said_and_kept():
     assert endpoint.poll(0) == []
 
 
-def test_every_block_is_asked_for():
-    endpoint = Endpoint(replace(CLASSIC, block_size=2))
-    receive(endpoint, "10 40" + "00" * 6)
-    asked = [len(endpoint.poll(0))]
-    for number in range(1, 9):
-        receive(endpoint, f"2{number:X}" + "00" * 7)
-        asked.append(len(endpoint.poll(0)))
-    assert asked == [1, 0, 1, 0, 1, 0, 1, 0, 1]
-
-
 def test_sequence_numbers_begin_again_after_fifteen():
     message = bytes(range(6 + 7 * 35))
     endpoint = Endpoint(replace(CLASSIC, burst=100))
@@ -108,30 +98,18 @@ def test_the_others_block_size_is_kept():
     assert endpoint.is_idle
 
 
-@pytest.mark.parametrize(
-    ("code", "gap_ns"),
-    [
-        ("00", 0),
-        ("01", MS),
-        ("7F", 127 * MS),
-        ("F1", 100_000),
-        ("F9", 900_000),
-        ("80", 127 * MS),
-        ("F0", 127 * MS),
-        ("FA", 127 * MS),
-        ("FF", 127 * MS),
-    ],
-)
-def test_the_others_separation_time_is_kept(code, gap_ns):
-    endpoint = Endpoint(CLASSIC)
-    endpoint.send(bytes(20))
-    endpoint.poll(0)
-    receive(endpoint, f"30 00 {code}", now_ns=5)
-    sent = len(endpoint.poll(5))
-    assert sent == (2 if gap_ns == 0 else 1)
-    if gap_ns:
-        assert endpoint.poll(5 + gap_ns - 1) == []
-        assert len(endpoint.poll(5 + gap_ns)) == 1
+def test_the_others_separation_time_is_kept():
+    reserved = dict.fromkeys(("80", "F0", "FA", "FF"), 127 * MS)
+    gaps = {"00": 0, "01": MS, "7F": 127 * MS, "F1": 100_000, "F9": 900_000, **reserved}
+    for code, gap_ns in gaps.items():
+        endpoint = Endpoint(CLASSIC)
+        endpoint.send(bytes(20))
+        endpoint.poll(0)
+        receive(endpoint, f"30 00 {code}", now_ns=5)
+        assert len(endpoint.poll(5)) == (2 if gap_ns == 0 else 1), code
+        if gap_ns:
+            assert endpoint.poll(5 + gap_ns - 1) == [], code
+            assert len(endpoint.poll(5 + gap_ns)) == 1, code
 
 
 def test_the_first_frame_of_a_block_need_not_wait():
@@ -176,15 +154,15 @@ def test_too_many_waits_end_a_message_and_the_next_one_may_wait_as_often():
     assert endpoint.losses.aborted_transmissions == 3
 
 
-@pytest.mark.parametrize("answer", ["32 00 00", "33 00 00", "3F 00 00"])
-def test_overflow_and_reserved_answers_end_a_message_and_the_next_one_follows(answer):
-    endpoint = Endpoint(CLASSIC)
-    endpoint.send(bytes(20))
-    endpoint.send(b"\x01")
-    endpoint.poll(0)
-    receive(endpoint, answer)
-    assert texts(endpoint.poll(0)) == ["01 01 CC CC CC CC CC CC"]
-    assert endpoint.losses.aborted_transmissions == 1
+def test_overflow_and_reserved_answers_end_a_message_and_the_next_one_follows():
+    for answer in ("32 00 00", "33 00 00", "3F 00 00"):
+        endpoint = Endpoint(CLASSIC)
+        endpoint.send(bytes(20))
+        endpoint.send(b"\x01")
+        endpoint.poll(0)
+        receive(endpoint, answer)
+        assert texts(endpoint.poll(0)) == ["01 01 CC CC CC CC CC CC"], answer
+        assert endpoint.losses.aborted_transmissions == 1
 
 
 def test_a_transmission_without_flow_control_is_given_up():
@@ -214,21 +192,20 @@ def test_no_flow_control_for_a_message_that_is_over():
     assert endpoint.poll(1001 * MS) == []
 
 
-@pytest.mark.parametrize("number", [number for number in range(16) if number != 1])
-def test_a_wrong_sequence_number_ends_a_message(number):
-    endpoint = Endpoint(CLASSIC)
-    receive(endpoint, "10 0A" + "00" * 6)
-    assert receive(endpoint, f"2{number:X}" + "00" * 7, "21" + "00" * 7) == []
-    assert endpoint.losses.aborted_receptions == 1
+def test_a_wrong_sequence_number_ends_a_message():
+    for number in set(range(16)) - {1}:
+        endpoint = Endpoint(CLASSIC)
+        receive(endpoint, "10 0A" + "00" * 6)
+        assert receive(endpoint, f"2{number:X}" + "00" * 7, "21" + "00" * 7) == [], number
+        assert endpoint.losses.aborted_receptions == 1
 
 
-@pytest.mark.parametrize("new", ["02 AA BB", "10 08 AA AA AA AA AA AA"])
-def test_a_new_message_replaces_one_that_is_on_the_way(new):
-    endpoint = Endpoint(CLASSIC)
-    receive(endpoint, "10 0A" + "00" * 6)
-    found = receive(endpoint, new, "21 AA AA")
-    assert found == [bytes.fromhex("AABB") if new.startswith("02") else b"\xaa" * 8]
-    assert endpoint.losses.aborted_receptions == 1
+def test_a_new_message_replaces_one_that_is_on_the_way():
+    for new, message in (("02 AA BB", b"\xaa\xbb"), ("10 08 AA AA AA AA AA AA", b"\xaa" * 8)):
+        endpoint = Endpoint(CLASSIC)
+        receive(endpoint, "10 0A" + "00" * 6)
+        assert receive(endpoint, new, "21 AA AA") == [message]
+        assert endpoint.losses.aborted_receptions == 1
 
 
 def test_too_long_a_message_is_answered_by_overflow():
@@ -242,40 +219,26 @@ def test_too_long_a_message_is_answered_by_overflow():
     assert texts(endpoint.poll(0)) == ["32 00 00 CC CC CC CC CC"]
 
 
-@pytest.mark.parametrize(
-    "ignored",
-    [
-        "",
-        "00",
-        "00 00 00 00 00 00 00 00",
-        "08 00 00 00 00 00 00 00",
-        "03 AA AA",
-        "00 00" + "00" * 10,
-        "00 0B" + "00" * 10,
-        "05 05" + "00" * 10,
-        "10 07" + "00" * 6,
-        "10 0A 00",
-        "10 3E" + "00" * 62,
-        "10 00 00 00 00 0A 00 00",
-        "30 00",
-        "40 00 00",
-        "F0 00 00",
-    ],
-)
-def test_what_the_standard_ignores_is_ignored(ignored):
+def test_what_the_standard_ignores_is_ignored():
     endpoint = Endpoint(FD)
-    receive(endpoint, "10 0A 00 01 02 03 04 05")
-    endpoint.poll(0)
-    assert receive(endpoint, ignored) == []
-    assert endpoint.poll(0) == []
-    assert receive(endpoint, "21 06 07 08 09") == [bytes(range(10))]
+    for ignored in (
+        *("", "00", "00 00 00 00 00 00 00 00", "08 00 00 00 00 00 00 00", "03 AA AA"),
+        *("00 00" + "00" * 10, "00 0B" + "00" * 10, "05 05" + "00" * 10),
+        *("10 07" + "00" * 6, "10 0A 00", "10 3E" + "00" * 62, "10 00 00 00 00 0A 00 00"),
+        *("30 00", "40 00 00", "F0 00 00"),
+    ):
+        receive(endpoint, "10 0A 00 01 02 03 04 05")
+        endpoint.poll(0)
+        assert receive(endpoint, ignored) == [], ignored
+        assert endpoint.poll(0) == []
+        assert receive(endpoint, "21 06 07 08 09") == [bytes(range(10))], ignored
 
 
-@pytest.mark.parametrize("length", [47, 11])
-def test_a_frame_shorter_than_the_first_one_ends_in_nothing(length):
-    endpoint = Endpoint(FD)
-    receive(endpoint, "10 80" + "00" * 62)
-    assert receive(endpoint, "21" + "00" * length, "22" + "00" * 63, "21" + "00" * 63) == []
+def test_a_frame_shorter_than_the_first_one_ends_in_nothing():
+    for length in (47, 11):
+        endpoint = Endpoint(FD)
+        receive(endpoint, "10 80" + "00" * 62)
+        assert receive(endpoint, "21" + "00" * length, "22" + "00" * 63, "21" + "00" * 63) == []
 
 
 def test_a_frame_longer_than_the_first_one_is_ignored():
@@ -312,34 +275,18 @@ def test_a_poll_gives_out_no_more_than_a_burst():
     assert [len(endpoint.poll(0)) for _ in range(4)] == [3, 3, 1, 0]
 
 
-@pytest.mark.parametrize("length", [0, 4096])
-def test_a_message_must_have_a_length_that_can_be_said(length):
-    with pytest.raises(ValueError, match=f"message of {length} bytes: must have 1..4095"):
-        Endpoint(CLASSIC).send(bytes(length))
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"receive_id": 0x800},
-        {"send_id": -1},
-        {"send_id": TESTER},
-        {"frame_length": 9},
-        {"frame_length": 7},
-        {"is_fd": False},
-        {"block_size": 256},
-        {"separation_code": -1},
-        {"max_message": 4096},
-        {"queue": 0},
-        {"burst": 0},
-        {"n_bs_ns": 0},
-        {"n_cr_ns": 0},
-        {"max_waits": -1},
-    ],
-)
-def test_settings_that_the_standard_does_not_have_are_refused(change):
-    with pytest.raises(ConfigError, match=r"iso-tp: \w+ = "):
-        replace(FD, **change)
+def test_settings_and_lengths_that_the_standard_does_not_have_are_refused():
+    for length in (0, 4096):
+        with pytest.raises(ValueError, match=f"message of {length} bytes: must have 1..4095"):
+            Endpoint(CLASSIC).send(bytes(length))
+    changes = [
+        *(("receive_id", 0x800), ("send_id", -1), ("send_id", TESTER), ("frame_length", 9), ("frame_length", 7)),
+        *(("is_fd", False), ("block_size", 256), ("separation_code", -1), ("max_message", 4096), ("queue", 0)),
+        *(("burst", 0), ("n_bs_ns", 0), ("n_cr_ns", 0), ("max_waits", -1)),
+    ]
+    for name, value in changes:
+        with pytest.raises(ConfigError, match=r"iso-tp: \w+ = "):
+            replace(FD, **{name: value})
 
 
 WIRE = st.sampled_from(FD_LENGTHS).flatmap(lambda length: st.binary(min_size=length, max_size=length))

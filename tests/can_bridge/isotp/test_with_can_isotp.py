@@ -19,8 +19,7 @@ TESTER, ECU = 0x7E0, 0x7E8
 CLASSIC = classic(receive_id=TESTER, send_id=ECU)
 FD = IsoTpSettings(receive_id=TESTER, send_id=ECU)
 SHORT_FD = replace(FD, frame_length=16)
-SETTINGS = pytest.mark.parametrize("settings", [CLASSIC, FD, SHORT_FD], ids=["classic", "fd", "fd-16"])
-LENGTHS = [1, 6, 7, 8, 9, 14, 15, 61, 62, 63, 64, 118, 119, 124, 125, 126, 1000, 4094, 4095]
+SETTINGS = (CLASSIC, FD, SHORT_FD)
 
 
 class Connection:
@@ -74,53 +73,36 @@ class Connection:
             pass
 
 
-@SETTINGS
-@pytest.mark.parametrize("length", LENGTHS)
-def test_messages_arrive_whole_in_both_directions(settings, length):
-    connection = Connection(settings)
+def exchange(connection: Connection, length: int) -> None:
+    """A message of this length in both directions at once."""
     request, response = bytes(i * 7 % 251 for i in range(length)), bytes(i * 11 % 241 for i in range(length))
     connection.tester.send(request)
     connection.ecu.send(response)
     connection.run()
-    assert connection.ecu.take() == [request]
-    assert connection.tester.recv() == response
+    assert connection.ecu.take() == [request], length
+    assert connection.tester.recv() == response, length
     assert connection.errors == []
 
 
-@SETTINGS
-def test_every_length_up_to_some_frames_arrives(settings):
-    connection = Connection(settings)
-    for length in range(1, 3 * settings.frame_length):
-        message = bytes(i % 256 for i in range(length))
-        connection.tester.send(message)
-        connection.ecu.send(message)
-        connection.run()
-        assert connection.ecu.take() == [message]
-        assert connection.tester.recv() == message
-    assert connection.errors == []
+def test_messages_of_every_length_arrive_whole():
+    for settings in SETTINGS:
+        connection = Connection(settings)
+        for length in (*range(1, 3 * settings.frame_length), 1000, 4094, 4095):
+            exchange(connection, length)
 
 
-@SETTINGS
-@pytest.mark.parametrize("block_size", [1, 7, 255])
-def test_blocks_are_asked_for_and_obeyed(settings, block_size):
-    connection = Connection(replace(settings, block_size=block_size), blocksize=block_size)
-    connection.tester.send(bytes(4095))
-    connection.ecu.send(bytes(4095))
-    connection.run()
-    assert connection.ecu.take() == [bytes(4095)]
-    assert connection.tester.recv() == bytes(4095)
-    assert connection.errors == []
+def test_blocks_are_asked_for_and_obeyed():
+    for settings in SETTINGS:
+        for block_size in (1, 7, 255):
+            exchange(Connection(replace(settings, block_size=block_size), blocksize=block_size), 4095)
 
 
-def test_the_library_hears_our_overflow():
+def test_each_side_hears_the_others_overflow():
     connection = Connection(replace(FD, max_message=100))
     connection.tester.send(bytes(101))
     connection.run()
     assert connection.ecu.take() == []
     assert [type(error) for error in connection.errors] == [isotp.errors.OverflowError]
-
-
-def test_we_hear_the_librarys_overflow():
     connection = Connection(FD, max_frame_size=100)
     connection.ecu.send(bytes(101))
     connection.run()
@@ -131,7 +113,7 @@ def test_we_hear_the_librarys_overflow():
 
 @examples(200)
 @given(
-    settings=st.sampled_from([CLASSIC, FD, SHORT_FD]),
+    settings=st.sampled_from(SETTINGS),
     lengths=st.lists(st.integers(1, 400), min_size=1, max_size=4),
     faults=st.lists(st.sampled_from(["pass"] * 8 + ["lose", "double", "swap"]), max_size=200),
     both=st.booleans(),

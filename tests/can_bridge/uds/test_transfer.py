@@ -29,21 +29,14 @@ def test_download_says_how_long_a_block_may_be(bench):
     assert bench.ecu.calls[-1] == ("download", 7, 10)
 
 
-@pytest.mark.parametrize("formats", [(0x10, 0x44), (0x01, 0x44), (0x00, 0x33), (0x00, 0x24)])
-def test_other_formats(bench, formats):
-    assert bench.ask(0x34, *formats, bytes(8)) == refused(0x34, Nrc.OUT_OF_RANGE)
-
-
-@pytest.mark.parametrize("length", [7, 9])
-def test_length_of_the_download_request(bench, length):
-    assert bench.ask(0x34, 0x00, 0x44, bytes(length)) == refused(0x34, Nrc.INCORRECT_LENGTH)
-
-
-@pytest.mark.parametrize("raw", [b"\x34\x00\x44" + bytes(8), b"\x36\x01\x00", b"\x37"])
-def test_locked(raw):
-    bench = Bench()
+def test_wrong_download_requests(bench):
+    for formats in ((0x10, 0x44), (0x01, 0x44), (0x00, 0x33), (0x00, 0x24)):
+        assert bench.ask(0x34, *formats, bytes(8)) == refused(0x34, Nrc.OUT_OF_RANGE), formats
+    for length in (7, 9):
+        assert bench.ask(0x34, 0x00, 0x44, bytes(length)) == refused(0x34, Nrc.INCORRECT_LENGTH)
     bench.ask(0x10, Session.PROGRAMMING)
-    assert bench.ask(raw) == refused(raw[0], Nrc.SECURITY_ACCESS_DENIED)
+    for raw in (b"\x34\x00\x44" + bytes(8), b"\x36\x01\x00", b"\x37"):
+        assert bench.ask(raw) == refused(raw[0], Nrc.SECURITY_ACCESS_DENIED), raw
 
 
 @given(blocks=st.lists(st.binary(min_size=1, max_size=8), min_size=1, max_size=5), repeats=st.data())
@@ -71,24 +64,17 @@ def test_counter_goes_from_255_to_0(bench):
     assert written(bench) == bytes(number % 251 for number in range(1, 601))
 
 
-@pytest.mark.parametrize("counter", [0, 1, 3, 255])
-def test_another_counter(bench, counter):
+def test_another_counter(bench):
     """The second block is due; counter 1 with other data is no repeated first one."""
-    begin(bench, 10)
-    bench.ask(0x36, 1, b"abc")
-    assert bench.ask(0x36, counter, b"xyz") == refused(0x36, Nrc.WRONG_BLOCK_COUNTER)
-    assert bench.ask(0x36, 2, b"xyz") == b"\x76\x02"
-    assert written(bench) == b"abcxyz"
-
-
-def test_first_block_has_the_counter_1(bench):
-    begin(bench, 10)
-    assert bench.ask(0x36, 0, b"abc") == refused(0x36, Nrc.WRONG_BLOCK_COUNTER)
-
-
-def test_block_before_a_download(bench):
     assert bench.ask(0x36, 1, b"abc") == refused(0x36, Nrc.SEQUENCE_ERROR)
     assert bench.ask(0x37) == refused(0x37, Nrc.SEQUENCE_ERROR)
+    begin(bench, 10)
+    assert bench.ask(0x36, 0, b"abc") == refused(0x36, Nrc.WRONG_BLOCK_COUNTER)
+    bench.ask(0x36, 1, b"abc")
+    for counter in (0, 1, 3, 255):
+        assert bench.ask(0x36, counter, b"xyz") == refused(0x36, Nrc.WRONG_BLOCK_COUNTER), counter
+    assert bench.ask(0x36, 2, b"xyz") == b"\x76\x02"
+    assert written(bench) == b"abcxyz"
 
 
 def test_more_bytes_than_asked_for(bench):
@@ -105,19 +91,16 @@ def test_longest_block(bench):
     assert bench.ask(0x36, 1, bytes(MAX_BLOCK - 2)) == b"\x76\x01"
 
 
-def test_exit_before_all_came(bench):
+def test_exit(bench):
     begin(bench, 4)
     bench.ask(0x36, 1, b"abc")
     assert bench.ask(0x37) == refused(0x37, Nrc.SEQUENCE_ERROR)
     bench.ask(0x36, 2, b"d")
+    bench.ecu.refusals["exit"] = Nrc.PROGRAMMING_FAILURE
+    assert bench.ask(0x37) == refused(0x37, Nrc.PROGRAMMING_FAILURE)
+    bench.ecu.refusals.clear()
     assert bench.ask(0x37) == b"\x77"
-
-
-def test_no_block_after_the_exit(bench):
-    begin(bench, 1)
-    bench.ask(0x36, 1, b"a")
-    bench.ask(0x37)
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR)
+    assert bench.ask(0x36, 2, b"d") == refused(0x36, Nrc.SEQUENCE_ERROR)
     assert begin(bench, 1) is not None
 
 
@@ -128,42 +111,24 @@ def test_download_during_another(bench):
     assert begin(bench, 4) == refused(0x34, Nrc.CONDITIONS_NOT_CORRECT)
 
 
-def test_an_announcement_ends_a_download(bench):
+def test_what_ends_a_download(bench):
     begin(bench, 4)
     bench.ask(0x36, 1, b"a")
     bench.ask(0x31, 1, b"\xff\x00", bytes(36))
-    assert bench.ask(0x36, 2, b"b") == refused(0x36, Nrc.SEQUENCE_ERROR)
-    assert begin(bench, 5) is not None
-
-
-def test_the_end_of_the_session_ends_a_download(bench):
-    begin(bench, 4)
+    assert bench.ask(0x36, 2, b"b") == refused(0x36, Nrc.SEQUENCE_ERROR), "an announcement"
+    begin(bench, 5)
     bench.wait(5 * S)
     bench.unlock()
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR)
-
-
-def test_refused_download_is_none(bench):
+    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR), "the end of the session"
     bench.ecu.refusals["download"] = Nrc.OUT_OF_RANGE
     assert begin(bench, 4) == refused(0x34, Nrc.OUT_OF_RANGE)
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR)
-
-
-def test_memory_that_fails_ends_a_download(bench):
+    bench.ecu.refusals.clear()
+    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR), "a refusal"
     begin(bench, 4)
     bench.ecu.refusals["transfer"] = Nrc.PROGRAMMING_FAILURE
     assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.PROGRAMMING_FAILURE)
     bench.ecu.refusals.clear()
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR)
-
-
-def test_refused_exit_can_be_tried_again(bench):
-    begin(bench, 1)
-    bench.ask(0x36, 1, b"a")
-    bench.ecu.refusals["exit"] = Nrc.PROGRAMMING_FAILURE
-    assert bench.ask(0x37) == refused(0x37, Nrc.PROGRAMMING_FAILURE)
-    bench.ecu.refusals.clear()
-    assert bench.ask(0x37) == b"\x77"
+    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR), "a memory that fails"
 
 
 def test_slow_block_is_repeated_while_it_is_written(bench):
