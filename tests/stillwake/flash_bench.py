@@ -7,12 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.store import Store
-from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.message_specs import PRESSURE
 from contract.config.tree import Config
@@ -24,21 +20,18 @@ from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.flashable.fitting import Fitting
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu, is_diagnostic
 from firmware_sim.ecu.flashable.supplies import Supplies
-
-ROOT = Ed25519PrivateKey.from_private_bytes(b"root" * 8)
-MAKER = Ed25519PrivateKey.from_private_bytes(b"make" * 8)
-SECRET = bytes(range(1, 17))
+from tests.can_bridge.flashing import releases
+from tests.can_bridge.flashing.releases import RELEASE, ROOT
+from tests.can_bridge.flashing.store_ecu import KEY
 
 
 def provision(folder: Path, first: Path | None, config: Config) -> None:
     """A store as at production, with a release in it or none."""
-    keys = KeyList(version=1, keys=frozenset({signing.public_key(MAKER), signing.project_key()}))
-    Store.provision(
+    listed = KeyList(version=1, keys=frozenset({signing.public_key(RELEASE), signing.project_key()}))
+    releases.provision(
         FolderBacking(folder),
-        root=signing.public_key(ROOT),
-        keys=encode(keys, ROOT),
-        image=None if first is None else image_of(read_files(first)),
-        hardware="bench",
+        None if first is None else image_of(read_files(first)),
+        keys=encode(listed, ROOT),
         fits=Fitting(config, OnnxController.of).fits,
     )
 
@@ -71,14 +64,8 @@ def powered(folder: Path, config: Config) -> Iterator[list[FlashableEcu]]:
 
 
 def _ecu(folder: Path, config: Config) -> FlashableEcu:
-    supplies = Supplies(
-        root=signing.public_key(ROOT),
-        access=AccessKey(SECRET),
-        random_bytes=random.randbytes,
-        hardware="bench",
-        serial="42",
-        software="0.7.0",
-    )
+    root = signing.public_key(ROOT)
+    supplies = Supplies(root=root, access=KEY, random_bytes=random.randbytes, hardware="bench", serial="42")
     return FlashableEcu(FolderBacking(folder), config, supplies)
 
 

@@ -15,7 +15,9 @@ from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.release import bundle
 from contract.shipped import BUNDLE
-from tests.stillwake.flash_bench import MAKER, SECRET, powered, provision
+from tests.can_bridge.flashing.releases import RELEASE
+from tests.can_bridge.flashing.store_ecu import SECRET
+from tests.stillwake.flash_bench import powered, provision
 
 NUMBERS = count()
 
@@ -26,7 +28,7 @@ def releases(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     folder = tmp_path_factory.mktemp("releases")
     shipped = bundle.load(BUNDLE)
 
-    def make(name: str, key: Any = MAKER, **changes: Any) -> Path:
+    def make(name: str, key: Any = RELEASE, **changes: Any) -> Path:
         path = folder / name
         if not path.exists():
             bundle.write(path, replace(shipped.manifest, name=name, **changes), shipped.files, key)

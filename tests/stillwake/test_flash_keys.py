@@ -17,7 +17,9 @@ from contract.release import signing
 from contract.release.key_list import KeyList, encode
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from tests.stillwake.flash_bench import MAKER, ROOT, SECRET, powered, provision
+from tests.can_bridge.flashing.releases import RELEASE, ROOT
+from tests.can_bridge.flashing.store_ecu import SECRET
+from tests.stillwake.flash_bench import powered, provision
 
 NUMBERS = count()
 
@@ -51,14 +53,14 @@ def listed(folder: Path, version: int, *keys: signing.PublicKey, root: Ed25519Pr
 
 @pytest.mark.slow
 def test_a_newer_list_is_taken_and_an_older_one_is_not(cli, ecu, asked, tmp_path):
-    maker = signing.public_key(MAKER)
+    maker = signing.public_key(RELEASE)
     outcome = cli("flash-keys", listed(tmp_path, 3, signing.project_key()), *asked)
     assert (outcome.code, outcome.out.strip()) == (0, "the ECU has key list 3, and had 1")
     assert ecu[0].store.keys.keys == {signing.project_key()}
     for path in (
         listed(tmp_path, 2, signing.project_key(), maker),
         listed(tmp_path, 4, maker),
-        listed(tmp_path, 5, signing.project_key(), maker, root=MAKER),
+        listed(tmp_path, 5, signing.project_key(), maker, root=RELEASE),
     ):
         outcome = cli("flash-keys", path, *asked)
         assert (outcome.code, "a version above 3" in outcome.err) == (6, True)

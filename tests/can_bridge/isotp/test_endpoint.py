@@ -1,6 +1,7 @@
 """The endpoint by itself: frames as the standard's tables have them, written out by hand."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -279,7 +280,7 @@ def test_settings_and_lengths_that_the_standard_does_not_have_are_refused():
     for length in (0, 4096):
         with pytest.raises(ValueError, match=f"message of {length} bytes: must have 1..4095"):
             Endpoint(CLASSIC).send(bytes(length))
-    changes = [
+    changes: list[tuple[str, Any]] = [
         *(("receive_id", 0x800), ("send_id", -1), ("send_id", TESTER), ("frame_length", 9), ("frame_length", 7)),
         *(("is_fd", False), ("block_size", 256), ("separation_code", -1), ("max_message", 4096), ("queue", 0)),
         *(("burst", 0), ("n_bs_ns", 0), ("n_cr_ns", 0), ("max_waits", -1)),

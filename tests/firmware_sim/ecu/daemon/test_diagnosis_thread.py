@@ -19,8 +19,9 @@ from firmware_sim.ecu.daemon.control_side import ControlSide
 from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time import clock
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.ecu.daemon.conftest import wait_for
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, Rig, image, provision
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision
 
 CONFIG = Config()
 
@@ -96,7 +97,7 @@ def test_a_disk_that_hangs_does_not_come_into_a_control_period(tmp_path: Path) -
         seed = tester.ask(b"\x27\x01")[2:]
         # The attempt is written before the answer.
         tester.answers.clear()
-        tester.send(b"\x27\x02" + ACCESS.answer(Level.PROGRAMMING, seed))
+        tester.send(b"\x27\x02" + KEY.answer(Level.PROGRAMMING, seed))
         assert disks[-1].waits.wait(10.0)
         for step in range(50):
             assert len(control.step(10**9 + step * CONFIG.period_ns, [])) == 2

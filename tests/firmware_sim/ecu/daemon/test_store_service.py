@@ -18,8 +18,10 @@ from firmware_sim.ecu.daemon.store_service import serve_store
 from firmware_sim.ecu.flashable.ecu_folder import EcuFolder
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time.privileges import Wanted
+from tests.can_bridge.flashing.releases import ROOT
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import ACCESS, ROOT, provision
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import provision
 
 SESSION, RESET = b"\x02\x10\x02", b"\x02\x11\x01"
 
@@ -32,7 +34,7 @@ def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool]) -> list[st
     with PythonCanBus.open(bus) as tester:
         serve_store(
             EcuFolder(folder=tmp_path / "ecu", root=signing.public_key(ROOT), hardware="bench", serial="42"),
-            ACCESS,
+            KEY,
             Config(bus=bus),
             Options(wanted=Wanted(priority=0, lock_memory=False, without_collector=False), environment={}),
             software="0.7.0",

@@ -1,29 +1,41 @@
-"""The goal of an ECU that controls, changed by diagnosis: when it acts, what outlives power, and whose it is."""
+"""The goal of an ECU that controls, changed by diagnosis and by a measurement tool (XCP): when it acts, what outlives
+power, and to which release it belongs."""
 
 import struct
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from can_bridge.calibration.segment import ADDRESS
+from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
 from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.medium import WornOutError
+from can_bridge.flashing.store import Store
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.controller.calibration import NAMES
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision, shipped
 
 VALUES = struct.Struct("<9fI")
 READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
 WRITE, STORE, DROP = b"\x2e\xfd\x10", b"\x2e\xfd\x12\x01", b"\x2e\xfd\x12\x00"
+XCP_STORE, STORED_EVENT = b"\xf9\x01\x00\x00", b"\xfd\x03"
+OFFSETS = {name: 4 * index for index, name in enumerate(NAMES)}
 LIMIT = 0.075
 
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Rig:
-    """Of an ECU that always wants the jets full on."""
+    """An ECU that always wants the jets full on."""
     provision(tmp_path / "ecu", image("first"))
-    return Rig(tmp_path / "ecu", controller_of=lambda bundle: RecordingController(lambda i: 2 * LIMIT))
+    # Made-up pressures are no wake: the check of the sensors would shut the jets.
+    config = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
+    return Rig(tmp_path / "ecu", config, controller_of=lambda bundle: RecordingController(lambda i: 2 * LIMIT))
 
 
 def values(rig: Rig) -> dict[str, float]:
@@ -35,45 +47,96 @@ def write(rig: Rig, **changes: float) -> None:
     rig.good(WRITE + VALUES.pack(*floats, int(delay_steps)))
 
 
-def calibrating(rig: Rig) -> None:
+def unlock(rig: Rig) -> None:
     rig.good(b"\x10\x03")
     rig.unlock(Level.CALIBRATION)
-
-
-def until(rig: Rig, holds: Callable[[], bool]) -> None:
-    for _ in range(5000):
-        if holds():
-            return
-        rig.millisecond()
-    raise AssertionError("it never came to that")
 
 
 def into_control(rig: Rig) -> None:
     rig.request = False
     rig.run(100)
     rig.request = True
-    until(rig, lambda: rig.commands[-1].mode is Mode.CONTROL)
+    for _ in range(5000):
+        if rig.commands[-1].mode is Mode.CONTROL:
+            break
+        rig.millisecond()
     rig.run(60)
+    assert actions(rig)[-1] == pytest.approx(LIMIT, rel=1e-3)
 
 
-def actions(rig: Rig) -> list[float]:
+def actions(rig: Rig, since: int = 0) -> list[float]:
     scale = rig.config.operating_point.flow_rate_scale
-    return [abs(command.flow_m2_per_s) / scale for command in rig.commands]
+    return [abs(command.flow_m2_per_s) / scale for command in rig.commands[since:]]
+
+
+# XCP.
+
+
+def packets(rig: Rig) -> list[bytes]:
+    """To the tool, so far."""
+    return [frame.data for frame in rig.sent if frame.frame_id == RESPONSE_ID]
+
+
+def ask_xcp(rig: Rig, command: bytes) -> bytes:
+    """The answer within the millisecond."""
+    before = len(packets(rig))
+    rig.extra = [Frame(frame_id=COMMAND_ID, data=command.ljust(8, b"\x00"))]
+    rig.millisecond()
+    rig.extra = []
+    return (packets(rig)[before:] or [b""])[0]
+
+
+def good_xcp(rig: Rig, command: bytes) -> bytes:
+    answer = ask_xcp(rig, command)
+    assert answer[:1] == b"\xff", (command.hex(), answer.hex())
+    return answer
+
+
+def connect(rig: Rig) -> None:
+    good_xcp(rig, b"\xff\x00")
+    seed = good_xcp(rig, b"\xf8\x00\x01")[2:] + good_xcp(rig, b"\xf8\x01\x01")[2:]
+    key = KEY.answer(Level.CALIBRATION, seed)
+    for begin in range(0, len(key), 6):
+        good_xcp(rig, bytes([0xF7, len(key) - begin]) + key[begin : begin + 6])
+
+
+def place(name: str) -> bytes:
+    return (ADDRESS + OFFSETS[name]).to_bytes(4, "little")
+
+
+def write_xcp(rig: Rig, name: str, value: float) -> bytes:
+    good_xcp(rig, b"\xf6\x00\x00\x00" + place(name))
+    return ask_xcp(rig, b"\xf0\x04" + struct.pack("<f", value))
 
 
 def test_the_jets_keep_a_narrower_limit_from_the_next_period_on(rig: Rig) -> None:
-    calibrating(rig)
+    unlock(rig)
     into_control(rig)
-    assert actions(rig)[-1] == pytest.approx(LIMIT, rel=1e-3)
-    write(rig, action_limit=LIMIT / 2, lift=0.5)
     before = len(rig.commands)
+    write(rig, action_limit=LIMIT / 2, lift=0.5)
     rig.run(200)
-    assert all(0.0 < action <= LIMIT / 2 for action in actions(rig)[before:])
-    assert actions(rig)[-1] == pytest.approx(LIMIT / 2, rel=1e-3)
-    assert {command.mode for command in rig.commands[before:]} == {Mode.CONTROL}
+    changed = actions(rig, before - 1)
+    assert len(set(changed)) == 2, "no value between"
+    assert changed[-1] == pytest.approx(LIMIT / 2, rel=1e-3) and changed[-1] <= LIMIT / 2
     rig.good(DROP)
     rig.run(100)
-    assert actions(rig)[-1] == pytest.approx(LIMIT, rel=1e-3)
+    # By a tool the same.
+    connect(rig)
+    assert write_xcp(rig, "action_limit", LIMIT / 3) == b"\xff"
+    rig.run(200)
+    assert actions(rig)[-1] == pytest.approx(LIMIT / 3, rel=1e-2)
+    assert values(rig)["action_limit"] == pytest.approx(LIMIT / 3)
+    good_xcp(rig, b"\xeb\x01\x00\x01")
+    rig.run(100)
+    # Half of a value is not used.
+    good_xcp(rig, b"\xeb\x83\x00\x00")
+    good_xcp(rig, b"\xe4\x00\x01\x00\x00")
+    good_xcp(rig, b"\xf6\x00\x00\x00" + place("action_limit"))
+    good_xcp(rig, b"\xf0\x02" + struct.pack("<f", LIMIT / 3)[:2])
+    half = len(rig.commands)
+    rig.run(100)
+    assert actions(rig, half) == pytest.approx([LIMIT] * len(actions(rig, half)), rel=1e-3)
+    assert {command.mode for command in rig.commands[before:]} == {Mode.CONTROL}
 
 
 def test_nothing_wider_and_nothing_without_the_key(rig: Rig) -> None:
@@ -81,23 +144,41 @@ def test_nothing_wider_and_nothing_without_the_key(rig: Rig) -> None:
     own = rig.good(READ)[3:]
     assert rig.ask(WRITE + own) == b"\x7f\x2e\x33"
     rig.unlock(Level.CALIBRATION)
-    wide = VALUES.pack(*(0.0,) * 7, 0.0751, LIMIT, 0)
-    assert rig.ask(WRITE + wide) == b"\x7f\x2e\x31"
+    assert rig.ask(WRITE + VALUES.pack(*(0.0,) * 7, 0.0751, LIMIT, 0)) == b"\x7f\x2e\x31"
+    good_xcp(rig, b"\xff\x00")
+    assert write_xcp(rig, "action_limit", LIMIT / 2) == b"\xfe\x25"
+    connect(rig)
+    assert write_xcp(rig, "action_limit", 0.0751) == b"\xfe\x22"
     assert rig.good(READ)[3:] == own
 
 
+def test_diagnosis_and_a_tool_write_the_same_values(rig: Rig) -> None:
+    connect(rig)
+    unlock(rig)
+    write(rig, effort=0.125)
+    assert good_xcp(rig, b"\xf4\x04\x00\x00" + place("effort")) == b"\xff" + struct.pack("<f", 0.125)
+    assert write_xcp(rig, "effort", 0.25) == b"\xff"
+    assert values(rig)["effort"] == 0.25
+
+
+@pytest.mark.slow
 def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> None:
     own = shipped().manifest.mpc.weights.lift
-    calibrating(rig)
+    unlock(rig)
+    connect(rig)
     into_control(rig)
     write(rig, lift=0.5)
+    # A slow memory must not come into a control period: UDS refuses, XCP waits.
     assert rig.ask(STORE) == b"\x7f\x2e\x22"
+    good_xcp(rig, XCP_STORE)
+    rig.run(500)
+    assert STORED_EVENT not in packets(rig)
     rig.request = False
     rig.run(1200)
-    rig.good(STORE)
+    assert packets(rig).count(STORED_EVENT) == 1
     rig.power_on()
-    assert values(rig)["lift"] == 0.5
-    assert rig.good(READ_STORED)[3:] == b"\x01"
+    assert (values(rig)["lift"], rig.good(READ_STORED)[3:]) == (0.5, b"\x01")
+    assert ask_xcp(rig, b"\xfd") == b""
     # Another release has its own; the one before finds its calibration again.
     rig.start(image("second"))
     assert values(rig)["lift"] == pytest.approx(own)
@@ -106,17 +187,46 @@ def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> 
     rig.good(b"\x31\x01\x02\x07")
     rig.reset()
     assert values(rig)["lift"] == 0.5
-    calibrating(rig)
+    unlock(rig)
     rig.good(DROP)
     rig.power_on()
     assert values(rig)["lift"] == pytest.approx(own)
 
 
-def test_one_that_the_vehicle_no_longer_allows_is_told_and_not_used(rig: Rig) -> None:
-    calibrating(rig)
+def test_one_that_the_vehicle_no_longer_allows_is_logged_and_not_used(rig: Rig) -> None:
+    unlock(rig)
     write(rig, command_step=0.07)
     rig.good(STORE)
     rig.config = replace(rig.config, ecu=replace(rig.config.ecu, command_step=0.05))
     rig.power_on()
     assert values(rig)["command_step"] == pytest.approx(0.05)
-    assert "calibration_dropped" in rig.told.names()
+    assert "calibration_dropped" in rig.log.names()
+
+
+def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def fail(store: Store, blob: bytes | None) -> None:
+        tried.append(blob)
+        raise WornOutError("sector 3 is bad", 0)
+
+    monkeypatch.setattr(Store, "keep_calibration", fail)
+    rig.power_on()
+    connect(rig)
+    assert write_xcp(rig, "lift", 0.5) == b"\xff"
+    rig.run(40)
+    good_xcp(rig, XCP_STORE)
+    rig.run(200)
+    assert (len(tried), STORED_EVENT in packets(rig)) == (1, False)
+
+
+def test_nothing_is_stored_for_a_release_whose_slot_is_being_written(rig: Rig) -> None:
+    rig.start(image("second"))
+    connect(rig)
+    rig.programming()
+    rig.announce(image("third"))
+    good_xcp(rig, XCP_STORE)
+    rig.run(100)
+    assert STORED_EVENT not in {packet[:2] for packet in packets(rig)}
+    assert good_xcp(rig, b"\xfd")[1] == 0
+    assert rig.good(b"\x22\xf1\x86")[3:] == b"\x02"

@@ -9,7 +9,7 @@ from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError, OutputError
 from contract.release import signing
 from firmware_sim.ecu.flashable.ecu_folder import IDENTITY, held, provision, read_folder
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import MAKER, ROOT, STRANGER, image, keys
+from tests.can_bridge.flashing.releases import RELEASE, ROOT, STRANGER, image, keys
 
 
 def public(path: Path, key=ROOT) -> Path:
@@ -35,25 +35,22 @@ def test_what_is_made_can_be_read(tmp_path: Path) -> None:
     assert folder == read_folder(tmp_path / "ecu")
     assert (folder.hardware, folder.serial, folder.root) == ("bench", "42", signing.public_key(ROOT))
     assert read_folder(tmp_path / "ecu", hardware="other").hardware == "other"
-    other = public(tmp_path / "other.pub", MAKER)
-    assert read_folder(tmp_path / "ecu", root=other).root == signing.public_key(MAKER)
+    other = public(tmp_path / "other.pub", RELEASE)
+    assert read_folder(tmp_path / "ecu", root=other).root == signing.public_key(RELEASE)
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "words"),
-    [
+def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
+    for changes, error, words in (
         ({"keys": keys()[:-1]}, KeyFileError, "key list"),
         ({"image": image("foreign", key=STRANGER)}, ConfigError, "does not know"),
         ({"image": image("first")[:-1]}, ConfigError, "no bundle in order"),
         ({"fits": lambda bundle: Verdict.WRONG_VEHICLE}, ConfigError, "another vehicle"),
         ({"hardware": ""}, ConfigError, "hardware"),
         ({"serial": "a\nb"}, ConfigError, "serial"),
-    ],
-)
-def test_a_failure_leaves_nothing(tmp_path: Path, changes, error, words: str) -> None:
-    with pytest.raises(error, match=words):
-        made(tmp_path, **changes)
-    assert not (tmp_path / "ecu").exists()
+    ):
+        with pytest.raises(error, match=words):
+            made(tmp_path, **changes)
+        assert not (tmp_path / "ecu").exists(), words
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
@@ -65,15 +62,12 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()} == before
 
 
-@pytest.mark.parametrize("raw", [b"", b"{}", b'{"schema": "stillwake-ecu/2", "hardware": "a", "serial": "b"}', b"\xff"])
-def test_another_identity_is_no_ecu(tmp_path: Path, raw: bytes) -> None:
+def test_another_identity_or_folder_is_no_ecu(tmp_path: Path) -> None:
     made(tmp_path)
-    (tmp_path / "ecu" / IDENTITY).write_bytes(raw)
-    with pytest.raises(ConfigError, match=IDENTITY):
-        read_folder(tmp_path / "ecu")
-
-
-def test_another_folder_is_no_ecu(tmp_path: Path) -> None:
+    for raw in (b"", b"{}", b'{"schema": "stillwake-ecu/2", "hardware": "a", "serial": "b"}', b"\xff"):
+        (tmp_path / "ecu" / IDENTITY).write_bytes(raw)
+        with pytest.raises(ConfigError, match=IDENTITY):
+            read_folder(tmp_path / "ecu")
     with pytest.raises(ConfigError, match="stillwake ecu provision"):
         read_folder(tmp_path)
 

@@ -1,7 +1,7 @@
 """An ECU with a store in a folder, and a tester that talks to it frame by frame: no bus, no process, time by hand."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -13,11 +13,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
@@ -27,16 +25,14 @@ from contract.config.tree import Config
 from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.image import image_of
-from contract.release.key_list import KeyList, encode
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
+from tests.can_bridge.flashing import releases
+from tests.can_bridge.flashing.releases import RELEASE, ROOT
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.conftest import RecordingController
 
-ROOT = Ed25519PrivateKey.from_private_bytes(b"root" * 8)
-MAKER = Ed25519PrivateKey.from_private_bytes(b"make" * 8)
-STRANGER = Ed25519PrivateKey.from_private_bytes(b"else" * 8)
-ACCESS = AccessKey(bytes(range(16)))
 MS = 1_000_000
 SELF_TEST, ACTIVATE, CONFIRM_ROUTINE, REVERT = (b"\x31\x01\x02" + bytes([low]) for low in (4, 5, 6, 7))
 
@@ -47,41 +43,24 @@ def shipped() -> bundles.Bundle:
 
 
 @cache
-def image(name: str, security_version: int = 1, key: Ed25519PrivateKey = MAKER, **changes: Any) -> bytes:
+def image(name: str, security_version: int = 1, key: Ed25519PrivateKey = RELEASE, **changes: Any) -> bytes:
     """The shipped release under another name, signed by another key."""
     manifest = replace(shipped().manifest, name=name, security_version=security_version, **changes)
     return image_of(bundles.pack(manifest, shipped().files, key))
 
 
-def keys(version: int = 1, *allowed: Ed25519PrivateKey) -> bytes:
-    listed = frozenset(map(signing.public_key, allowed or (MAKER,)))
-    return encode(KeyList(version=version, keys=listed), ROOT)
-
-
 def provision(folder: Path, first: bytes | None) -> FolderBacking:
-    backing = FolderBacking(folder)
-    Store.provision(
-        backing,
-        root=signing.public_key(ROOT),
-        keys=keys(),
-        image=first,
-        hardware="bench",
-        fits=lambda bundle: Verdict.GOOD,
-    )
-    return backing
+    return releases.provision(FolderBacking(folder), first)
 
 
-@dataclass
-class Told:
-    """What an ECU said to its log."""
-
-    events: list[tuple[str, str, dict[str, Any]]]
+class Log(list[tuple[str, str, dict[str, Any]]]):
+    """What an ECU logs: event, line, fields."""
 
     def __call__(self, event: str, line: str, **fields: Any) -> None:
-        self.events.append((event, line, fields))
+        self.append((event, line, fields))
 
     def names(self) -> list[str]:
-        return [event for event, _, _ in self.events]
+        return [event for event, _, _ in self]
 
 
 class Rig:
@@ -89,16 +68,16 @@ class Rig:
 
     def __init__(self, folder: Path, config: Config | None = None, controller_of: Any = None, **others: Any) -> None:
         self.config = Config() if config is None else config
-        self.told = Told([])
+        self.log = Log()
         self.supplies = Supplies(
             root=signing.public_key(ROOT),
-            access=ACCESS,
+            access=KEY,
             random_bytes=Random(1).randbytes,
             hardware="bench",
             serial="42",
             software="0.7.0",
             controller_of=(lambda bundle: RecordingController()) if controller_of is None else controller_of,
-            tell=self.told,
+            tell=self.log,
         )
         self.folder, self.others = folder, others
         self.now_ns = MS
@@ -115,7 +94,7 @@ class Rig:
         self.power_on()
 
     def power_on(self) -> None:
-        """Anew, as after a loss of power."""
+        """As after a loss of power."""
         self.ecu = FlashableEcu(FolderBacking(self.folder), self.config, self.supplies, **self.others)
 
     def millisecond(self) -> None:
@@ -178,7 +157,7 @@ class Rig:
 
     def unlock(self, level: Level) -> None:
         seed = self.good(bytes([0x27, level]))[2:]
-        self.good(bytes([0x27, level + 1]) + ACCESS.answer(level, seed))
+        self.good(bytes([0x27, level + 1]) + KEY.answer(level, seed))
 
     def announce(self, raw: bytes) -> int:
         answer = self.good(b"\x31\x01\xff\x00" + len(raw).to_bytes(4, "big") + sha256(raw).digest())
