@@ -21,8 +21,9 @@ from contract.model import linear_model_folder
 from contract.release import bundle as bundles
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE, RECORDING
-from export.release.linear_pipeline import export_linear
+from export.release.pipeline import CLibrary, export_all
 from firmware_sim.ecu.bundle_policy import BundlePolicy
+from firmware_sim.in_c.host_library import CController
 from firmware_sim.mcu.measure import measure_folder
 from train.linear.pipeline import Design, Identification, identify_all
 from wake.recording.controlled_plan import ControlledRound
@@ -88,13 +89,13 @@ def _made(road: str, setting: Setting) -> dict[str, Any]:
     began = time.process_time()
     identify_all(recording, folder / "model", setting.config, HOW[road], WEIGHTS)
     minutes = (time.process_time() - began) / 60.0
-    export_linear(
+    export_all(
         folder / "model",
         folder / "bundle",
         name="linear",
         recording=recording,
         config=linear_model_folder.read(folder / "model").description.config,
-        c_folder=folder / "c",
         created=date.today(),
+        library=CLibrary(folder=folder / "c", compiled=CController),
     )
     return {"minutes": minutes}

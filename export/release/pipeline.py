@@ -1,11 +1,12 @@
-"""From a model directory to a release bundle and, on request, a C library: read, round, lower, gate, write.
+"""From a model folder to a release bundle and, on request, a C library: read, round, lower, gate, write.
 
-Every lowering has passed its gates before the first file is written.
+The model is one of networks, written by `train`, or a linear one, written by `identify`. Every lowering has passed its
+gates before the first file is written.
 """
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any, Final
@@ -17,10 +18,12 @@ from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
 from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
-from contract.model import model_folder
-from contract.model.model_folder import Description
+from contract.model import linear_model_folder, model_folder
+from contract.model.linear_model_folder import is_linear
+from contract.model.model_folder import Provenance
 from contract.recording import dataset
-from contract.recording.dataset import Dataset, Episode
+from contract.recording.dataset import Dataset
+from contract.recording.episode import Episode
 from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
 from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
 from contract.recording.needs import LEAST_CALIBRATION, windows_in
@@ -32,15 +35,42 @@ from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
+from export.program.linear_program import LinearProgram
 from export.program.recorded_windows import recorded_windows
 from export.reference.specification import AnyProgram
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
-from export.release.lowering import Lowered, lower
+from export.release.lowering import Lowered, lower, lower_linear
 
 PHASES: Final = ("read", "round weights", "make and check", "write")
-"""Of an export, in order."""
+"""The phases of an export, in order; the weights of a linear model are not rounded."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CLibrary:
+    """The C library that an export writes.
+
+    Attributes:
+        folder: to write.
+        compiled: compiles the library for its gate.
+        ecu: from the rows (n, S+1) that go into the folder to the files of the ECU around the control step; called
+            after the bundle is written. Without it the folder has no ECU.
+    """
+
+    folder: Path
+    compiled: CompileLibrary
+    ecu: Callable[[Array], Mapping[str, bytes]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Made:
+    """A model's lowerings, the windows (L, S+1) for their gates, and what the manifest states of the model."""
+
+    lowered: Lowered
+    windows: list[Array]
+    provenance: Provenance
+    positions: tuple[tuple[float, float], ...] | None
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
@@ -103,34 +133,30 @@ def export_all(
     model: Path,
     output: Path,
     *,
-    precision: str,
     name: str,
     recording: Path,
     config: Config,
-    c_folder: Path | None,
     created: date,
+    precision: str | None = None,
+    library: CLibrary | None = None,
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
-    compiled: CompileLibrary | None = None,
-    ecu: Callable[[Path, Array], Mapping[str, bytes]] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the bundle, and then the C library if a folder is given for it; neither unless both pass their gates.
+    """Write the bundle, and then the C library if one is asked for; neither unless both pass their gates.
 
     Args:
-        model: directory written by `train`.
-        precision: "int8" or "float32", of both.
-        recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
+        model: directory written by `train` or by `identify`.
+        recording: data set whose test episode the gates replay (a linear model's own episodes), and whose training
+            episodes calibrate int8.
         config: its `mpc` is the controller's; its control period and action limit must be the model's.
         created: today.
+        precision: "int8" or "float32", of both; without it int8, and float32 for a linear model, which has no other.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
-        compiled: compiles the C library for its gate; needed with a `c_folder`.
-        ecu: from the bundle just written, and the rows (n, S+1) that go beside the C library, to the files of the ECU
-            for its folder; without, it has none.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 
@@ -142,20 +168,20 @@ def export_all(
         LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
-    if precision not in PRECISIONS:
+    if precision not in (None, *PRECISIONS):
         raise ExportError(f"--precision {precision}: must be int8 or float32")
     # Before the work: neither place is written if the other one cannot be.
     bundle.check_replaceable(output)
-    if c_folder is not None:
-        c_folder_format.check_replaceable(c_folder)
+    if library is not None:
+        c_folder_format.check_replaceable(library.folder)
     phase("read")
-    trained = model_folder.read(model)
-    check_settings(trained.description.config, config)
-    episodes = _recording_of(trained.description, recording, named, notice)
-    program = program_of(trained, config.mpc)
-    lowered, windows = _lowered(program, episodes, precision, with_library=c_folder is not None, phase=phase)
-    gated = gate(lowered, windows, compiled=compiled)
-
+    if is_linear(model):
+        if precision == "int8":
+            raise ExportError("--precision int8: a linear controller is float32 only")
+        made = _of_linear(model, recording, config, named, library is not None, notice, phase)
+    else:
+        made = _of_networks(model, recording, config, precision or "int8", named, library is not None, notice, phase)
+    gated = gate(made.lowered, made.windows, compiled=None if library is None else library.compiled)
     phase("write")
     write_release(
         output,
@@ -163,42 +189,37 @@ def export_all(
         name=name,
         created=created,
         vehicle=Vehicle.of(config),
-        provenance=trained.provenance,
-        positions=_positions(trained.description),
+        provenance=made.provenance,
+        positions=made.positions,
         key=key,
         estimator=estimator,
     )
-    if c_folder is not None:
-        write_c_release(c_folder, gated, windows, None if ecu is None else ecu(output, rows_of(windows)))
+    if library is not None:
+        _write_library(library, gated, made.windows)
     return gated
 
 
 def export_library(
     model: Path,
     release: Bundle,
-    c_folder: Path,
+    library: CLibrary,
     *,
     recording: Path,
-    compiled: CompileLibrary,
-    ecu: Callable[[Array], Mapping[str, bytes]] | None = None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of a release that there is, from the model that it was exported from.
+    """Write the C library of an existing release, from the model that it was exported from.
 
     Args:
         model: directory written by `train`.
         release: with the settings of its controller.
         recording: data set that the model was fitted to.
-        compiled: compiles the C library for its gate; needed with a `c_folder`.
-        ecu: from the rows (n, S+1) that go beside the library to the files of the ECU for its folder; without, it has
-            none.
         phase: called with each of `PHASES` when it begins.
 
     Raises:
         ExportError: the release is of another model, or this program does not round it as it was rounded.
         StillwakeError: as `export_all`.
     """
-    c_folder_format.check_replaceable(c_folder)
+    c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
     phase("read")
     trained = model_folder.read(model)
@@ -207,18 +228,67 @@ def export_library(
             f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, {model} is "
             f"{trained.weights_sha256[:12]}: a library is made from the model of its release"
         )
-    episodes = _recording_of(trained.description, recording, False, lambda line: None)
+    about = trained.description
+    episodes = _recording_of(recording, about.dataset_sha256, about.layout, False, lambda line: None)
     program = program_of(trained, manifest.mpc)
     lowered, windows = _lowered(program, episodes, manifest.precision, with_library=True, phase=phase)
     if lowered.program_sha256 != manifest.program_sha256:
         raise ExportError(
             f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
-            f"{lowered.program_sha256[:12]} here: export it anew, with a bundle"
+            f"{lowered.program_sha256[:12]} here: export it again, with a bundle"
         )
-    gated = gate(lowered, windows, compiled=compiled)
+    gated = gate(lowered, windows, compiled=library.compiled)
     phase("write")
-    write_c_release(c_folder, gated, windows, None if ecu is None else ecu(rows_of(windows)))
+    _write_library(library, gated, windows)
     return gated
+
+
+def _write_library(library: CLibrary, gated: Gated, windows: Sequence[Array]) -> None:
+    write_c_release(library.folder, gated, windows, None if library.ecu is None else library.ecu(rows_of(windows)))
+
+
+def _of_networks(
+    model: Path,
+    recording: Path,
+    config: Config,
+    precision: str,
+    named: bool,
+    with_library: bool,
+    notice: Callable[[str], None],
+    phase: Callable[[str], None],
+) -> _Made:
+    trained = model_folder.read(model)
+    about = trained.description
+    check_settings(about.config, config)
+    episodes = _recording_of(recording, about.dataset_sha256, about.layout, named, notice)
+    program = program_of(trained, config.mpc)
+    lowered, windows = _lowered(program, episodes, precision, with_library=with_library, phase=phase)
+    chosen = about.layout.positions[about.layout.indices(about.sensors)]
+    positions = tuple((float(x), float(y)) for x, y in chosen)
+    return _Made(lowered=lowered, windows=windows, provenance=trained.provenance, positions=positions)
+
+
+def _of_linear(
+    model: Path,
+    recording: Path,
+    config: Config,
+    named: bool,
+    with_library: bool,
+    notice: Callable[[str], None],
+    phase: Callable[[str], None],
+) -> _Made:
+    """The gates replay the model's own episodes, or all of another recording if it was named."""
+    identified = linear_model_folder.read(model)
+    about = identified.description
+    check_settings(about.config, config)
+    program = LinearProgram.of(identified, config.mpc)
+    data = _recording_of(recording, about.dataset_sha256, None, named, notice)
+    own = about.metrics.get("episodes", ())
+    episodes = tuple(item for item in data.episodes if item.name in own) or data.episodes
+    windows = gate_windows(program, episodes, data.layout)
+    phase("make and check")
+    lowered = lower_linear(program, with_library=with_library)
+    return _Made(lowered=lowered, windows=windows, provenance=identified.provenance, positions=about.positions)
 
 
 def _lowered(
@@ -238,12 +308,6 @@ def _lowered(
     rounded = rounded_on(program, calibration) if precision == "int8" else program
     phase("make and check")
     return lower(rounded, calibration=calibration, with_library=with_library), windows
-
-
-def _positions(model: Description) -> tuple[tuple[float, float], ...]:
-    """(x, y) of the controller's sensors, in their order."""
-    chosen = model.layout.positions[model.layout.indices(model.sensors)]
-    return tuple((float(x), float(y)) for x, y in chosen)
 
 
 def check_settings(own: Config, config: Config) -> None:
@@ -266,17 +330,23 @@ def check_settings(own: Config, config: Config) -> None:
             )
 
 
-def _recording_of(model: Description, path: Path, named: bool, notice: Callable[[str], None]) -> Dataset:
-    """The recording for gates and calibration: the model's own, or another one of the same sensors if it was named."""
-    found = dataset.read(path)
+def _recording_of(
+    path: Path, of_model: str, layout: SensorLayout | None, named: bool, notice: Callable[[str], None]
+) -> Dataset:
+    """The recording for gates and calibration: the model's own, or another one of the same sensors if it was named.
+
+    Args:
+        of_model: SHA-256 of the recording that the model was fitted to.
+        layout: the sensors that another recording must have; any if None.
+    """
+    recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    if digest != model.dataset_sha256:
-        said = f"{path} (SHA-256 {digest[:12]}) is not the recording that the model was fitted to"
-        own = f"{model.dataset_sha256[:12]}"
+    if digest != of_model:
+        other = f"{path} (SHA-256 {digest[:12]}) is not the recording that the model was fitted to ({of_model[:12]})"
         if not named:
-            raise ExportError(f"{said} ({own}): name that one with --dataset")
-        difference = model.layout.difference(found.layout)
+            raise ExportError(f"{other}: name that one with --dataset")
+        difference = None if layout is None else layout.difference(recording.layout)
         if difference is not None:
-            raise ExportError(f"{said} ({own}), and of other sensors, in {difference}")
-        notice(f"gates and calibration: {said} ({own})")
-    return found
+            raise ExportError(f"{other}, and of other sensors, in {difference}")
+        notice(f"gates and calibration: {other}")
+    return recording

@@ -13,7 +13,7 @@ from rich.table import Table
 from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
-from contract.errors import ConfigError, ExportError, ModelError, OutputError, StillwakeError
+from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model import linear_model_folder, model_folder
 from contract.model.linear_model_folder import is_linear
 from contract.release import bundle as bundles
@@ -85,42 +85,38 @@ def export(
     if c_folder is not None:
         check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
 
-    from export.release import linear_pipeline, pipeline
-    from export.release.pipeline import gate_figures
+    from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
     from firmware_sim.in_c.host_library import CController
     from stillwake.parts.c_release import ecu_files
 
     say = partial(console.print, soft_wrap=True, markup=False)
     used = recording() if dataset is None else dataset
-    linear = is_linear(model)
-    phases = linear_pipeline.PHASES if linear else pipeline.PHASES
-    chosen = precision or ("float32" if linear else "int8")
-    if linear and chosen != "float32":
-        raise ExportError(f"--precision {chosen}: a linear controller is float32 only")
-    export_it = linear_pipeline.export_linear if linear else partial(pipeline.export_all, precision=chosen)
+    library = None
+    if c_folder is not None:
+        ecu = partial(ecu_files, output, config=config, notice=say)
+        library = CLibrary(folder=c_folder, compiled=CController, ecu=ecu)
     with progress_bar("phases") as bar:
-        task = bar.add_task("export", total=len(phases), note="")
-        done = export_it(
+        task = bar.add_task("export", total=len(PHASES), note="")
+        done = export_all(
             model,
             output,
             name=name,
             recording=used,
             config=config,
-            c_folder=c_folder,
             created=date.today(),
+            precision=precision,
+            library=library,
             key=signing_key,
             named=dataset is not None,
             estimator=partial(fitted_estimator, used, bar, threads=threads) if sensors else None,
-            compiled=None if c_folder is None else CController,
-            ecu=partial(ecu_files, config=config, notice=say),
             notice=console.print,
-            phase=lambda begun: bar.update(task, completed=phases.index(begun), note=begun),
+            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
-        bar.update(task, completed=len(phases), note="")
+        bar.update(task, completed=len(PHASES), note="")
     _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {chosen}, {size}, {signed}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True, markup=False)
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
@@ -130,7 +126,7 @@ def export(
         )
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
-        console.print(f"wrote {c_folder}: C99, {chosen}, {workspace}", soft_wrap=True, markup=False)
+        console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True, markup=False)
 
 
 def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:

@@ -67,16 +67,14 @@ def write_shipped_library(
         ExportError: model and bundle do not belong together.
         StillwakeError: the data are not installed, or the folder cannot be written.
     """
-    from export.release.pipeline import export_library
+    from export.release.pipeline import CLibrary, export_library
     from firmware_sim.in_c.host_library import CController
 
     return export_library(
         model(),
         release,
-        folder,
+        CLibrary(folder=folder, compiled=CController, ecu=partial(ecu_files, BUNDLE, config=config, notice=notice)),
         recording=recording(),
-        compiled=CController,
-        ecu=partial(ecu_files, BUNDLE, config=config, notice=notice),
         phase=phase,
     )
 

@@ -107,7 +107,6 @@ def release_of(release: Bundle, mpc: MpcConfig, model: ModelOf | None, folder: P
             name=f"{release.manifest.name}-tuned",
             recording=model.dataset,
             config=_config_of(model, release, mpc),
-            c_folder=None,
             created=today,
             estimator=_kept_estimator(release),
         )

@@ -68,15 +68,6 @@ def test_so_are_latent_states_and_forces(case):
         assert np.sqrt(np.mean((fed - exact) ** 2)) < 0.8 * np.sqrt(np.mean((coarse - exact) ** 2))
 
 
-def test_rounding_again_changes_nothing(case):
-    program, windows, _ = case
-    calibrated = rounded_on(program, windows)
-    again = rounded_to_nearest(calibrated.program)
-    for name, matrix in calibrated.matrices.items():
-        np.testing.assert_array_equal(again.matrices[name].values, matrix.values)
-        np.testing.assert_allclose(again.matrices[name].scales, matrix.scales, rtol=1e-6)
-
-
 def test_calibration_needs_windows():
     with pytest.raises(ExportError, match="no windows"):
         rounded_on(random_program(0), [])

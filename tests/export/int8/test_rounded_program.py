@@ -7,7 +7,7 @@ from onnx import numpy_helper
 from contract.config.learning import ModelConfig
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.matrices import map_matrices, matrices
+from export.program.matrices import matrices
 from export.program.random_program import random_program, random_windows
 from export.to_onnx.control_step import build_controller
 
@@ -30,10 +30,6 @@ def test_every_matrix_is_rounded_and_stands_for_the_programs(rounded):
         np.testing.assert_allclose(matrix.dequantised(), expected[name], rtol=2.4e-7, err_msg=name)
 
 
-def test_the_source_is_kept_as_it_was(rounded):
-    assert rounded.source is PROGRAM
-
-
 def test_the_graph_stores_these_integers_and_scales(rounded):
     """The LSTM's rows in ONNX's gate order, i, o, f, c for i, f, g, o; one direction in front."""
     tensors = [numpy_helper.to_array(tensor) for tensor in build_controller(rounded).graph.initializer]
@@ -45,9 +41,3 @@ def test_the_graph_stores_these_integers_and_scales(rounded):
         for expected in (values, scales):
             same = (expected.dtype == found.dtype and np.array_equal(expected, found) for found in tensors)
             assert any(same), name
-
-
-def test_a_program_with_its_own_matrices_is_itself():
-    own = matrices(PROGRAM)
-    again = matrices(map_matrices(PROGRAM, lambda name, weight: own[name]))
-    assert all(again[name] is own[name] for name in own)

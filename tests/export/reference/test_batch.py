@@ -108,24 +108,6 @@ def test_adjoints_are_those_of_each_row(shape, seed):
         np.testing.assert_array_equal(shift(plan)[i], shift(plan[i]))
 
 
-def test_one_state_mask_and_action_serve_all_plans():
-    program, (z, plans, _) = small(2), draw(2, (4,))
-    free, before = np.array([0.0, 1.0, 1.0, 0.0, 1.0, 1.0]), 0.02
-    many = (np.tile(z[0], (4, 1)), plans, np.full(4, before))
-    np.testing.assert_array_equal(plan_cost(program, z[0], plans, before), plan_cost(program, *many))
-    np.testing.assert_array_equal(gradient(program, z[0], plans, before), gradient(program, *many))
-    expected = optimise(program, *many, np.tile(free, (4, 1)))
-    np.testing.assert_array_equal(optimise(program, z[0], plans, before, free), expected)
-
-
-def test_gradients_are_the_slope_of_the_costs():
-    program, (z, plans, before) = small(4), draw(4, (3,))
-    along = np.random.default_rng(5).normal(size=plans.shape)
-    ends = [plan_cost(program, z, plans + h * along, before) for h in (-1e-6, 1e-6)]
-    slope = gradient(program, z, plans, before)
-    np.testing.assert_allclose((slope * along).sum(axis=1), (ends[1] - ends[0]) / 2e-6, rtol=1e-6, atol=1e-9)
-
-
 def test_adam_yields_every_iteration_and_the_program_takes_the_last_of_its_own():
     program, (z, plan, before) = small(1), draw(1, ())
     stages = list(adam(program, z, plan, float(before), [program.mpc.learning_rate] * 8))

@@ -1,6 +1,5 @@
 """Releases: what is written loads, answers like the reference and names its program, in the graph and in C alike."""
 
-import re
 from datetime import date
 
 import numpy as np
@@ -12,7 +11,6 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import StillwakeError
 from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
@@ -109,27 +107,8 @@ def test_a_written_release_loads_and_controls(tmp_path, program, name, precision
     np.testing.assert_allclose(new_plan, expected.plan, atol=2.5e-5)
 
 
-@pytest.mark.parametrize("precision", ["float32", "int8"])
-def test_a_bundle_and_a_c_library_of_one_program_name_the_same_program(tmp_path, program, precision):
-    windows = random_windows(program, 30)
-    lowered = lower(
-        rounded_on(program, windows) if precision == "int8" else program, calibration=windows, with_library=True
-    )
-    release(tmp_path / "release", gate(lowered, windows[:3], LOOSE))
-    assert lowered.library is not None
-    stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', lowered.library["sw_settings.h"].decode())
-    assert stated is not None
-    assert bundle.load(tmp_path / "release").manifest.program_sha256 == stated.group(1)
-
-
 def test_a_release_is_signed_with_the_key_given(tmp_path, program):
     key = Ed25519PrivateKey.generate()
     release(tmp_path / "release", gated(program, "int8"), key=key)
     trusted = signing.public_key(key)
     assert bundle.load(tmp_path / "release", trusted).signer == trusted
-
-
-def test_an_unwritable_place_is_a_clear_error(tmp_path, program):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StillwakeError, match="cannot write"):
-        release(tmp_path / "file" / "release", gated(program, "float32"))

@@ -1,38 +1,54 @@
-"""From a model folder and a recording to a bundle and a C library: both, or nothing on the disk."""
+"""From a model of another plant and its recording to a bundle and a C library: both, or nothing on the disk."""
 
+import hashlib
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from contract import sensors
-from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.operating_point import OperatingPoint
+from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import ExportError, LibraryError, StillwakeError
+from contract.errors import BundleError, ExportError, LibraryError, StillwakeError
 from contract.recording import dataset
-from contract.recording.dataset import UNITS, Dataset, Episode
+from contract.recording.dataset import Dataset, Episode, Role
+from contract.recording.facts import PlantFacts
 from contract.release import bundle
-from contract.release.manifest import Scaling
+from contract.runtime.onnx_session import OnnxController
+from contract.sensor_layout import SensorLayout
+from export.program.random_program import random_program
 from export.release import pipeline
 from export.release.gated import Gated
 from export.release.lowering import Lowered, library_of, lower
 from export.to_onnx.control_step import build_controller
+from firmware_sim.ecu.bundle_policy import BundlePolicy
 from firmware_sim.in_c.compiler import host_compiler
+from firmware_sim.in_c.host_library import CController
+from tests import foreign_plant
+from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
+from train.distillation.evaluate import ModelMetrics
 from train.networks.model import Encoder, WakeModel
+from train.samples.scaling import fit_scaling
 from train.selection.choice import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated
 
+LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
-CONFIG = Config(model=MODEL, mpc=MpcConfig(horizon=6))
-CHOSEN = ("upper_39", "lower_39", "base_0", "base_9")
+CONFIG = Config(
+    flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT), model=MODEL, mpc=MpcConfig(horizon=6, iterations=3)
+)
+CHOSEN = ("x.y", "tap A", "q'")
+FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
 
 try:
     host_compiler()
@@ -40,127 +56,183 @@ except LibraryError as error:
     pytest.skip(str(error), allow_module_level=True)
 
 
+def episode(name: str, role: Role, steps: int) -> Episode:
+    return Episode(name=name, role=role, series=foreign_plant.series(steps, steps), initial_action=0.0, provenance={})
+
+
+EPISODES = (episode("sweep", "train", 200), episode("blink", "train", 20), episode("held out", "test", 80))
+
+
 @pytest.fixture(scope="module")
-def model(tmp_path_factory, metrics):
+def recording(tmp_path_factory) -> Path:
+    path: Path = tmp_path_factory.mktemp("recording") / "my.h5"
+    dataset.write(path, Dataset(episodes=EPISODES, layout=LAYOUT, facts=FACTS))
+    return path
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory, recording: Path, metrics: ModelMetrics) -> Path:
     """Untrained, but for that as `train` writes it."""
     torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("model") / "model"
-    trained = model_store.TrainedModel(
-        config=CONFIG,
-        scaling=Scaling(
-            pressure_mean=(-0.4,) * sensors.COUNT,
-            pressure_std=(0.2,) * sensors.COUNT,
-            action_std=0.04,
-            force_mean=(1.0, 0.0),
-            force_std=(0.1, 0.8),
+    path: Path = tmp_path_factory.mktemp("model") / "model"
+    model_store.save(
+        path,
+        model_store.TrainedModel(
+            config=CONFIG,
+            scaling=fit_scaling(EPISODES[:1], LAYOUT),
+            teacher=WakeModel(len(NAMES), MODEL).eval(),
+            slim=Encoder(len(CHOSEN), MODEL).eval(),
+            predictor=None,
+            sensors=CHOSEN,
+            dataset_sha256=hashlib.sha256(recording.read_bytes()).hexdigest(),
+            metrics=metrics,
+            ranking=SensorChoice(method=GIVEN, order=CHOSEN),
+            versions={},
+            layout=LAYOUT,
         ),
-        teacher=WakeModel(sensors.COUNT, MODEL).eval(),
-        slim=Encoder(len(CHOSEN), MODEL).eval(),
-        predictor=None,
-        sensors=CHOSEN,
-        dataset_sha256="d" * 64,
-        metrics=metrics,
-        ranking=SensorChoice(method=GIVEN, order=CHOSEN),
-        versions={},
     )
-    model_store.save(path, trained)
     return path
 
 
-def episode(name: str, role: dataset.Role) -> Episode:
-    """A swing at the shedding's frequency, long enough for calibration."""
-    steps = MODEL.window + pipeline.CALIBRATION_WINDOWS
-    phase = 2 * np.pi * 0.04 * np.arange(steps)
-    series: dict[str, Array] = {name: np.zeros(steps) for name in UNITS}
-    series["t"] = 0.2 * np.arange(steps, dtype=np.float64)
-    series["Cp"] = -0.4 + 0.2 * np.sin(phase[:, None] + np.linspace(0.0, 3.0, sensors.COUNT))
-    series["action"] = 0.05 * np.cos(phase)
-    return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    path = tmp_path_factory.mktemp("recording") / "recording.h5"
-    dataset.write(path, Dataset(episodes=(episode("swing", "train"), episode("chirp", "test"))))
-    return path
+Export = Callable[..., Gated]
 
 
 @pytest.fixture
-def export(model, recording, tmp_path):
-    def run(**changes) -> Gated:
-        settings = {
+def export(model: Path, recording: Path, tmp_path: Path) -> Export:
+    def run(*, library: bool = False, **changes: Any) -> Gated:
+        arguments: dict[str, Any] = {
             "precision": "int8",
-            "name": "test",
+            "name": "other-plant",
             "recording": recording,
             "config": CONFIG,
-            "c_folder": tmp_path / "c",
             "created": date(2026, 1, 2),
         }
-        return pipeline.export_all(model, tmp_path / "bundle", **{**settings, **changes})
+        if library:
+            arguments["library"] = pipeline.CLibrary(folder=tmp_path / "c", compiled=CController)
+        return pipeline.export_all(model, tmp_path / "bundle", **{**arguments, **changes})
 
     return run
 
 
-@pytest.mark.parametrize("precision", ["float32", "int8"])
-def test_bundle_and_library_are_of_one_program(export, tmp_path, precision):
-    gated = export(precision=precision)
-    manifest = bundle.load(tmp_path / "bundle").manifest
-    stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
-    assert stated is not None
-    assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
-    assert manifest.dataset_sha256 == "d" * 64
-    figures = dict(pipeline.gate_figures(gated))
-    assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
-    assert ("int8 C against float32: cases" in figures) == (precision == "int8")
+def test_a_bundle_of_another_plant_runs_on_that_plant_and_on_no_other(export: Export, tmp_path: Path) -> None:
+    lines: list[str] = []
+    export(library=True, named=False, notice=lines.append)
+    assert lines == []
+    read = bundle.load(tmp_path / "bundle")
+    assert read.manifest.sensors == CHOSEN
+    assert read.manifest.sensor_positions == tuple(POSITIONS[NAMES.index(name)] for name in CHOSEN)
+    assert (read.manifest.control_period, read.manifest.action_limit) == (PERIOD, LIMIT)
+    assert (tmp_path / "c" / "sw_settings.h").is_file()
+
+    policy = BundlePolicy(read, OnnxController.of(read), LAYOUT)
+    memory, held_out = policy.start(), EPISODES[2]
+    commands = []
+    for Cp, action in zip(held_out.series["Cp"][:20], held_out.previous_action[:20], strict=True):
+        command, memory = policy.step(memory, Cp, float(action))
+        commands.append(command)
+    assert commands[: MODEL.window - 1] == [0.0] * (MODEL.window - 1)
+    assert all(0 < abs(command) <= LIMIT for command in commands[MODEL.window :])
+    with pytest.raises(BundleError, match=r"'other-plant' is of another plant: unknown sensor 'x\.y'"):
+        BundlePolicy(read, OnnxController.of(read))
 
 
-def test_without_a_c_folder_there_is_no_library(export, tmp_path):
-    assert export(c_folder=None).library is None
-    assert [item.name for item in tmp_path.iterdir()] == ["bundle"]
+def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is() -> None:
+    program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
+    windows = pipeline.calibration_windows(program, EPISODES[:2], LAYOUT)
+    assert len(windows) == 200 - (MODEL.window - 1)
+    with pytest.raises(ExportError, match="longest, blink, has 20 steps, 50 windows need 55; --precision float32"):
+        pipeline.calibration_windows(program, EPISODES[1:2], LAYOUT)
 
 
-@pytest.mark.parametrize("broken", ["graph", "library"])
-def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_path, monkeypatch, broken):
-    def lower_wrongly(program, **arguments) -> Lowered:
-        """One of the two lowerings optimises once more than the program does."""
-        other = replace(program, mpc=replace(program.mpc, iterations=program.mpc.iterations + 1))
-        lowered = lower(program, **arguments)
-        if broken == "graph":
-            return replace(lowered, graph=build_controller(other).SerializeToString())
-        return replace(lowered, library=library_of(other, ()))
-
-    monkeypatch.setattr(pipeline, "lower", lower_wrongly)
-    with pytest.raises(ExportError, match="and reference differ by"):
-        export(precision="float32")
-    assert list(tmp_path.iterdir()) == []
+def test_gates_replay_the_first_test_episode_that_is_long_enough() -> None:
+    program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
+    one, two = pipeline.gate_windows(program, EPISODES[1:], LAYOUT)[-1], EPISODES[2].series["Cp"][-1]
+    np.testing.assert_array_equal(one[-1, :-1], two[LAYOUT.indices(CHOSEN)])
+    with pytest.raises(ExportError, match="episode blink: 20 steps, 50 windows need 55"):
+        pipeline.gate_windows(program, EPISODES[1:2], LAYOUT)
 
 
-@pytest.mark.parametrize("occupied", ["bundle", "c"])
-def test_neither_is_written_where_one_place_holds_something_else(export, tmp_path, occupied):
-    (tmp_path / occupied).mkdir()
-    (tmp_path / occupied / "thesis.txt").write_text("years of work")
-    with pytest.raises(StillwakeError, match="holds something else; name another"):
-        export()
-    assert sorted(item.name for item in tmp_path.rglob("*")) == sorted([occupied, "thesis.txt"])
+def other_recording(folder: Path, layout: SensorLayout) -> Path:
+    path = folder / "other.h5"
+    episodes = (episode("sweep", "train", 150), episode("held out", "test", 90))
+    dataset.write(path, Dataset(episodes=episodes, layout=layout, facts=FACTS))
+    return path
 
 
-def test_a_precision_that_does_not_exist_is_refused(export, tmp_path):
-    with pytest.raises(ExportError, match="--precision int4: must be int8 or float32"):
-        export(precision="int4")
-    assert list(tmp_path.iterdir()) == []
+def test_another_recording_is_taken_if_it_is_named_and_said(export: Export, tmp_path: Path) -> None:
+    other = other_recording(tmp_path, LAYOUT)
+    lines: list[str] = []
+    with pytest.raises(ExportError, match=r"other\.h5 .* is not the recording that the model .* with --dataset"):
+        export(recording=other, named=False)
+    assert not (tmp_path / "bundle").exists()
+    export(recording=other, notice=lines.append)
+    (line,) = lines
+    assert "other.h5" in line
+    assert "is not the recording that the model was fitted to" in line
 
 
-def test_a_step_that_takes_longer_than_a_period_is_refused_before_the_work(export, tmp_path):
-    """A rig of 0.1 m at 20 m/s: a period of 0.2 t_c is 1 ms."""
+def test_a_recording_of_other_sensors_is_refused(export: Export, tmp_path: Path) -> None:
+    places = np.array(POSITIONS)
+    places[2, 0] = 0.72
+    moved = SensorLayout.of(NAMES, places, base=LAYOUT.base.tolist(), symmetric=False)
+    with pytest.raises(ExportError, match="of other sensors, in the position of Ø3"):
+        export(recording=other_recording(tmp_path, moved))
+
+
+def test_settings_that_do_not_fit_are_refused_before_the_work(export: Export, tmp_path: Path) -> None:
+    # A rig of 0.1 m at 20 m/s: a period of 0.3 t_c is 1.5 ms.
     rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
-    phases: list[str] = []
-    with pytest.raises(ExportError, match=r"ecu\.compute_time_ms = 8: must be within the control period of 1 ms"):
-        export(config=rig, phase=phases.append)
-    assert phases == ["read"]
-    assert not list(tmp_path.iterdir())
+    changes: tuple[tuple[dict[str, Any], str], ...] = (
+        ({"config": replace(CONFIG, flow=replace(CONFIG.flow, control_period=0.2))}, "trained with 0.3"),
+        ({"config": replace(CONFIG, flow=replace(CONFIG.flow, action_limit=0.075))}, "trained with 0.2"),
+        ({"config": rig}, "ecu.compute_time_ms = 8: must be within the control period of 1.5 ms"),
+        ({"precision": "int4"}, "--precision int4: must be int8 or float32"),
+    )
+    for change, message in changes:
+        phases: list[str] = []
+        with pytest.raises(ExportError, match=re.escape(message)):
+            export(**change, phase=phases.append)
+        assert phases in ([], ["read"]), message
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_every_phase_is_announced_once_and_in_order(export):
-    begun: list[str] = []
-    export(c_folder=None, precision="float32", phase=begun.append)
-    assert tuple(begun) == pipeline.PHASES
+def test_bundle_and_library_are_of_one_program(export: Export, tmp_path: Path) -> None:
+    for precision in ("float32", "int8"):
+        begun: list[str] = []
+        gated = export(library=True, precision=precision, phase=begun.append)
+        manifest = bundle.load(tmp_path / "bundle").manifest
+        stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
+        assert stated is not None
+        assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
+        figures = dict(pipeline.gate_figures(gated))
+        assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
+        assert ("int8 C against float32: cases" in figures) == (precision == "int8")
+        assert tuple(begun) == pipeline.PHASES
+
+
+def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export: Export, tmp_path: Path, monkeypatch) -> None:
+    for broken in ("graph", "library"):
+
+        def lower_wrongly(program: Any, *, of: str = broken, **arguments: Any) -> Lowered:
+            """One of the two lowerings optimises once more than the program does."""
+            other = replace(program, mpc=replace(program.mpc, iterations=program.mpc.iterations + 1))
+            lowered = lower(program, **arguments)
+            if of == "graph":
+                return replace(lowered, graph=build_controller(other).SerializeToString())
+            return replace(lowered, library=library_of(other, ()))
+
+        monkeypatch.setattr(pipeline, "lower", lower_wrongly)
+        with pytest.raises(ExportError, match="and reference differ by"):
+            export(library=True, precision="float32")
+        assert list(tmp_path.iterdir()) == [], broken
+
+
+def test_neither_is_written_where_one_place_holds_something_else(export: Export, tmp_path: Path) -> None:
+    for occupied in ("bundle", "c"):
+        (tmp_path / occupied).mkdir()
+        (tmp_path / occupied / "thesis.txt").write_text("years of work")
+        with pytest.raises(StillwakeError, match="holds something else; name another"):
+            export(library=True)
+        assert [item.name for item in tmp_path.rglob("*")] == [occupied, "thesis.txt"]
+        (tmp_path / occupied / "thesis.txt").unlink()
+        (tmp_path / occupied).rmdir()

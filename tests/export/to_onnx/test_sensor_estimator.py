@@ -68,12 +68,6 @@ def test_numbers_without_a_float32_are_refused() -> None:
         built(network)
 
 
-def test_there_is_a_row_for_every_view() -> None:
-    model = built()
-    (output,) = model.graph.output
-    assert [side.dim_value for side in output.type.tensor_type.shape.dim] == [len(views(4)), 4]
-
-
 def test_readings_out_of_reach_count_as_those_at_its_end() -> None:
     rounded = rounded_estimator(random_network())
     estimator, network = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES), rounded.network

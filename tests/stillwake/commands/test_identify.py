@@ -89,10 +89,10 @@ def test_a_linear_model_is_never_int8(cli, folder, tmp_path):
 def test_another_recording_must_be_named(cli, folder, tmp_path):
     done = cli("export", folder / "model", tmp_path / "b")
     assert done.code == 1
-    assert "identified from" in done.err
+    assert "fitted to" in done.err
     done = cli("export", folder / "model", tmp_path / "b", "--dataset", folder / "one.h5")
     assert done.code == 0, done.err
-    assert "is not the recording that the model was identified from" in done.out
+    assert "is not the recording that the model was fitted to" in done.out
 
 
 @pytest.mark.compiler
