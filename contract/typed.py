@@ -39,14 +39,16 @@ def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
     """
     _check_names(tree, kind, "", complete=complete)
     try:
-        return msgspec.convert(tree, kind)
+        value = msgspec.convert(tree, kind)
     except msgspec.ValidationError as error:
         wording, _, place = str(error).removesuffix("`").partition(" - at `$")
-        value, hint = tree, kind
+        wrong, hint = tree, kind
         for name, index in _STEP.findall(place):
-            value = value[name or int(index)]  # type: ignore[index]  # msgspec has been there
+            wrong = wrong[name or int(index)]  # type: ignore[index]  # msgspec has been there
             hint = get_type_hints(hint).get(name) if is_dataclass(hint) else None  # type: ignore[assignment]
-        raise ConfigError(f"{place.lstrip('.')} = {quoted(value, LONGEST_SHOWN)}: {_right(wording, hint)}") from error
+        raise ConfigError(f"{place.lstrip('.')} = {quoted(wrong, LONGEST_SHOWN)}: {_right(wording, hint)}") from error
+    _set_in_order(value)
+    return value
 
 
 def _right(wording: str, hint: Any) -> str:
@@ -76,6 +78,19 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
     for name in names & tree.keys():
         if (part := _part_of(hints[name])) is not None:
             _check_names(tree[name], part, f"{above}{name}.", complete=complete)
+
+
+def _set_in_order(value: object) -> None:
+    """Give `vars` all fields in their order: msgspec sets those in the tree, in the tree's order."""
+    if isinstance(value, list | tuple):
+        for item in value:
+            _set_in_order(item)
+    elif is_dataclass(value):
+        held = {item.name: getattr(value, item.name) for item in fields(value)}
+        vars(value).clear()
+        vars(value).update(held)
+        for item in held.values():
+            _set_in_order(item)
 
 
 def _part_of(hint: Any) -> Any:

@@ -6,17 +6,19 @@ data set, weights and program it comes from, and the SHA-256 of every other file
 of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
 accidents; a signature by a key that the reader trusts guards against people.
 
-`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`; it is
-judged too, by whoever signs it and by whoever loads it (`contract.release.onnx_graph`). So is `sensors.onnx`, where
-there is one: it estimates the pressures from each other, for the ECU's sensor check (`contract.controller.estimator`).
+`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`; its bytes
+are judged whenever it is loaded (`contract.release.onnx_graph`). So are those of `sensors.onnx`, where there is one: it
+estimates the pressures from each other, for the ECU's sensor check (`contract.controller.estimator`).
 """
 
 import hashlib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, ParamSpec
+from typing import Any, Final, TypeVar
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -30,18 +32,17 @@ from contract.errors import (
     BundleSignatureError,
     BundleSignerError,
 )
-from contract.printable import shown
 from contract.release import signing
 from contract.release.container import is_plain_name, read_files, write_files
-from contract.release.manifest import MANIFEST, Manifest, Opened, SensorEstimator, encode, open_manifest, parse
-from contract.release.onnx_graph import check_estimator_graph, check_graph
+from contract.release.manifest import MANIFEST, Manifest, SensorEstimator, encode, open_manifest, parse
+from contract.release.onnx_graph import check_graph
 from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"
 UNSIGNED: Final = "unsigned: its hashes show accidents, not who made it"
 
-_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,17 +134,22 @@ def check_replaceable(path: Path) -> None:
         raise BundleError(f"bundle {path}: that directory holds something else; name another")
 
 
-def sign(path: Path, key: Ed25519PrivateKey) -> Bundle:
+def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
     """Verify all of a bundle but its signature, and sign it in place.
+
+    Args:
+        judge: called with the bundle before it is signed; raises for one that must not be.
 
     Raises:
         BundleError: as `load` does.
         StillwakeError: if it cannot be written.
     """
-    found = read_files(path)
-    found.pop(SIGNATURE, None)
-    bundle = _verified(path, found, None)
-    write_files(path, {**found, SIGNATURE: signing.sign(key, found[MANIFEST])})
+    contents = read_files(path)
+    contents.pop(SIGNATURE, None)
+    bundle = _verified(path, contents, None)
+    if judge is not None:
+        judge(bundle)
+    write_files(path, {**contents, SIGNATURE: signing.sign(key, contents[MANIFEST])})
     return replace(bundle, signer=signing.public_key(key))
 
 
@@ -167,8 +173,9 @@ def renew(
     security_version: int | None = None,
     hardware: str | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle of another version's DBC anew, with this version's, under another name, and sign it.
+    """Write a bundle of another version's DBC again, with this version's, under another name, and sign it.
 
     Or of another operating point: the controller knows Cp and U_inf W, not Pa and m/s; the control period, and with it
     the budget, follow.
@@ -184,6 +191,7 @@ def renew(
         weights: of the cost, in place of the old bundle's, by name.
         security_version, hardware: in place of the old bundle's.
         estimator: called with the old manifest, makes a sensor estimator; without it, one that is there is kept.
+        judge: called with the new bundle before it is written, as in `sign`.
 
     Raises:
         BundleError: as `load` does, and for a bad name or a target that holds something else.
@@ -204,6 +212,8 @@ def renew(
         manifest = replace(manifest, hardware=hardware)
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator(old.manifest))
+    if judge is not None:
+        judge(replace(old, manifest=manifest, files=contents))
     write(target, manifest, contents, key)
     return load(target, signing.public_key(key))
 
@@ -223,18 +233,18 @@ def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False)
     return _verified(path, read_files(path), trusted, any_dbc=any_dbc)
 
 
-def verified(name: str, found: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
+def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
     """The bundle of files that are in memory, every check of `load` made.
 
     Args:
         name: for messages.
-        found: all its files.
+        contents: all its files.
         trusted: keys, one of which must have signed it.
 
     Raises:
         BundleError: as `load`.
     """
-    return _verified(Path(name), found, frozenset(trusted))
+    return _verified(Path(name), contents, frozenset(trusted))
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
@@ -243,71 +253,91 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
     Where a check cannot be made because an earlier one failed, the list ends.
     """
     try:
-        found = read_files(path)
+        contents = read_files(path)
     except BundleError as error:
         return [Check(name="container", error=error)]
+    made = _Made(lists=True)
     kind = "directory" if path.is_dir() else "zip"
-    container = Check(name="container", found=f"{kind} of {len(found)} files")
-    try:
-        raw, signature, contents = _taken_apart(path, found)
-    except BundleError as error:
-        return [container, Check(name=MANIFEST, error=error)]
-    signed = _check(SIGNATURE, _signature_found, path, raw, signature, trusted)
-    try:
-        opened = open_manifest(path, raw)
-    except BundleError as error:
-        return [container, signed, Check(name=MANIFEST, error=error)]
-    files_checked = [
-        _check(name, _verify_file, path, name, contents, opened.hashes) for name in _names(contents, opened)
-    ]
-    dbc = _check("DBC", _verify_dbc, path, opened.dbc)
-    checks = [container, signed, Check(name=MANIFEST, found=opened.digest), *files_checked, dbc]
-    try:
-        manifest = parse(path, opened)
-    except BundleError as error:
-        return [*checks, Check(name="content", error=error)]
-    checks.append(Check(name="content", found=manifest.name))
-    altered = {check.name for check in files_checked if check.error}
-    if CONTROLLER not in altered:
-        checks.append(_check("graph", _verify_graph, path, contents[CONTROLLER], manifest))
-    stated = ESTIMATOR in contents or manifest.sensor_estimator is not None
-    if stated and ESTIMATOR not in altered:
-        checks.append(_check("sensor graph", _verify_estimator, path, contents, manifest))
-    return checks
+    made.checks.append(Check(name="container", found=f"{kind} of {len(contents)} files"))
+    with suppress(BundleError):
+        _read(path, contents, trusted, made)
+    return made.checks
 
 
 def _verified(
     path: Path,
-    found: Mapping[str, bytes],
+    contents: Mapping[str, bytes],
     trusted: PublicKey | frozenset[PublicKey] | None,
     *,
     any_dbc: bool = False,
 ) -> Bundle:
-    """The bundle of these files; the first check that fails raises. Nothing is parsed before its signature is good."""
-    raw, signature, contents = _taken_apart(path, found)
-    signer = _verify_signature(path, raw, signature, trusted)
-    opened = open_manifest(path, raw)
-    for name in _names(contents, opened):
-        _verify_file(path, name, contents, opened.hashes)
+    return _read(path, contents, trusted, _Made(lists=False), any_dbc=any_dbc)
+
+
+@dataclass(kw_only=True)
+class _Made:
+    """The checks of a reading; the first that fails ends it, unless they are to be listed."""
+
+    lists: bool
+    checks: list[Check] = field(default_factory=list)
+
+    def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
+        """Make a check that no other one builds on; None where it failed."""
+        try:
+            value = verify()
+        except BundleError as error:
+            self.checks.append(Check(name=name, error=error))
+            if not self.lists:
+                raise
+            return None
+        self.checks.append(Check(name=name, found=in_words(value)))
+        return value
+
+    def need(self, name: str, make: Callable[[], _T]) -> _T:
+        """Make what the next checks need; the reading ends where it fails."""
+        try:
+            return make()
+        except BundleError as error:
+            self.checks.append(Check(name=name, error=error))
+            raise
+
+
+def _read(
+    path: Path,
+    contents: Mapping[str, bytes],
+    trusted: PublicKey | frozenset[PublicKey] | None,
+    made: _Made,
+    *,
+    any_dbc: bool = False,
+) -> Bundle:
+    """The bundle of these files, with every check; nothing is parsed before its signature is good."""
+    raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
+
+    def signed_by(key: PublicKey | None) -> str:
+        return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
+
+    signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
+    opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
+    made.check(MANIFEST, lambda: opened.digest)
+    # Of the files that are there or should be.
+    names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
+    sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:
-        _verify_dbc(path, opened.dbc)
-    manifest = parse(path, opened)
-    _verify_graph(path, contents[CONTROLLER], manifest)
-    _verify_estimator(path, contents, manifest)
+        made.check("DBC", lambda: _verify_dbc(path, opened.dbc))
+    manifest = made.need("content", lambda: parse(path, opened))
+    made.check("content", lambda: manifest.name)
+    if CONTROLLER in sound:
+        made.check("graph", lambda: _verify_graph(path, CONTROLLER, parts[CONTROLLER]))
+    is_stated = manifest.sensor_estimator is not None
+    if ESTIMATOR in sound or (is_stated and ESTIMATOR not in names):
+        made.check("sensor graph", lambda: _verify_estimator(path, parts, is_stated=is_stated))
     return Bundle(
         manifest=manifest,
-        files=contents,
+        files=parts,
         digest=opened.digest,
         signer=signer,
         is_trusted=trusted is not None,
     )
-
-
-def _check(name: str, verify: Callable[_P, str], *args: _P.args, **kwargs: _P.kwargs) -> Check:
-    try:
-        return Check(name=name, found=verify(*args, **kwargs))
-    except BundleError as error:
-        return Check(name=name, error=error)
 
 
 def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes | None, dict[str, bytes]]:
@@ -317,16 +347,6 @@ def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes |
     if raw is None:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
     return raw, signature, contents
-
-
-def _names(contents: Mapping[str, bytes], opened: Opened) -> list[str]:
-    """Of the files that are there or should be."""
-    return sorted({CONTROLLER} | opened.hashes.keys() | contents.keys())
-
-
-def _signature_found(path: Path, raw: bytes, signature: bytes | None, trusted: PublicKey | None) -> str:
-    key = _verify_signature(path, raw, signature, trusted)
-    return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
 
 
 def _verify_signature(
@@ -369,27 +389,21 @@ def _verify_dbc(path: Path, dbc: object) -> str:
     return dbc_sha256()
 
 
-def _verify_graph(path: Path, content: bytes, manifest: Manifest) -> str:
+def _verify_graph(path: Path, name: str, content: bytes) -> str:
     try:
-        nodes = check_graph(content, manifest.sizes)
+        check_graph(content)
     except ValueError as error:
-        raise BundleControllerError(f"bundle {path}: {CONTROLLER}: {shown(error)}") from error
-    return f"{nodes} nodes, of a control step's operators alone"
+        raise BundleControllerError(f"bundle {path}: {name}: {error}") from error
+    return f"{len(content)} bytes, with all constants and ONNX's operators alone"
 
 
-def _verify_estimator(path: Path, contents: Mapping[str, bytes], manifest: Manifest) -> str:
+def _verify_estimator(path: Path, contents: Mapping[str, bytes], *, is_stated: bool) -> str:
     content = contents.get(ESTIMATOR)
-    if manifest.sensor_estimator is None:
-        if content is not None:
-            raise BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} says nothing of it (sensor_estimator)")
-        return "none"
+    if not is_stated:
+        raise BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} does not mention it (sensor_estimator)")
     if content is None:
         raise BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
-    try:
-        nodes = check_estimator_graph(content, manifest.sizes)
-    except ValueError as error:
-        raise BundleControllerError(f"bundle {path}: {ESTIMATOR}: {shown(error)}") from error
-    return f"{nodes} nodes"
+    return _verify_graph(path, ESTIMATOR, content)
 
 
 def sha256(data: bytes) -> str:

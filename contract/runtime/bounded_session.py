@@ -86,12 +86,14 @@ class BoundedGraph:
 
     def _opened(self, options: Any) -> Any:
         try:
-            session = onnxruntime.InferenceSession(self.model, options, providers=["CPUExecutionProvider"])
+            session = onnxruntime.InferenceSession(
+                self.model, options, providers=["CPUExecutionProvider"], enable_fallback=False
+            )
+            # ONNX Runtime lists inputs that have a default apart. A name may be no text.
+            listed = (*session.get_inputs(), *session.get_outputs(), *session.get_overridable_initializers())
+            found = {item.name: item.shape for item in listed}
         except Exception as error:
             raise BundleControllerError(f"{self.name} does not load: {shown(error)}") from error
-        found = {item.name: item.shape for item in (*session.get_inputs(), *session.get_outputs())}
-        # ONNX Runtime lists inputs that have a default apart.
-        found |= {item.name: item.shape for item in session.get_overridable_initializers()}
         for name, shape in self.shapes.items():
             if found.get(name) != list(shape):
                 raise BundleControllerError(
@@ -106,9 +108,10 @@ def _options() -> Any:
     # Errors are raised, and need not be printed too; the optional `weights` input, an initialiser that may be
     # overridden, would be warned about at every load.
     options.log_severity_level = 4
-    # A graph from a bundle was judged to hold all its constants. Should one name a file all the same, it is looked for
-    # below what is no folder, and not where the process happens to stand.
+    # A bundle's graph was judged to hold all its constants. Should one name a file all the same, it is searched below
+    # what is no folder, and not where the process happens to stand.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    options.add_session_config_entry("session.load_model_format", "ONNX")
     return options
 
 

@@ -15,11 +15,13 @@ from contract.config.loading import Loaded
 from contract.errors import BundleError, KeyFileError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release import key_list, signing
-from contract.release.bundle import Bundle
+from contract.release.bundle import Bundle, Check
 from contract.release.difference import differences
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
 from contract.release.signing import PublicKey
+from contract.runtime.onnx_estimator import OnnxEstimator
+from contract.runtime.onnx_session import OnnxController
 from stillwake.console.outputs import Overwrite, check_output
 from stillwake.console.settings import settings
 from stillwake.console.terminal import Overrides, console, progress_bar
@@ -53,7 +55,9 @@ def keygen(folder: Annotated[Path, typer.Argument(help="Folder to write release.
 @bundle.command()
 def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")], key: KeyFile) -> None:
     """Verify a bundle and sign it in place; an older signature is replaced."""
-    signed = bundles.sign(path, signing.read_private_key(key))
+    from export.release.judged import judge
+
+    signed = bundles.sign(path, signing.read_private_key(key), judge)
     console.print(*describe(signed), sep="\n", soft_wrap=True)
 
 
@@ -84,9 +88,11 @@ def renew(
 
     The old bundle must be in order but for its DBC. The new one names it by its hash.
     With --set operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with
-    --set mpc.weights.lift=0.1 it weighs the cost anew. --security-version and --hardware say which ECUs take it when it
-    is flashed. A sensor estimator that it has is kept; with --sensors it gets one, or another one.
+    --set mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs
+    take it when it is flashed. A sensor estimator that it has is kept; with --sensors it gets one, or another one.
     """
+    from export.release.judged import judge
+
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip")
     _, trusted = locate(path, trust)
     private = signing.read_private_key(key)
@@ -104,6 +110,7 @@ def renew(
             security_version=security_version,
             hardware=hardware,
             estimator=None if sensors is None else partial(fitted_estimator, sensors, bar),
+            judge=judge,
         )
     console.print(*describe(renewed), sep="\n", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
@@ -120,6 +127,8 @@ def verify(path: BundlePath = None, trust: Trust = None) -> None:
     """Make every check that loading makes, one line each, and fail if one of them does."""
     where, trusted = locate(path, trust)
     checks = bundles.examine(where, trusted)
+    if all(check.error is None for check in checks):
+        checks.append(_first_step(bundles.load(where, trusted)))
     for check in checks:
         mark = "[green]ok[/]    " if check.error is None else "[red]FAILED[/]"
         line = f"{mark} {escape(check.name):15s} {escape(check.found or str(check.error))}"
@@ -127,6 +136,16 @@ def verify(path: BundlePath = None, trust: Trust = None) -> None:
     failed = [check.name for check in checks if check.error is not None]
     if failed:
         raise BundleError(f"bundle {where}: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}")
+
+
+def _first_step(release: Bundle) -> Check:
+    """A step of each graph, in bounded time and memory, with the inputs and outputs that the manifest gives them."""
+    try:
+        controller = OnnxController.of(release)
+        OnnxEstimator.of(release)
+    except BundleError as error:
+        return Check(name="first step", error=error)
+    return Check(name="first step", found=controller.description)
 
 
 @bundle.command()

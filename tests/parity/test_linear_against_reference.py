@@ -8,11 +8,11 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.controller.interface import ControllerError
 from contract.errors import ExportError, LibraryError
-from contract.release.onnx_graph import check_graph
 from export.gates.parity import check_lowering, check_parity
 from export.program.linear_program import LinearProgram
 from export.program.random_linear_program import random_linear_program
 from export.program.random_program import random_windows
+from export.release.judged import check_model
 from export.to_c.linear_library import linear_c_library
 from export.to_onnx.linear_step import build_linear_controller
 from firmware_sim.in_c.compiler import host_compiler
@@ -44,7 +44,7 @@ def in_c(program: LinearProgram) -> CController:
 def test_the_graph_computes_the_reference(seed):
     program = program_of(seed)
     graph = build_linear_controller(program).SerializeToString()
-    check_graph(graph, program.sizes)
+    check_model(graph)
     check_parity(program, graph, random_windows(program, 10, seed=seed))
 
 

@@ -11,7 +11,7 @@ from benchmarks.release.ship import ship
 from contract.errors import BundleError
 from contract.release import bundle as bundles
 from contract.shipped import BUNDLE, MODEL
-from tests.stillwake.commands.resealing import resealed
+from tests.contract.release.resealing import resealed
 
 ON = date(2026, 1, 2)
 

@@ -1,7 +1,5 @@
 """The tester's steps against the real server, programming services and store, in virtual time."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from can_bridge.flashing.verdicts import Verdict
@@ -9,16 +7,9 @@ from can_bridge.tester.messages import ImageRefusedError
 from can_bridge.tester.sequence import End, Flashed
 from can_bridge.uds.services import Service
 from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.can_bridge.flashing.quick_graphs import graphs_judged_once
 from tests.can_bridge.flashing.releases import SECOND, STRANGER, image, provisioned
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
-
-
-@pytest.fixture(autouse=True)
-def _graphs_judged_once() -> Iterator[None]:
-    with graphs_judged_once():
-        yield
 
 
 class Vehicle:

@@ -168,3 +168,10 @@ def test_the_quick_training_differs_from_the_release_in_training_alone() -> None
     assert fast.train.streamed and fast.train.finish.epochs > 0, "its encoder must have read windows in the end"
     for name in ("epochs", "stream_epochs", "distil_epochs", "predictor_epochs"):
         assert getattr(fast.train, name) < getattr(usual.train, name)
+
+
+def test_fields_stand_in_their_own_order_whatever_the_file_has(tmp_path):
+    """What people see of a section is listed by `vars`."""
+    (tmp_path / "mine.toml").write_text("[mpc]\nhorizon = 9\n[mpc.weights]\nlift = 1\ndrag_mean = 2\n")
+    weights = load_config(tmp_path / "mine.toml").mpc.weights
+    assert tuple(vars(weights).values()) == weights.as_tuple()

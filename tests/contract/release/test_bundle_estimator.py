@@ -1,6 +1,5 @@
 """A sensor estimator in a bundle: there if and only if the manifest says so, and judged like the controller."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import BundleControllerError, BundleError, BundleFileError
+from contract.errors import BundleError, BundleFileError
 from contract.release import bundle, signing
 from contract.release.bundle import CONTROLLER, Bundle, MadeEstimator
 from contract.release.manifest import SensorEstimator
@@ -27,7 +26,7 @@ def test_the_shipped_bundle_has_one_and_shows_its_check(shipped: Bundle) -> None
     checks = {item.name: item for item in bundle.examine(BUNDLE)}
     assert checks[ESTIMATOR].error is None
     assert checks["sensor graph"].error is None
-    assert checks["sensor graph"].found.endswith("nodes")
+    assert [check.error for check in checks.values()] == [None] * 9
 
 
 def test_a_bundle_without_one_loads_and_is_not_asked_for_it(shipped: Bundle, tmp_path: Path) -> None:
@@ -50,27 +49,12 @@ def test_a_file_that_the_manifest_says_nothing_of_is_refused(shipped: Bundle, tm
     bundle.write(tmp_path / "b", replace(shipped.manifest, sensor_estimator=None), shipped.files)
     error = refused(tmp_path / "b")
     assert isinstance(error, BundleFileError)
-    assert "sensors.onnx: manifest.json says nothing of it" in str(error)
+    assert "sensors.onnx: manifest.json does not mention it" in str(error)
 
 
 def test_a_file_that_the_manifest_speaks_of_must_be_there(shipped: Bundle, tmp_path: Path) -> None:
     bundle.write(tmp_path / "b", shipped.manifest, {CONTROLLER: shipped.files[CONTROLLER]})
     assert "sensors.onnx is missing: manifest.json has a sensor_estimator" in str(refused(tmp_path / "b"))
-
-
-def test_another_graph_in_its_place_is_refused(shipped: Bundle, tmp_path: Path) -> None:
-    bundle.write(tmp_path / "b", shipped.manifest, {**shipped.files, ESTIMATOR: shipped.files[CONTROLLER]})
-    error = refused(tmp_path / "b")
-    assert isinstance(error, BundleControllerError)
-    assert "sensors.onnx: input 'plan': must be one of window" in str(error)
-
-
-def test_an_altered_one_is_refused(tmp_path: Path) -> None:
-    shutil.copytree(BUNDLE, tmp_path / "b")
-    content = bytearray((BUNDLE / ESTIMATOR).read_bytes())
-    content[len(content) // 2] ^= 1
-    (tmp_path / "b" / ESTIMATOR).write_bytes(content)
-    assert "sensors.onnx was altered" in str(refused(tmp_path / "b"))
 
 
 def test_renewal_keeps_it_or_puts_another_one_in_its_place(shipped: Bundle, tmp_path: Path) -> None:

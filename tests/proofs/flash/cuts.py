@@ -16,7 +16,6 @@ from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError
-from tests.can_bridge.flashing.quick_graphs import graphs_judged_once
 from tests.can_bridge.flashing.releases import provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
@@ -154,8 +153,7 @@ def walk(
         recover(Case(kind, seed, first), torn, asked, tally, lambda second: then(first, second))
 
     place.branch(lambda number: at(number - begin), on_cut)
-    with graphs_judged_once():
-        _flash(StoreEcu(place.backing), asked)
+    _flash(StoreEcu(place.backing), asked)
     tally.operations = place.operations - begin
     return tally
 

@@ -1,7 +1,6 @@
 """Any sequence of requests, waits, and losses of power leaves the ECU with what it may have, and nothing else."""
 
 import hashlib
-from contextlib import ExitStack
 
 import pytest
 from hypothesis import strategies as st
@@ -9,7 +8,6 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
-from tests.can_bridge.flashing.quick_graphs import graphs_judged_once
 from tests.can_bridge.flashing.releases import provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, S, payload
@@ -28,8 +26,6 @@ class AnySequence(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.quick = ExitStack()
-        self.quick.enter_context(graphs_judged_once())
         backing = provisioned()
         self.ecu = StoreEcu(lambda: backing)
         self.witness = Witness(self.ecu, backing)
@@ -152,9 +148,6 @@ class AnySequence(RuleBasedStateMachine):
     def nothing_is_found(self):
         self.witness.look()
         assert self.witness.found.total() == 0, self.witness.found
-
-    def teardown(self):
-        self.quick.close()
 
 
 TestAnySequence = pytest.mark.slow(AnySequence.TestCase)

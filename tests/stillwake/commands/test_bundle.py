@@ -14,7 +14,7 @@ from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from stillwake.commands import bundle as stillwake_bundle
 from stillwake.console.terminal import console
-from tests.stillwake.commands.resealing import resealed
+from tests.contract.release.resealing import resealed
 from tests.stillwake.verbs import verbs
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
@@ -212,7 +212,7 @@ def test_a_graph_that_reads_other_files_is_neither_signed_nor_loaded(cli, signed
     (signed / CONTROLLER).write_bytes(content)
     resealed(signed, KEY, files={CONTROLLER: hashlib.sha256(content).hexdigest()})
     cli("bundle", "keygen", tmp_path / "keys")
-    expected = f"constant {tensor.name!r} is kept in another file"
+    expected = "a constant is kept in another file"
     assert expected in cli("bundle", "sign", signed, "--key", tmp_path / "keys" / "release.key").err
     assert expected in cli("bundle", "inspect", signed).err
     verified = cli("bundle", "verify", signed)

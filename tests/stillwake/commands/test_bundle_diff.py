@@ -12,7 +12,7 @@ from contract.release.bundle import CONTROLLER
 from contract.release.difference import Difference, differences
 from contract.release.manifest import MANIFEST
 from contract.shipped import BUNDLE
-from tests.stillwake.commands.resealing import resealed
+from tests.contract.release.resealing import resealed
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 

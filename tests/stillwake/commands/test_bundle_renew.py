@@ -19,7 +19,7 @@ from contract.release.bundle import CONTROLLER
 from contract.release.manifest import MANIFEST
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.fit import check_vehicle
-from tests.stillwake.commands.resealing import resealed
+from tests.contract.release.resealing import resealed
 from tests.train.test_sensor_estimator import episode
 
 OLD_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

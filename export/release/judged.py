@@ -1,0 +1,62 @@
+"""What a graph must be before anyone signs it: by onnx's own checker, and of the operators that the export writes."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import onnx
+
+from contract.controller.estimator import ESTIMATOR
+from contract.errors import BundleControllerError
+from contract.printable import shown
+from contract.release.bundle import CONTROLLER, Bundle
+from contract.runtime.onnx_estimator import OnnxEstimator
+from contract.runtime.onnx_session import OnnxController
+
+OPERATORS: Final = frozenset(
+    (
+        *("Abs", "Add", "Cast", "Clip", "Concat", "CumSum", "DequantizeLinear", "Div", "Elu", "Equal", "Exp", "Gemm"),
+        *("Greater", "Identity", "LSTM", "LayerNormalization", "MatMul", "Min", "Mul", "ReduceMax", "ReduceMean"),
+        *("ReduceMin", "ReduceSum", "Relu", "Reshape", "Scan", "Sign", "Slice", "Split", "Sqrt", "Squeeze", "Sub"),
+        *("Transpose", "Unsqueeze", "Where"),
+    )
+)
+
+
+def judge(bundle: Bundle) -> None:
+    """Judge a bundle's graphs and run a step of each, in bounded time and memory.
+
+    Raises:
+        BundleControllerError: one of them is not sound, or computes otherwise than the manifest states.
+    """
+    for name in (CONTROLLER, ESTIMATOR):
+        if name in bundle.files:
+            try:
+                check_model(bundle.files[name])
+            except ValueError as error:
+                raise BundleControllerError(f"bundle {bundle.manifest.name}: {name}: {shown(error)}") from error
+    OnnxController.of(bundle)
+    OnnxEstimator.of(bundle)
+
+
+def check_model(content: bytes) -> int:
+    """How many nodes a sound graph has; raises ValueError for one that is not, with what is wrong."""
+    try:
+        model = onnx.load_from_string(content)
+        onnx.checker.check_model(model, full_check=True)
+    except Exception as error:  # of protobuf, or of the checker or of the inference of shapes
+        raise ValueError(f"onnx refuses it: {error}") from error
+    if model.functions or model.training_info:
+        raise ValueError("it brings functions of its own, or training information")
+    nodes = list(_nodes(model.graph))
+    for node in nodes:
+        if node.domain or node.op_type not in OPERATORS:
+            raise ValueError(f"operator {node.op_type!r} of domain {node.domain!r}: no controller computes with it")
+    return len(nodes)
+
+
+def _nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
+    """All nodes, with those of bodies."""
+    for node in graph.node:
+        yield node
+        for part in node.attribute:
+            yield from _nodes(part.g)
