@@ -19,12 +19,12 @@ def parse_cells(content: bytes, name: str) -> Array:
     Raises:
         PlantError: if it is of another kind or cut short; the message has `name`.
     """
-    found = _LIST.search(content)
-    if found is None or b"scalar=64" not in content[: found.start()]:
+    listing = _LIST.search(content)
+    if listing is None or b"scalar=64" not in content[: listing.start()]:
         raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")
-    width, count = _WIDTH[found[1]], int(found[2])
+    width, count = _WIDTH[listing[1]], int(listing[2])
     size = 8 * width * count
-    values = content[found.end() : found.end() + size]
+    values = content[listing.end() : listing.end() + size]
     if len(values) < size:
         raise PlantError(f"{name}: holds {len(values)} of {size} bytes of its field")
     flat = np.frombuffer(values, dtype="<f8").astype(np.float64)

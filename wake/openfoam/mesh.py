@@ -176,8 +176,8 @@ def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)
-    found = np.minimum(np.searchsorted(code, reverse, sorter=order), len(code) - 1)
-    other = np.where(code[order[found]] == reverse, order[found], -1)
+    place = np.minimum(np.searchsorted(code, reverse, sorter=order), len(code) - 1)
+    other = np.where(code[order[place]] == reverse, order[place], -1)
     return pairs, cell, other, code
 
 
@@ -203,10 +203,10 @@ def _connect(points: Array, cells: Index, lines: dict[str, list[Index]]) -> Mesh
         # A vertex line may run either way.
         ends = np.vstack([np.column_stack([line[:-1], line[1:]]) for line in lines[name]])
         codes = np.concatenate([ends @ np.array([n, 1]), ends @ np.array([1, n])])
-        found = outside[np.isin(code[outside], codes)]
-        found = found[np.argsort(cell[found], kind="stable")]
-        patches[name], patch_cells[name] = pairs[found], cell[found]
-        taken += len(found)
+        faces = outside[np.isin(code[outside], codes)]
+        faces = faces[np.argsort(cell[faces], kind="stable")]
+        patches[name], patch_cells[name] = pairs[faces], cell[faces]
+        taken += len(faces)
     assert taken == len(outside), "every boundary edge belongs to one patch"
     return Mesh(
         points=points,

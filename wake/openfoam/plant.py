@@ -96,7 +96,7 @@ class OpenFoamWake:
         return self._substep % self.config.substeps
 
     def reset(self, state: FoamState) -> Sample:
-        """Start icoFoam anew from a state. Its restart is close, not exact: a control period later forces are within a
+        """Restart icoFoam from a state. Its restart is close, not exact: a control period later forces are within a
         fraction of a percent of a run that was not interrupted.
 
         Raises:

@@ -29,7 +29,7 @@ class MovingPicture(Protocol):
     """One figure of fixed size that shows a plant as it is now: `WakePicture`, `Film`.
 
     Attributes:
-        figure: drawn anew for every frame.
+        figure: drawn again for every frame.
     """
 
     figure: Figure
@@ -134,7 +134,7 @@ def _write_webp(path: Path, frames: Iterator[Pixels], fps: int, hold: float) -> 
 
 
 def _durations(frames: int, each: int, hold: float) -> list[int]:
-    """Of the frames, in ms."""
+    """How long each frame stays, in ms."""
     return [each] * (frames - 1) + [each + round(1e3 * hold)]
 
 

@@ -1,7 +1,7 @@
 """The film of a run: vorticity as light on dark, the jets, the sensors, and drag and action as they come.
 
 One figure of fixed size, drawn again and again. Scales, places and texts' widths stay, so that nothing moves but the
-flow. It is made for a README: it says in a few words when control begins and what that is worth.
+flow. It is made for a README: a few words name when control begins and what that is worth.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ PALE: Final = "#e8edf5"
 DIM: Final = "#8a94a6"
 FAINT: Final = "#232a38"
 CALM: Final = "#4fe3a1"
-"""Of all that control does to the wake."""
+"""Colour of everything that control does to the wake."""
 BLOWING: Final = "#ffd23f"
 SUCKING: Final = "#c792ff"
 GLOW: Final = LinearSegmentedColormap.from_list(
@@ -49,7 +49,7 @@ _ARROW: Final = 1.8
 """Length in W of the arrow at the action's bound."""
 _DPI: Final = 100.0
 _HEIGHT: Final = 0.5
-"""Of the picture, by its width."""
+"""Height of the picture by its width."""
 BEFORE: Final = 11.0
 """t_c of a film before control begins: two cycles."""
 AFTER: Final = 50.0
@@ -65,7 +65,7 @@ _FLASH: Final = 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """What a film tells besides the flow.
+    """What a film shows besides the flow.
 
     Attributes:
         begin, end: time shown, t_c.
@@ -84,7 +84,7 @@ class Film:
 
     Args:
         wake: the plant. Every instant must be given to `record`, those between frames too.
-        story: what is told.
+        story: times and the drag to compare with.
         sensor_names: the controller's, lit; the others are small dots.
         width: of the picture in pixels; even, as the height is.
 

@@ -49,5 +49,5 @@ class LevelPicture:
         self.size = (width, len(y))
 
     def levels(self) -> Levels:
-        """Of the present state, (height, width)."""
+        """Levels of the present state, (height, width)."""
         return field_levels(self._raster(np.asarray(self._wake.vorticity())) * self._flow)

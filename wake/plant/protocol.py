@@ -26,7 +26,7 @@ class LoopPlant(Plant, Protocol):
 
     @property
     def layout(self) -> SensorLayout:
-        """Of the sensors in a sample's Cp."""
+        """Layout of the sensors in a sample's Cp."""
 
     @property
     def description(self) -> str:
@@ -44,7 +44,7 @@ class Drawable(Protocol):
     def body(self) -> BodyConfig: ...
     @property
     def layout(self) -> SensorLayout:
-        """Of the sensors in a sample's Cp."""
+        """Layout of the sensors in a sample's Cp."""
 
     @property
     def t(self) -> float:

@@ -8,7 +8,7 @@ from contract.ledger import DragLedger
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sample(DragLedger[float]):
-    """What the plant shows at one instant: the drag ledger and what is measured beside it.
+    """What the plant shows at one instant: the drag ledger and what else is measured.
 
     Attributes:
         t: time in t_c.

@@ -1,6 +1,6 @@
 """Which episodes begin at the steady symmetric wake.
 
-Forced or controlled episodes of the developed wake never come near it: what a model learns of them says nothing about
+Forced or controlled episodes of the developed wake never come near it: what a model learns from them does not hold for
 how small disturbances grow there. These episodes are disturbed by small random actions, each by another amplitude, and
 show the wake on its way up to shedding.
 """

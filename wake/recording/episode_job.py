@@ -117,11 +117,11 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
     """
     return {
         "body": asdict(config.body),
-        # The grid says more than its refinement, and stands in every recording that was made before there was one.
+        # The grid holds more than its refinement, and is in every recording that was made before there was one.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
-        # The path is of one machine: name and hash tell which state it was.
+        # The path is of one machine: name and hash identify the state.
         "start": (developed() if start is None else start).name,
         "start_sha256": _sha256(developed() if start is None else start),
         "versions": {

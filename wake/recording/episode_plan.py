@@ -18,7 +18,7 @@ _ROLES: Final[dict[ForcingName, Role]] = {
 }
 _PAPER_TRAINING_EPISODES: Final = 10
 SHEDDING_PERIOD: Final = 24
-"""Of the uncontrolled wake, in control steps (Strouhal number 0.207)."""
+"""Shedding period of the uncontrolled wake in control steps (Strouhal number 0.207)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from contract.recording.dataset import Episode, read
 from wake.recording.episode_job import EpisodeJob
 
 _NOT_COMPARED: Final = "versions"
-"""Of the software: the recording is the same one, although another version made it."""
+"""Versions of the software are not compared: a recording is the same whichever version made it."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
@@ -50,9 +50,9 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         if made.get("start_sha256") == wanted.get("start_sha256"):
             # The same state, whatever its file was called.
             made.pop("start", None)
-        found = _first("", made, wanted)
-        if found:
-            return f"episode {plan.name} has {found}"
+        difference = _first("", made, wanted)
+        if difference:
+            return f"episode {plan.name} has {difference}"
     others = [name for name, episode in by_name.items() if "round" not in episode.provenance]
     return f"it also has episode {others[0]}" if others else None
 
@@ -61,6 +61,6 @@ def _first(name: str, there: Any, here: Any) -> str | None:
     """The first entry with two values; one that another version did not keep is passed over."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         common = sorted(there.keys() & here.keys())
-        found = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
-        return next((text for text in found if text), None)
+        differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
+        return next((text for text in differences if text), None)
     return None if there == here else f"{name} = {there}, not {here}"

@@ -22,8 +22,8 @@ class PartsFolder:
     path: Path
 
     @classmethod
-    def beside(cls, output: Path) -> "PartsFolder":
-        """Of the recording that `output` will be. The path is absolute: workers may run in another folder."""
+    def for_output(cls, output: Path) -> "PartsFolder":
+        """The folder for the recording `output`. Its path is absolute: workers may run in another folder."""
         output = output.absolute()
         return cls(output.with_name(output.name + ".parts"))
 
@@ -73,10 +73,10 @@ class PartsFolder:
     def task(self) -> dict[str, Any] | None:
         """The settings of its recording; None without a label that can be read."""
         try:
-            found: dict[str, Any] = json.loads(self._label.read_text())
+            task: dict[str, Any] = json.loads(self._label.read_text())
         except (OSError, ValueError):
             return None
-        return found
+        return task
 
     def clear(self) -> None:
         """Remove what is no longer needed; a call that is killed meanwhile leaves all of it or nothing."""
@@ -85,12 +85,12 @@ class PartsFolder:
         shutil.rmtree(self._done)
 
     def _check(self, task: Mapping[str, Any]) -> None:
-        found = self.task()
-        if found is None:
+        begun = self.task()
+        if begun is None:
             raise StillwakeError(f"{self.path} holds parts of an unknown recording: delete it first")
-        if found != task:
+        if begun != task:
             raise StillwakeError(
-                f"{self.path} holds an unfinished recording with other settings ({differing(found, task)}): finish it "
+                f"{self.path} holds an unfinished recording with other settings ({differing(begun, task)}): finish it "
                 f"with those, or delete it first"
             )
 

@@ -20,7 +20,7 @@ class Plan(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the episode in the data set."""
+        """Name of the episode in the data set."""
 
     @property
     def role(self) -> Role:

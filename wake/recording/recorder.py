@@ -90,7 +90,11 @@ def jobs_for(
     """The work of one call; nothing is written yet. Raises PlantError if it cannot begin in the start."""
     start = None if start is None else start.absolute()
     check_start(config, start)
-    parts, owner, setting = PartsFolder.beside(output), uuid.uuid4().hex, setting_of(config, plans[0].packages, start)
+    parts, owner, setting = (
+        PartsFolder.for_output(output),
+        uuid.uuid4().hex,
+        setting_of(config, plans[0].packages, start),
+    )
     return tuple(
         EpisodeJob(
             parts=parts,

@@ -131,7 +131,7 @@ class FlowSolver:
         )
 
     def set_viscosity(self, viscosity: float) -> None:
-        """Of the steps from now on."""
+        """Use another viscosity from the next step on."""
         self.viscosity = viscosity
         self._domain = self._domain._replace(viscosity=viscosity)
 

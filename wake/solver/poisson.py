@@ -9,7 +9,7 @@ of D are the links between a fluid and a solid cell and K their conductances, he
 Grid and body are symmetric in y, so even and odd right-hand sides are solved apart on the lower half: half the
 arithmetic, and a symmetric flow stays symmetric to the bit.
 
-Work arrays are kept. Allocated anew in every step they can cost as much as everything else: in a worker's thread the C
+Work arrays are kept. Allocated in every step they can cost as much as everything else: in a worker's thread the C
 library may hand such blocks back to the system each time, and every page of them is faulted in again.
 """
 

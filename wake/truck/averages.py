@@ -34,7 +34,7 @@ class Average:
     weights: Array
 
     def mean(self, values: npt.ArrayLike) -> Array:
-        """Of (n, ...) over the samples, (...)."""
+        """Weighted mean of (n, ...) over the samples, (...)."""
         return np.asarray(np.tensordot(self.weights, np.asarray(values, dtype=np.float64), axes=1))
 
     def std(self, values: npt.ArrayLike) -> Array:

@@ -7,8 +7,10 @@ from wake.solver.grid import Grid
 
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
-    """Of a steady or mean flow: from the base to where u on the axis y = 0 turns positive for good, in W. Zero if
-    nothing on the axis flows back; a bubble that reaches the outlet ends there."""
+    """Distance in W from the base to where u on the axis y = 0 turns positive for good, in a steady or mean flow.
+
+    Zero if nothing on the axis flows back; a bubble that reaches the outlet ends there.
+    """
     # The axis is a row of faces; u stands half a cell below and above it.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)

@@ -152,7 +152,7 @@ def load_state(path: Path) -> State:
     except KeyError as error:
         raise PlantError(f"{path}: not a flow state (it lacks {error})") from error
     except (ValueError, TypeError, EOFError, BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
-        # What NumPy says of other files is advice to unpickle them.
+        # For other files NumPy advises to unpickle them.
         raise PlantError(f"{path}: not a flow state (another kind of file, or damaged)") from error
 
 

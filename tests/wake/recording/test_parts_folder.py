@@ -12,12 +12,12 @@ TASK = {"plans": [1, 2], "block_steps": 3}
 
 @pytest.fixture
 def parts(tmp_path: Path) -> PartsFolder:
-    return PartsFolder.beside(tmp_path / "a.h5")
+    return PartsFolder.for_output(tmp_path / "a.h5")
 
 
 def test_it_stands_next_to_its_output_by_an_absolute_path(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert PartsFolder.beside(Path("a.h5")).path == tmp_path / "a.h5.parts"
+    assert PartsFolder.for_output(Path("a.h5")).path == tmp_path / "a.h5.parts"
 
 
 def test_the_last_call_that_claims_it_owns_it(parts: PartsFolder) -> None:
