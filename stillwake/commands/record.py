@@ -279,7 +279,7 @@ def _continued(output: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        parts = PartsFolder.beside(output)
+        parts = PartsFolder.for_output(output)
         if not parts.has_samples:
             raise
         with go_on_with(f"{parts.path.name} keeps what is recorded, the same command continues it"):
