@@ -1,7 +1,6 @@
 """Error feedback against what it promises: nearest rounding where inputs are independent, better products elsewhere."""
 
 import numpy as np
-import pytest
 
 from export.int8.error_feedback import DAMPING, quantise_on
 from export.int8.nearest import quantise_matrix
@@ -9,6 +8,10 @@ from export.int8.nearest import quantise_matrix
 
 def error(weight, matrix, inputs):
     return np.sum(((weight - matrix.dequantised().astype(float)) @ inputs.T) ** 2, axis=1)
+
+
+def damped(error, h):
+    return np.einsum("ri,ij,rj->r", error, h, error)
 
 
 def correlated(rng, count, width):
@@ -30,31 +33,29 @@ def test_inputs_that_are_always_zero_leave_nearest_rounding():
     np.testing.assert_array_equal(quantise_on(weight, np.zeros((9, 6))).values, quantise_matrix(weight).values)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_products_are_several_times_closer(seed):
-    rng = np.random.default_rng(seed)
-    weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
-    fed, nearest = (error(weight, of, inputs).sum() for of in (quantise_on(weight, inputs), quantise_matrix(weight)))
-    assert fed < 0.3 * nearest
+def test_products_are_several_times_closer():
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
+        fed, nearest = (
+            error(weight, of, inputs).sum() for of in (quantise_on(weight, inputs), quantise_matrix(weight))
+        )
+        assert fed < 0.3 * nearest, seed
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_last_column_is_the_best_there_is(seed):
+def test_the_last_column_is_the_best_there_is():
     """Nothing comes after it, so of all integers its one makes the least error, given the others: H by hand."""
-    rng = np.random.default_rng(seed)
-    weight, inputs = rng.standard_normal((50, 6)), correlated(rng, 300, 6)
-    weight[:, 0] = 4.0  # the column that sets the scales
-    found = quantise_on(weight, inputs)
-    h = inputs.T @ inputs / len(inputs)
-    h += DAMPING * np.trace(h) / 6 * np.eye(6)
-    left = weight - found.dequantised()
-
-    def damped(error):
-        return np.einsum("ri,ij,rj->r", error, h, error)
-
-    for change in (-1.0, 1.0):
-        other = left - change * np.eye(6)[-1] * found.scales[:, None]
-        assert np.all(damped(left) <= damped(other) * (1 + 1e-9))
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        weight, inputs = rng.standard_normal((50, 6)), correlated(rng, 300, 6)
+        weight[:, 0] = 4.0  # the column that sets the scales
+        found = quantise_on(weight, inputs)
+        h = inputs.T @ inputs / len(inputs)
+        h += DAMPING * np.trace(h) / 6 * np.eye(6)
+        left = weight - found.dequantised()
+        for change in (-1.0, 1.0):
+            other = left - change * np.eye(6)[-1] * found.scales[:, None]
+            assert np.all(damped(left, h) <= damped(other, h) * (1 + 1e-9)), seed
 
 
 def test_rounding_again_changes_nothing():

@@ -63,21 +63,25 @@ def test_weights_are_copies_that_cannot_be_written():
         program.dynamics.output.bias[0] = 2.0
 
 
-@pytest.mark.parametrize("network", ["encoder", "dynamics", "decoder"])
-def test_every_tensor_is_needed_and_checked(network):
-    for name, tensor in parts()[network].items():
-        missing = parts()
-        del missing[network][name]
-        with pytest.raises(ExportError, match=rf"{network}\.{name}: tensor is missing"):
-            ControllerProgram.from_state(**missing)
-        longer = parts()
-        longer[network][name] = np.ones((tensor.shape[0] + 1, *tensor.shape[1:]))
-        with pytest.raises(ExportError, match="must be"):
-            ControllerProgram.from_state(**longer)
-        poisoned = parts()
-        poisoned[network][name].flat[-1] = np.nan
-        with pytest.raises(ExportError, match=rf"{network}\.{name}: nan at .*must be finite"):
-            ControllerProgram.from_state(**poisoned)
+def test_every_tensor_is_needed_and_checked():
+    for network in (
+        "encoder",
+        "dynamics",
+        "decoder",
+    ):
+        for name, tensor in parts()[network].items():
+            missing = parts()
+            del missing[network][name]
+            with pytest.raises(ExportError, match=rf"{network}\.{name}: tensor is missing"):
+                ControllerProgram.from_state(**missing)
+            longer = parts()
+            longer[network][name] = np.ones((tensor.shape[0] + 1, *tensor.shape[1:]))
+            with pytest.raises(ExportError, match="must be"):
+                ControllerProgram.from_state(**longer)
+            poisoned = parts()
+            poisoned[network][name].flat[-1] = np.nan
+            with pytest.raises(ExportError, match=rf"{network}\.{name}: nan at .*must be finite"):
+                ControllerProgram.from_state(**poisoned)
 
 
 def test_an_unknown_tensor_is_not_silently_dropped():
@@ -94,37 +98,31 @@ def test_a_second_lstm_layer_is_refused():
         ControllerProgram.from_state(**arguments)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_settings_that_do_not_fit_are_refused():
+    for change, message in (
         ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
         ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
         ({"window": 0}, "window = 0"),
         ({"action_limit": float("inf")}, "action_limit = inf"),
         ({"action_limit": -0.075}, r"action_limit = -0\.075"),
-    ],
-)
-def test_settings_that_do_not_fit_are_refused(change, message):
-    with pytest.raises(ExportError, match=message):
-        ControllerProgram.from_state(**{**parts(), **change})
+    ):
+        with pytest.raises(ExportError, match=message):
+            ControllerProgram.from_state(**{**parts(), **change})
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
+def test_scaling_that_cannot_scale_is_refused():
+    for field, value in (
         ("pressure_std", (1.0, 0.0)),
         ("pressure_mean", (float("nan"), 0.0)),
         ("action_std", 0.0),
         ("force_std", (0.1, -1.0)),
         ("force_mean", (1.0,)),
-    ],
-)
-def test_scaling_that_cannot_scale_is_refused(field, value):
-    arguments = parts()
-    arguments["scaling"] = Scaling(**{**vars(arguments["scaling"]), field: value})
-    with pytest.raises(ExportError, match=rf"scaling\.{field}"):
-        ControllerProgram.from_state(**arguments)
+    ):
+        arguments = parts()
+        arguments["scaling"] = Scaling(**{**vars(arguments["scaling"]), field: value})
+        with pytest.raises(ExportError, match=rf"scaling\.{field}"):
+            ControllerProgram.from_state(**arguments)
 
 
 def test_networks_with_different_latent_sizes_are_refused():

@@ -81,20 +81,17 @@ def test_the_weights_change_the_cost_and_no_action():
     assert found.cost == pytest.approx(3.0 * np.mean(found.plan**2))
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
+def test_a_program_that_contradicts_itself_is_refused():
+    for change, said in (
         ({"sensors": ("upper_39", "lower_39", "base_0")}, "must be pairs"),
         ({"gain": np.zeros((5, 3))}, "must be"),
         ({"gain": np.ones((4, 3))}, "on the action that it decides: must be 0"),
         ({"model": np.full((3, 4, 3), np.nan)}, "not finite"),
         ({"model": np.ones((3, 1, 3)), "gain": np.zeros((1, 3))}, "at least 2 rows of memory"),
         ({"action_limit": 0.0}, "action_limit = 0.0"),
-    ],
-)
-def test_a_program_that_contradicts_itself_is_refused(change, said):
-    with pytest.raises(ExportError, match=said):
-        replace(PROGRAM, **change)
+    ):
+        with pytest.raises(ExportError, match=said):
+            replace(PROGRAM, **change)
 
 
 def test_every_number_is_in_the_hash():

@@ -1,6 +1,7 @@
 """Properties of the control step that hold whatever the networks are."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,57 +55,59 @@ def test_projection_is_the_nearest_point_and_idempotent(plan, limit):
     np.testing.assert_array_equal(found[inside], plan[inside])
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_one_small_iteration_lowers_the_cost_by_what_its_gradient_promises(seed):
+def test_one_small_iteration_lowers_the_cost_by_what_its_gradient_promises():
     """Adam's first step is -lr sign(g), so J must fall by lr |g|_1 to first order in lr."""
-    lr = 1e-8
-    program = small(seed, iterations=1, learning_rate=lr)
-    rng = np.random.default_rng(seed)
-    z, plan = rng.normal(size=3), rng.uniform(-0.05, 0.05, HORIZON)
-    weights = np.array(program.mpc.weights.as_tuple())
-    free = np.array([0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
-    g = gradient(program, z, plan, 0.02, weights) * free
-    moved = optimise(program, z, plan, 0.02, free, weights)
-    gain = evaluate(program, z, plan, 0.02, weights).cost - evaluate(program, z, moved, 0.02, weights).cost
-    assert gain == pytest.approx(lr * np.abs(g).sum(), rel=1e-3)
+    for seed in range(8):
+        lr = 1e-8
+        program = small(seed, iterations=1, learning_rate=lr)
+        rng = np.random.default_rng(seed)
+        z, plan = rng.normal(size=3), rng.uniform(-0.05, 0.05, HORIZON)
+        weights = np.array(program.mpc.weights.as_tuple())
+        free = np.array([0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
+        g = gradient(program, z, plan, 0.02, weights) * free
+        moved = optimise(program, z, plan, 0.02, free, weights)
+        gain = evaluate(program, z, plan, 0.02, weights).cost - evaluate(program, z, moved, 0.02, weights).cost
+        assert gain == pytest.approx(lr * np.abs(g).sum(), rel=1e-3), seed
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_plan_is_not_worse_than_the_warm_start_by_more_than_adams_reach(seed):
+def test_the_plan_is_not_worse_than_the_warm_start_by_more_than_adams_reach():
     """No action moves further than iterations * lr (a little more for Adam's momentum), so J cannot rise by more
     than that times the largest |g|_1 on the way; and most plans must be better."""
-    program = small(seed)
-    rng = np.random.default_rng(seed)
-    weights = np.array(program.mpc.weights.as_tuple())
-    reach = 1.5 * program.mpc.iterations * program.mpc.learning_rate
-    better = 0
-    for _ in range(10):
-        z, plan = rng.normal(size=3), rng.uniform(-0.07, 0.07, HORIZON)
-        found = optimise(program, z, plan, 0.0, np.ones(HORIZON), weights)
-        assert np.abs(found - plan).max() <= reach
-        rise = evaluate(program, z, found, 0.0, weights).cost - evaluate(program, z, plan, 0.0, weights).cost
-        ends = [np.abs(gradient(program, z, p, 0.0, weights)).sum() for p in (plan, found)]
-        assert rise <= reach * max(ends)
-        better += rise < 0
-    assert better >= 8
+    for seed in range(8):
+        program = small(seed)
+        rng = np.random.default_rng(seed)
+        weights = np.array(program.mpc.weights.as_tuple())
+        reach = 1.5 * program.mpc.iterations * program.mpc.learning_rate
+        better = 0
+        for _ in range(10):
+            z, plan = rng.normal(size=3), rng.uniform(-0.07, 0.07, HORIZON)
+            found = optimise(program, z, plan, 0.0, np.ones(HORIZON), weights)
+            assert np.abs(found - plan).max() <= reach, seed
+            rise = evaluate(program, z, found, 0.0, weights).cost - evaluate(program, z, plan, 0.0, weights).cost
+            ends = [np.abs(gradient(program, z, p, 0.0, weights)).sum() for p in (plan, found)]
+            assert rise <= reach * max(ends), seed
+            better += rise < 0
+        assert better >= 8, seed
 
 
-@pytest.mark.parametrize("seed", range(3))
+def cost_of(program: ControllerProgram, z: np.ndarray, weights: np.ndarray, plan: np.ndarray) -> float:
+    return evaluate(program, z, plan, 0.01, weights).cost
+
+
 @pytest.mark.slow
-def test_many_iterations_reach_the_optimum_of_an_independent_optimiser(seed):
+def test_many_iterations_reach_the_optimum_of_an_independent_optimiser():
     """On smooth terms, against SciPy's L-BFGS-B with numerical gradients of the cost alone."""
-    goal = CostWeights(drag_fluctuation=0.0, lift=0.0, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
-    program = small(seed, iterations=400, learning_rate=2e-3, weights=goal)
-    z = encode(program, a_window(program, seed))
-    weights = np.array(goal.as_tuple())
+    for seed in range(3):
+        goal = CostWeights(drag_fluctuation=0.0, lift=0.0, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
+        program = small(seed, iterations=400, learning_rate=2e-3, weights=goal)
+        z = encode(program, a_window(program, seed))
+        weights = np.array(goal.as_tuple())
 
-    def cost(plan):
-        return evaluate(program, z, plan, 0.01, weights).cost
-
-    start, limit = np.zeros(HORIZON), program.action_limit
-    best = minimize(cost, start, method="L-BFGS-B", bounds=[(-limit, limit)] * HORIZON)
-    found = cost(optimise(program, z, start, 0.01, np.ones(HORIZON), weights))
-    assert found - best.fun <= 1e-3 * (cost(start) - best.fun) + 1e-9
+        cost = partial(cost_of, program, z, weights)
+        start, limit = np.zeros(HORIZON), program.action_limit
+        best = minimize(cost, start, method="L-BFGS-B", bounds=[(-limit, limit)] * HORIZON)
+        found = cost(optimise(program, z, start, 0.01, np.ones(HORIZON), weights))
+        assert found - best.fun <= 1e-3 * (cost(start) - best.fun) + 1e-9, seed
 
 
 def test_a_step_depends_on_nothing_but_its_arguments():
