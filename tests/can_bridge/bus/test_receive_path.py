@@ -8,13 +8,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from can_bridge.bus.conversion import to_message
-from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.node import secured
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import FD
-from contract.config.vehicle import E2eConfig
 from tests.examples import examples
 from tests.fuzz.receive_path import follow
 from tests.proofs.bus.receive_path import KEY, MESSAGES, ReceivePath
@@ -89,16 +86,3 @@ def test_genuine_frames_between_garbage_arrive_in_their_order(garbage, count):
 def line(frame: Frame) -> bytes:
     code = can.util.len2dlc(len(frame.data))
     return f"{'b' if frame.is_fd else 't'}{frame.frame_id:03X}{code:X}{frame.data.hex()}\r".encode()
-
-
-def test_copies_that_come_too_late_to_be_known_do_not_harm_the_stream():
-    """The end-to-end check refuses them: beside the frame, and behind the next one."""
-    for late in (0, 1):
-        sender, receiver = E2eSender(FD.pressure.spec), E2eReceiver(FD.pressure.spec, E2eConfig())
-        frames = [sender.frame(bytes(16), now_ns=i) for i in range(300)]
-        for i, frame in enumerate(frames):
-            found = receiver.tick([frame, frames[max(0, i - late)]])
-            assert found.accepted == frame
-            assert found.stream is (StreamState.VALID if i > 0 else StreamState.INIT)
-        assert receiver.state.count(Check.ERROR) == 0
-        assert receiver.state.frames_rejected >= 300 - late

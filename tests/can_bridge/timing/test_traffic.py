@@ -22,28 +22,6 @@ def message(**changes: Any) -> PeriodicMessage:
     return PeriodicMessage(**{**usual, **changes})
 
 
-def arbitration_bits(frame_id: int, *, is_extended: bool) -> str:
-    """The bits that nodes compare, as ISO 11898-1 orders them; 0 is dominant and wins."""
-    if is_extended:
-        # Base identifier, SRR, IDE, extension, RTR.
-        return f"{frame_id >> 18:011b}" + "11" + f"{frame_id & 0x3FFFF:018b}" + "0"
-    # Identifier, RTR, IDE.
-    return f"{frame_id:011b}" + "00"
-
-
-IDENTIFIERS = st.tuples(st.integers(0, 0x7FF), st.just(False)) | st.tuples(st.integers(0, 0x1FFFFFFF), st.just(True))
-
-
-@given(one=IDENTIFIERS, base=st.integers(0, 0x7FF), other=IDENTIFIERS, is_near=st.booleans())
-def test_priority_is_the_order_of_the_arbitration_bits(one, base, other, is_near):
-    if is_near:  # the same leading 11 bits, so that the rest decides
-        one, other = (base, False), ((base << 18) | (other[0] & 0x3FFFF), True)
-    first, second = (message(frame_id=frame_id, is_extended=extended) for frame_id, extended in (one, other))
-    bits = [arbitration_bits(frame_id, is_extended=extended) for frame_id, extended in (one, other)]
-    # A shorter string that begins the longer one cannot occur: IDE differs.
-    assert (first.priority < second.priority) == (bits[0] < bits[1])
-
-
 def test_what_no_node_could_send_is_refused():
     for changes, culprit in [
         ({"frame_id": 0x800}, "frame id 0x800"),

@@ -1,40 +1,27 @@
 """`stillwake dataset`: a user's own files, from the command line; one line and status 1 for what is wrong."""
 
-import sys
 import tomllib
 from collections.abc import Callable
-from io import StringIO
+from dataclasses import astuple
 from pathlib import Path
 
 import h5py
 import pytest
-from rich.console import Console
 
-import stillwake.__main__ as command_line
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.recording.findings import findings
-from stillwake.commands.dataset.tables import episodes_table
 from tests import foreign_plant
+from tests.conftest import Outcome
 from tests.foreign_plant import LIMIT, NAMES, PERIOD
 
 Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(cli: Callable[..., Outcome]) -> Run:
     """Call `stillwake dataset ...`: status, output and errors."""
-
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["stillwake", "dataset", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            command_line.main()
-            raise SystemExit(0)
-        captured = capsys.readouterr()
-        status = stop.value.code
-        return (status if isinstance(status, int) else 0), captured.out, captured.err
-
-    return call
+    return lambda *words: astuple(cli("dataset", *words))
 
 
 @pytest.fixture
@@ -150,28 +137,13 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, mad
     assert "control period is 0.3 in the data set, flow.control_period = 0.2" in output
 
 
-@pytest.mark.parametrize("content", [b"a,b\n1,2\n", b"\x89HDF\r\n\x1a\n half of a file"])
-def test_what_is_no_data_set_is_named(run: Run, tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "my.h5").write_bytes(content)
+def test_what_is_no_data_set_is_named(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "my.h5").write_bytes(b"\x89HDF\r\n\x1a\n half of a file")
     for verb in ("check", "show"):
         status, output, errors = run(verb, tmp_path / "my.h5")
         assert status == 1
         assert "damaged or not an HDF5 dataset" in output + errors
     assert "no such dataset" in "".join(run("show", tmp_path / "none.h5")[1:])
-
-
-def test_the_table_of_episodes_has_every_figure_at_80_columns(run: Run, files: list[object], tmp_path: Path) -> None:
-    """A name of 20 characters and the last column's frequency, which is that of the made-up wake: 0.18 / t_c."""
-    (tmp_path / "sweep.csv").rename(tmp_path / "a_sweep_of_some_name.csv")
-    words = [tmp_path / "a_sweep_of_some_name.csv" if str(word).endswith("sweep.csv") else word for word in files]
-    assert run("import", tmp_path / "my.h5", *words)[0] == 0
-    shown = StringIO()
-    Console(width=80, file=shown).print(episodes_table(dataset.read(tmp_path / "my.h5")))
-    lines = shown.getvalue().splitlines()
-    assert any("peak" in line for line in lines)
-    (row,) = (line.split() for line in lines if "a_sweep_of_some_name" in line)
-    assert len(row) == 8
-    assert 0.02 < float(row[-1]) < 2.0
 
 
 def test_the_settings_that_fit_are_not_written_over_a_file_of_the_user(run: Run, made: Path) -> None:
@@ -183,11 +155,3 @@ def test_the_settings_that_fit_are_not_written_over_a_file_of_the_user(run: Run,
     _, output, _ = run("check", made)
     assert f"check and train with --config {kept}" in output
     assert ">" not in output
-
-
-def test_import_tells_what_it_did_not_use(run: Run, files: list[object], tmp_path: Path) -> None:
-    values = foreign_plant.series(200, 2, forced=False)
-    foreign_plant.write_npz(tmp_path / "calm.npz", {"time": values["t"], **values})
-    status, output, _ = run("import", tmp_path / "my.h5", *files)
-    assert status == 0
-    assert "calm.npz: not used: time" in output

@@ -18,12 +18,6 @@ def test_keygen_writes_a_key_once_and_never_shows_it(cli, tmp_path):
     assert path.read_text() == content
 
 
-def test_keys_differ(cli, tmp_path):
-    for name in "ab":
-        assert cli("can", "keygen", tmp_path / name).code == 0
-    assert (tmp_path / "a").read_text() != (tmp_path / "b").read_text()
-
-
 def test_a_run_refuses_what_is_no_key_in_one_line(cli, tmp_path):
     path = tmp_path / "bus.key"
     path.write_text("not a key of 32 hexadecimal digits")

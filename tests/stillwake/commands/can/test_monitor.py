@@ -36,9 +36,10 @@ def test_monitor_of_a_bus_prints_lines_and_a_table(cli: Callable[..., Any], peer
     assert "20 frames, 0 lost, 0 refused   virtual test-can" in got.out
 
 
-@pytest.mark.parametrize(
-    ("words", "error"),
-    [
+def test_monitor_refuses_in_one_line(cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty.log").touch()
+    for words, error in [
         (["--log", "missing.log"], "missing.log: there is no such file"),
         (["--log", "empty.log"], "empty.log: holds no CAN frame"),
         ([], "that bus exists within a run only"),
@@ -47,14 +48,8 @@ def test_monitor_of_a_bus_prints_lines_and_a_table(cli: Callable[..., Any], peer
         (["--for", "inf"], "--for inf: must be a number above 0"),
         (["--dbc", "missing.dbc"], "missing.dbc: No such file"),
         (["--set", "bus.interface=nonsense"], "nonsense"),
-    ],
-)
-def test_monitor_refuses_in_one_line(
-    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], error: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("empty.log").touch()
-    got = cli("can", "monitor", *words)
-    assert got.code == 1
-    assert error in got.err
-    assert got.err.count("\n") == 1
+    ]:
+        got = cli("can", "monitor", *words)
+        assert got.code == 1, (words, error)
+        assert error in got.err, (words, error)
+        assert got.err.count("\n") == 1, (words, error)
