@@ -24,9 +24,13 @@ The period that decides is the action's own, with `ecu.plan_ahead` the one befor
 so many before that. Frames that the vehicle may have refused decide nothing: a command that takes the jets away counts
 only if it came as the next one of a stream without errors. All checks are one-sided in this way: they may miss a
 violation among lost and damaged frames, and report none that is not.
+
+`Commands` and `Jets` judge what was read from frames, whoever reads them: the proofs in `tests/proofs/ecu` use them
+with another parser, and with what only they know.
 """
 
 from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self, TypeVar
 
@@ -71,7 +75,23 @@ class Violation:
     detail: str
 
 
-class _Heard(NamedTuple):
+class Heard(NamedTuple):
+    """A sound command that the vehicle heard.
+
+    Attributes:
+        counter: of its end-to-end protection.
+        wanted: its mode is of an ECU that has been asked for control.
+        drives: it is enabled, in a mode that drives the jets.
+        in_time: it rests on pressures of the vehicle's own that it may take for recent ones.
+    """
+
+    counter: int
+    wanted: bool
+    drives: bool
+    in_time: bool
+
+
+class _Period(NamedTuple):
     """What the vehicle heard in a period.
 
     Attributes:
@@ -79,14 +99,126 @@ class _Heard(NamedTuple):
         old: one that would, but for the age of its pressures.
         shuts: a command came as it should, and takes the jets away.
         believed: a command came as it should.
-        without_control: a command of an ECU that has no control.
     """
 
     drives: bool
     old: bool
     shuts: bool
     believed: bool
-    without_control: bool
+
+
+class Commands:
+    """Judges the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` without a mode that drives.
+
+    Attributes:
+        flow: of the latest command, m2/s.
+    """
+
+    def __init__(self, config: Config) -> None:
+        scale = config.operating_point.flow_rate_scale
+        self._limit, self._step = config.flow.action_limit * scale, config.ecu.command_step * scale
+        self.flow = 0.0
+
+    def reach(self, share: float = 1.0) -> float:
+        """How far a command may be from the one before in this share of a period, m2/s; both are on the wire's grid."""
+        return self._step * share + FLOW_RESOLUTION_M2_PER_S
+
+    def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
+        """Names and values of what the next command breaks.
+
+        Args:
+            flow, enable: of the command.
+            drives: its mode does.
+            share: of a period since the command before, at most 1.
+        """
+        before, self.flow = self.flow, flow
+        if abs(flow) > self._limit + ROUNDING:
+            yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
+        if (enable and not drives) or (not enable and flow != 0.0):
+            yield (
+                "bus_shut",
+                f"{flow:g} m2/s, enable {enable}, in a mode that {'drives' if drives else 'does not drive'}",
+            )
+        if enable and abs(flow - before) > self.reach(share) + ROUNDING:
+            yield "bus_rate", f"{before:g} to {flow:g} m2/s, at most {self.reach(share):g}"
+
+
+class Jets:
+    """Judges what the vehicle's jets do: `heard` at the end of each period, then `broken` for the action reached in it.
+
+    Attributes:
+        oldest: age in periods of pressures that the vehicle may still drive by.
+    """
+
+    def __init__(self, config: Config) -> None:
+        vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
+        self.oldest = 2 + config.ecu.hold_periods + config.ecu.decay_periods
+        self._counters = profile_of(message_set(config.bus).command.spec).counter_period
+        self._limit, self._step = config.flow.action_limit, vehicle.action_step
+        self._loss_limit, self._loss_window = vehicle.loss_limit, vehicle.loss_window
+        self._late, self._hold = vehicle.actuator_delay, config.ecu.hold_periods
+        self._decides_after = config.ecu.plan_ahead + self._late
+        self.reset()
+
+    def reset(self) -> None:
+        """The vehicle is powered on."""
+        self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
+        self._requested: deque[bool] = deque(maxlen=1 + self._late)
+        self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
+        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # of periods surely under control
+        self._counter: int | None = None
+        self._sound = 0  # periods in a row in which just the next command came
+        self._action = 0.0
+
+    def heard(self, commands: Sequence[Heard | None], *, requested: bool) -> None:
+        """The commands of a period, None for one that is not sound, and whether the vehicle wanted control."""
+        last = None
+        for command in commands:
+            if command is None:
+                self._sound = 0
+                continue
+            follows = self._counter is None or (command.counter - self._counter) % self._counters == 1
+            self._sound = self._sound if follows else 0
+            self._counter, last = command.counter, command
+        self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
+        known = [command for command in commands if command is not None]
+        drives = any(command.drives and command.in_time for command in known)
+        # A stream is judged by its latest checks; without any errors among them the vehicle believes the next frame.
+        believed = last is not None and self._sound > self._e2e_window
+        old = any(command.drives and not command.in_time for command in known)
+        self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
+        self._requested.append(requested)
+        if not requested or any(not command.wanted for command in known):
+            self._silent.clear()
+        elif believed or self._silent:
+            self._silent.append(not commands)
+        too_many = sum(self._silent) >= self._loss_limit
+        self._gave_up.append(requested and (self._gave_up[-1] or too_many))
+
+    def broken(self, action: float) -> Iterator[tuple[str, str]]:
+        """Names and values of what the action reached at the end of the latest period breaks."""
+        before, self._action = self._action, action
+        if not self._heard:
+            return
+        if not abs(action) <= self._limit * (1.0 + ROUNDING):
+            yield "jets_bounds", f"action {action:g}, limit {self._limit:g}"
+        if action == 0.0:
+            return
+        if not abs(action - before) <= self._step * (1.0 + ROUNDING):
+            yield "jets_rate", f"action {before:g} to {action:g}, at most {self._step:g} in a period"
+        if len(self._requested) == self._requested.maxlen and not self._requested[0]:
+            yield "jets_request", f"action {action:g} where control was not requested"
+        if len(self._gave_up) == self._gave_up.maxlen and self._gave_up[0]:
+            yield "jets_losses", f"action {action:g} after too many periods without a command"
+        # The newest of these is of the period that decides, the others of those before it.
+        deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
+        for period in deciding:
+            if period.drives:
+                return
+            if period.shuts:
+                break
+        why = "pressures too old" if any(period.old for period in deciding) else "no command that drives jets"
+        yield "jets_shut", f"action {action:g}: {why}"
 
 
 class Invariants:
@@ -108,19 +240,14 @@ class Invariants:
         self.violations: list[Violation] = []
         self._period = 0
         # Of the ECU.
-        self._flow = 0.0
-        self._said: int | None = None  # counter of its latest command
+        self._commands = Commands(config)
+        self._counters = profile_of(self._command.spec).counter_period
+        self._last_counter: int | None = None  # of its latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
         # Of the vehicle.
+        self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
         self._arrived: list[Frame] = []
-        self._heard: deque[_Heard] = deque(maxlen=self._decides_after + config.ecu.hold_periods + 1)
-        self._counter: int | None = None
-        self._sound = 0  # periods in a row in which just the next command came
-        self._requested: deque[bool] = deque(maxlen=1 + config.vehicle.actuator_delay)
-        self._silent: deque[bool] = deque(maxlen=config.vehicle.loss_window)  # of periods surely under control
-        self._gave_up: deque[bool] = deque([False], maxlen=1 + config.vehicle.actuator_delay)
-        self._action = 0.0
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
@@ -160,33 +287,42 @@ class Invariants:
     def period(self, sample: Sample, *, requested: bool) -> None:
         """See `Observer.period`."""
         self._judge_action(sample.action)
-        heard_any = bool(self._arrived)
-        self._heard.append(self._of_period())
-        self._requested.append(requested)
-        self._count_losses(self._heard[-1], heard_any=heard_any, requested=requested)
+        frames, self._arrived = self._arrived, []
+        self._jets.heard([self._read(frame) for frame in frames], requested=requested)
         self._period += 1
 
     def finished(self, sample: Sample) -> None:
         """See `Observer.finished`."""
         self._judge_action(sample.action)
 
+    def _judge_action(self, action: float) -> None:
+        """The one reached at the end of the latest period of which all is known."""
+        for invariant, detail in self._jets.broken(action):
+            self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
+
+    def _read(self, frame: Frame) -> Heard | None:
+        """A command at the vehicle; whether it is in time is judged by when its pressures were sampled."""
+        command = parsed(self._command, frame)
+        if command is None:
+            return None
+        sampled = self._sampled.get(-1 if command.pressure_counter is None else command.pressure_counter)
+        return Heard(
+            counter=profile_of(self._command.spec).counter_of(frame.data),
+            wanted=command.mode in WANTED,
+            drives=command.enable and command.mode in DRIVING,
+            in_time=sampled is not None and self._period - sampled[0] <= self._jets.oldest,
+        )
+
     # On the bus.
 
     def _judge_command(self, command: JetCommand, counter: int, now_ns: int) -> None:
-        config, flow = self._config, command.flow_m2_per_s
-        if self._said is None or (counter - self._said) % profile_of(self._command.spec).counter_period != 1:
+        flow, drives = command.flow_m2_per_s, command.mode in DRIVING
+        if self._last_counter is None or (counter - self._last_counter) % self._counters != 1:
             self._was_wanted = False
-        self._said = counter
-        scale = config.operating_point.flow_rate_scale
-        drives = command.enable and command.mode in DRIVING
-        most = config.flow.action_limit * scale
-        if abs(flow) > most + ROUNDING or (flow != 0.0 and not drives):
-            self._broken("bus_bounds", f"{flow:g} m2/s in {command.mode.name}, enable {command.enable}, limit {most:g}")
-        step = config.ecu.command_step * scale + FLOW_RESOLUTION_M2_PER_S  # both ends are rounded to the wire's
-        if abs(flow - self._flow) > step + ROUNDING and flow != 0.0:
-            self._broken("bus_rate", f"{self._flow:g} to {flow:g} m2/s, at most {step:g}")
-        self._flow = flow
-        if flow != 0.0 and drives:
+        self._last_counter = counter
+        for name, detail in self._commands.broken(flow, enable=command.enable, drives=drives):
+            self._broken("bus_bounds" if name == "bus_shut" else name, f"{command.mode.name}: {detail}")
+        if flow != 0.0 and drives and command.enable:
             self._judge_age(command, now_ns)
         wanted = command.mode in WANTED
         if wanted and not self._was_wanted and not self._edge_heard:
@@ -207,83 +343,6 @@ class Invariants:
         age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - sampled[1]
         if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns:
             self._broken("bus_age", f"{command.mode.name} rests on pressures of {age_ns / 1e6:g} ms")
-
-    # At the jets.
-
-    @property
-    def _decides_after(self) -> int:
-        """Periods from hearing a command to the end of the one at whose end its action is reached."""
-        return self._config.ecu.plan_ahead + self._config.vehicle.actuator_delay
-
-    def _of_period(self) -> _Heard:
-        """Of the commands that arrived in the period that ends."""
-        frames, self._arrived = self._arrived, []
-        spec, drives, old, without, last = self._command.spec, False, False, False, None
-        for frame in frames:
-            command = parsed(self._command, frame)
-            if command is None:
-                self._sound = 0
-                continue
-            counter, before = profile_of(spec).counter_of(frame.data), self._counter
-            follows = before is None or (counter - before) % profile_of(spec).counter_period == 1
-            self._counter = counter
-            if not follows:
-                self._sound = 0
-            last = command
-            without |= command.mode not in WANTED
-            if command.enable and command.mode in DRIVING:
-                in_time = self._is_in_time(command)
-                drives |= in_time
-                old |= not in_time
-        self._sound = self._sound + 1 if len(frames) == 1 and last is not None else 0
-        # A stream is judged by its latest checks; without any errors among them the vehicle believes the next frame.
-        believed = last is not None and self._sound > self._config.bus.e2e.window
-        return _Heard(drives=drives, old=old, shuts=believed and not drives, believed=believed, without_control=without)
-
-    def _count_losses(self, heard: _Heard, *, heard_any: bool, requested: bool) -> None:
-        if not requested or heard.without_control:
-            self._silent.clear()
-        elif heard.believed or self._silent:
-            self._silent.append(not heard_any)
-        too_many = sum(self._silent) >= self._config.vehicle.loss_limit
-        self._gave_up.append(requested and (self._gave_up[-1] or too_many))
-
-    def _is_in_time(self, command: JetCommand) -> bool:
-        """Whether the vehicle may take the pressures behind a command for recent ones."""
-        if command.pressure_counter is None or command.pressure_counter not in self._sampled:
-            return False
-        oldest = 2 + self._config.ecu.hold_periods + self._config.ecu.decay_periods
-        return self._period - self._sampled[command.pressure_counter][0] <= oldest
-
-    def _judge_action(self, action: float) -> None:
-        """The one reached at the end of the latest period of which all is known."""
-        if self._period == 0:
-            self._action = action
-            return
-        limit, step = self._config.flow.action_limit, self._config.vehicle.action_step
-        if not abs(action) <= limit * (1.0 + ROUNDING):
-            self._broken_before("jets_bounds", f"action {action:g}, limit {limit:g}")
-        if not (abs(action - self._action) <= step * (1.0 + ROUNDING) or action == 0.0):
-            self._broken_before("jets_rate", f"action {self._action:g} to {action:g}, at most {step:g} in a period")
-        self._action = action
-        if action == 0.0:
-            return
-        if len(self._requested) == self._requested.maxlen and not self._requested[0]:
-            self._broken_before("jets_request", f"action {action:g} where control was not requested")
-        if len(self._gave_up) == self._gave_up.maxlen and self._gave_up[0]:
-            self._broken_before("jets_losses", f"action {action:g} after too many periods without a command")
-        # The newest of these is of the period that decides, the others of those before it.
-        deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
-        for heard in deciding:
-            if heard.drives:
-                return
-            if heard.shuts:
-                break
-        why = "pressures too old" if any(heard.old for heard in deciding) else "no command that drives jets"
-        self._broken_before("jets_shut", f"action {action:g}: {why}")
-
-    def _broken_before(self, invariant: str, detail: str) -> None:
-        self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _broken(self, invariant: str, detail: str) -> None:
         self.violations.append(Violation(period=self._period, invariant=invariant, detail=detail))

@@ -74,7 +74,7 @@ def small() -> tuple[ControllerProgram, CController]:
     return program, in_c(program)
 
 
-@each("seed", range(8))
+@each("seed", range(4))
 def test_random_nets_of_odd_sizes(seed):
     program = odd_sized_program(seed)
     check_lowering(program, in_c(program), "C library", random_windows(program, 8, seed=seed))

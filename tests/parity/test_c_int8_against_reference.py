@@ -64,7 +64,7 @@ def small() -> tuple[ControllerProgram, CController]:
     return rounded.program, in_integers(rounded)
 
 
-@each("seed", range(6))
+@each("seed", range(3))
 def test_random_nets_of_odd_sizes(seed):
     rng = np.random.default_rng([seed, 4])
     model = ModelConfig(
@@ -108,7 +108,7 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, w
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
 
 
-@each("dynamics_width", [3, 13, 70, 128])
+@each("dynamics_width", [3, 13, 70])
 def test_avx2_computes_what_plain_c_does(dynamics_width):
     """Integers, and floats in the same order, so to the bit."""
     processor = Path("/proc/cpuinfo")

@@ -45,7 +45,7 @@ def small_program(seed: int) -> ControllerProgram:
 
 
 @each("precision", ["float32", "int8"])
-@each("seed", range(10))
+@each("seed", range(4))
 def test_random_small_nets(seed, precision):
     program = small_program(seed)
     lowered = rounded_to_nearest(program) if precision == "int8" else program

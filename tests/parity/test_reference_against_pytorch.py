@@ -67,7 +67,7 @@ def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
     assert found.cost == pytest.approx(expected_cost, abs=TOLERANCE)
 
 
-@each("seed", range(40))
+@each("seed", range(12))
 def test_control_step_of_random_small_nets(seed):
     program = small_program(seed)
     for case in control_cases(program, count=3, seed=seed):

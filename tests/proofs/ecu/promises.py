@@ -1,6 +1,7 @@
 """What must hold in every control period, whatever the bus, the clock and the controller do.
 
-Judged from what went over the wire, when, and what the vehicle's jets did. `PROMISES` names them; each is stated for
+Judged from what went over the wire, when, and what the vehicle's jets did; range, rate and jets by the judge of every
+bench (`firmware_sim.bench.invariants`). `PROMISES` names them; each is stated for
 an ECU that plans ahead, whose commands the vehicle follows in the period after (`ecu.plan_ahead`), and for one that
 does not. Frames are read by cantools and autosar-e2e; limits are worked out here from the settings.
 """
@@ -12,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
+from firmware_sim.bench.invariants import Commands, Heard, Jets
 from tests.proofs.ecu import wire_witness as wire
 
 PROMISES: Final = {
@@ -106,11 +108,8 @@ class EcuJudge:
     """
 
     def __init__(self, config: Config) -> None:
-        scale, ecu = config.operating_point.flow_rate_scale, config.ecu
-        self._period_ns = config.period_ns
+        ecu, self._config, self._period_ns = config.ecu, config, config.period_ns
         self._quantum = 0.0002
-        self._limit = config.flow.action_limit * scale
-        self._step = ecu.command_step * scale
         self._held_ns = (1 + ecu.hold_periods + ecu.decay_periods) * config.period_ns
         self._fresh_ns = min(round(ecu.pressure_age * config.period_ns), self._held_ns)
         self._most_in_a_row = ecu.hold_periods + ecu.decay_periods
@@ -121,7 +120,7 @@ class EcuJudge:
     def reset(self) -> None:
         """After a power-on."""
         self.used: Used | None = None
-        self._flow, self._mode = 0.0, wire.OFF
+        self._commands, self._mode = Commands(self._config), wire.OFF
         self._step_ns: int | None = None
         self._counter = 0
         self._counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
@@ -150,12 +149,9 @@ class EcuJudge:
         # A frame of an invalid sensor or of old pressures has a request all the same.
         self._raised |= self._low_since_power_on and any(item["EnableRequest"] for item in sound)
 
-        if abs(flow) > self._limit + 1e-9:
-            yield "bounds"
-        if enable and abs(flow - self._flow) > self._reach(elapsed_ns):
-            yield "rate"
-        if (enable and mode not in wire.DRIVING) or (not enable and flow != 0.0):
-            yield "shut unless active"
+        before, share = self._commands.flow, self._share(elapsed_ns)
+        broken = self._commands.broken(flow, enable=enable, drives=mode in wire.DRIVING, share=share)
+        yield from (_OF_INVARIANTS[name] for name, _ in broken)
         if enable and (now_ns < 0 or (elapsed_ns is not None and elapsed_ns <= 0)):
             yield "clock"
         if enable and seen.bus_off:
@@ -164,7 +160,7 @@ class EcuJudge:
             yield "controller"
         if enable and mode == wire.CONTROL and not any(item.request for item in named):
             yield "fresh pressures"
-        if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(command, now_ns, elapsed_ns):
+        if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(command, now_ns, before, share):
             yield "held pressures"
         if self._too_many_lost(mode, missing=not candidates):
             yield "loss limits"
@@ -181,7 +177,7 @@ class EcuJudge:
         low = any(not item["EnableRequest"] for item in sound)
         self._low_since_power_on |= low
         self._low_since_fault = mode == wire.FAULT and ((self._low_since_fault and self._mode == wire.FAULT) or low)
-        self._flow, self._mode, self._step_ns = flow, mode, now_ns
+        self._mode, self._step_ns = mode, now_ns
 
     def _messages(self, answers: tuple[Frame, ...]) -> tuple[dict[str, Any], dict[str, Any]] | None:
         if len(answers) != 2:
@@ -208,20 +204,19 @@ class EcuJudge:
                 candidates.append(Used(signals["E2E_Counter"], sampled_ns, request, item.sampled))
         return sound, candidates
 
-    def _reach(self, elapsed_ns: int | None) -> float:
-        share = 1.0 if elapsed_ns is None else min(1.0, max(0, elapsed_ns) / self._period_ns)
-        return self._step * share + self._quantum
+    def _share(self, elapsed_ns: int | None) -> float:
+        return 1.0 if elapsed_ns is None else min(1.0, max(0, elapsed_ns) / self._period_ns)
 
-    def _holds(self, command: dict[str, Any], now_ns: int, elapsed_ns: int | None) -> bool:
+    def _holds(self, command: dict[str, Any], now_ns: int, before: float, share: float) -> bool:
         if self.used is None or not command["PressureCounterValid"]:
             return False
         if command["PressureCounter"] != self.used.counter or not 0 <= now_ns - self.used.sampled_ns <= self._held_ns:
             return False
-        target = self._flow if command["Mode"] == wire.HOLD else 0.5 * self._flow
-        if abs(target - self._flow) <= self._reach(elapsed_ns) - self._quantum:
+        target = before if command["Mode"] == wire.HOLD else 0.5 * before
+        if abs(target - before) <= self._commands.reach(share) - self._quantum:
             return bool(abs(command["Flow"] - target) <= self._quantum)
         # In a step that came early even the way towards zero is limited.
-        low, high = sorted((target, self._flow))
+        low, high = sorted((target, before))
         return bool(low - self._quantum <= command["Flow"] <= high + self._quantum)
 
     def _too_many_lost(self, mode: int, *, missing: bool) -> bool:
@@ -257,70 +252,41 @@ class VehicleJudge:
     """What the vehicle's node promises by itself; `judge` each period."""
 
     def __init__(self, config: Config) -> None:
-        self._limit = config.flow.action_limit
-        self._step = config.vehicle.action_step
-        self._oldest = 2 + config.ecu.hold_periods + config.ecu.decay_periods
-        first = 1 if config.ecu.plan_ahead else 0
-        self._due = range(first, first + config.ecu.hold_periods + 1)
-        """Periods before this one in which a command may have come that drives the jets now."""
-        self._silent: deque[bool] = deque(maxlen=config.vehicle.loss_window)
-        self._loss_limit, self._gave_up = config.vehicle.loss_limit, False
-        self._enabling: deque[int] = deque(maxlen=16)
-        self._clear: deque[int] = deque(maxlen=16)
-        self._in_order = 0
-        self._counter = -1
-        self._action = 0.0
+        self._jets = Jets(config)
         self._reset_at: int | None = None
 
     def judge(self, seen: Seen) -> Iterator[str]:
         """Names of the promises that a period has broken."""
         if seen.reset_vehicle:
-            self._action, self._reset_at = 0.0, seen.period
-            self._enabling.clear()
-            self._silent.clear()
-            self._in_order, self._gave_up = 0, False
-        self._received(seen)
-        if abs(seen.action) > self._limit + 1e-12:
-            yield "vehicle: bounds"
-        # Rounding of the sum of two numbers.
-        if seen.action != 0.0 and abs(seen.action - self._action) > self._step + 1e-12:
-            yield "vehicle: rate"
-        if seen.action != 0.0 and not seen.request:
-            yield "vehicle: request"
-        if seen.action != 0.0 and self._gave_up:
-            yield "vehicle: loss limits"
-        newest = seen.period - self._due[0]
-        due = (0,) if newest in self._clear else range(len(self._due))
-        if seen.action != 0.0 and not any(newest - before in self._enabling for before in due):
-            yield "vehicle: doubt"
-        self._action = seen.action
+            self._reset_at = seen.period
+            self._jets.reset()
+        self._jets.heard([self._read(item, seen.period) for item in seen.commands], requested=seen.request)
+        yield from (_OF_INVARIANTS[name] for name, _ in self._jets.broken(seen.action))
 
-    def _received(self, seen: Seen) -> None:
-        """Keep whether one of the period's commands may drive the jets, and whether it is clear which one counts."""
-        commands = [(wire.read(item.frame, wire.COMMAND), item) for item in seen.commands]
-        if any(self._enables(command, item, seen.period) for command, item in commands):
-            self._enabling.append(seen.period)
-        alone = commands[0][0] if len(commands) == 1 else None
-        follows = alone is not None and alone["E2E_Counter"] == (self._counter + 1) % 256
-        self._in_order = self._in_order + 1 if follows else 0
-        if alone is not None:
-            self._counter = alone["E2E_Counter"]
-        # A receiver's window of five is then full of good ones.
-        if self._in_order >= 5:
-            self._clear.append(seen.period)
-        # A command that may have been refused as well ends the count: the limit is then reached later, at most.
-        without_control = any(command and command["Mode"] in (wire.OFF, wire.FAULT) for command, _ in commands)
-        if not seen.request or without_control:
-            self._silent.clear()
-        elif self._silent or self._in_order >= 5:
-            self._silent.append(not commands)
-        self._gave_up = seen.request and (self._gave_up or sum(self._silent) >= self._loss_limit)
+    def _read(self, item: Delivered, period: int) -> Heard | None:
+        command = wire.read(item.frame, wire.COMMAND)
+        if command is None:
+            return None
+        # Counters start from 0 with the vehicle: an echo of the time before may name one of its first frames by chance.
+        just_reset = self._reset_at is not None and period - self._reset_at <= 2 * self._jets.oldest
+        oldest = self._jets.oldest * (2 if just_reset else 1)
+        echoes = command["PressureCounterValid"] and item.sampled is not None
+        return Heard(
+            counter=command["E2E_Counter"],
+            wanted=command["Mode"] not in (wire.OFF, wire.FAULT),
+            drives=command["Enable"] and command["Mode"] in wire.DRIVING,
+            in_time=bool(echoes) and item.sampled is not None and period - item.sampled <= oldest,
+        )
 
-    def _enables(self, command: dict[str, Any] | None, item: Delivered, period: int) -> bool:
-        if command is None or not (command["Enable"] and command["PressureCounterValid"]):
-            return False
-        if command["Mode"] not in wire.DRIVING or item.sampled is None:
-            return False
-        # Counters start anew with the vehicle: an echo of the time before may name one of its first frames by chance.
-        just_reset = self._reset_at is not None and period - self._reset_at <= 2 * self._oldest
-        return period - item.sampled <= self._oldest * (2 if just_reset else 1)
+
+_OF_INVARIANTS: Final = {
+    "bus_bounds": "bounds",
+    "bus_rate": "rate",
+    "bus_shut": "shut unless active",
+    "jets_bounds": "vehicle: bounds",
+    "jets_rate": "vehicle: rate",
+    "jets_request": "vehicle: request",
+    "jets_losses": "vehicle: loss limits",
+    "jets_shut": "vehicle: doubt",
+}
+"""Promises by the names that `firmware_sim.bench.invariants` gives them."""
