@@ -48,14 +48,11 @@ def test_the_same_recording_and_seed_give_the_same_network() -> None:
         np.testing.assert_array_equal(mine[0], its[0])
 
 
-@pytest.mark.parametrize(
-    ("recording", "sensors", "error", "said"),
-    [
+def test_a_recording_that_does_not_do_is_refused() -> None:
+    for recording, sensors, error, named in (
         (Dataset(episodes=(episode("a", "train", 60),)), ("upper_39", "nose"), ConfigError, "nose"),
         (Dataset(episodes=(episode("a", "train", 8),)), CHOSEN, DatasetError, "longer than the window of 8"),
         (Dataset(episodes=(episode("a", "train", 60, constant=True),)), ("upper_39", "base_0"), DatasetError, "base_0"),
-    ],
-)
-def test_a_recording_that_does_not_do_is_refused(recording, sensors, error, said) -> None:
-    with pytest.raises(error, match=said):
-        fit_estimator(recording, sensors, WINDOW, epochs=1)
+    ):
+        with pytest.raises(error, match=named):
+            fit_estimator(recording, sensors, WINDOW, epochs=1)

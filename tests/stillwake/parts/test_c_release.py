@@ -64,8 +64,7 @@ def test_examples_are_written_below_the_library_and_not_compiled_into_it(tmp_pat
     assert not examples & set(library_sources(found))
 
 
-@pytest.mark.parametrize("release", ["shipped", "random"])
-@pytest.mark.parametrize("frames", ["fd", "classic"])
+@pytest.mark.parametrize(("release", "frames"), [("shipped", "fd"), ("random", "classic")])
 @pytest.mark.compiler
 def test_the_whole_ecu_compiles_without_a_warning(release, frames, random_release, tmp_path, shared_builds):
     """With a release's estimator and without one; all of it links, so no part is missing."""

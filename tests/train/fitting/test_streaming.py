@@ -1,5 +1,7 @@
 """A state carried along is the plain recurrence over the whole episode, and a student can be trained for it."""
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
@@ -10,10 +12,11 @@ from contract.config.tree import Config
 from contract.recording.dataset import Dataset
 from train.distillation.distil import encode_all
 from train.distillation.evaluate import latent_error
-from train.fitting.fit import seeded
+from train.fitting.fit import fit_joint, seeded
+from train.fitting.progress import Phase
 from train.fitting.streaming import encode_stream, fit_stream
 from train.networks.model import Encoder, WakeModel
-from train.samples.rows import prepare
+from train.samples.rows import Rows, prepare
 from train.samples.scaling import fit_scaling
 
 
@@ -59,3 +62,33 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
     error = latent_error(encode_stream(student, test.with_sensors(chosen)), encode_all(teacher, test))
     # measured below 0.2; a student that gives the mean scores 0.8
     assert error < 0.3
+
+
+def test_the_fit_streams_and_the_finish_does_not(
+    rows: Rows, small_config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: Counter[str] = Counter()
+
+    def count(name: str) -> None:
+        inner = getattr(Encoder, name)
+
+        def counted(self: Encoder, segments: torch.Tensor) -> torch.Tensor:
+            calls[name] += 1
+            found: torch.Tensor = inner(self, segments)
+            return found
+
+        monkeypatch.setattr(Encoder, name, counted)
+
+    count("encode_stream")
+    count("encode_segments")
+    steps: dict[Phase, int] = {}
+
+    def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        steps[phase] = step
+
+    settings = replace(
+        small_config.train,
+        epochs=2.0, streamed=True, finish=replace(small_config.train.finish, epochs=1.0, unroll=8),
+    )  # fmt: skip
+    fit_joint(rows, replace(small_config, train=settings), progress=progress)
+    assert calls == {"encode_stream": steps[Phase.FIT], "encode_segments": steps[Phase.FINISH]}

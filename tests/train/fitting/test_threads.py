@@ -17,7 +17,6 @@ from train.fitting import unfinished
 from train.fitting.progress import Phase, Progress
 from train.fitting.threads import torch_threads
 from train.pipeline import train_all
-from train.sensor_estimator import fit_estimator
 
 CHOSEN = ("base_0", "base_9")
 
@@ -53,11 +52,9 @@ def brief(small_config: Config) -> Config:
     return replace(small_config, model=narrow, train=few, mpc=replace(small_config.mpc, horizon=5))
 
 
-def seen_by(threads: dict[Phase, set[int]], *, stop: bool = False) -> Progress:
+def seen_by(threads: dict[Phase, set[int]]) -> Progress:
     def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
         threads.setdefault(phase, set()).add(torch.get_num_threads())
-        if stop:
-            raise KeyboardInterrupt
 
     return progress
 
@@ -69,17 +66,6 @@ def test_every_phase_has_one_unless_more_are_asked_for(recording: Path, brief: C
     assert set().union(*seen.values()) == {1}
     assert torch.get_num_threads() == 3
     assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1"
-
-
-def test_a_training_that_is_stopped_gives_them_back(recording: Path, brief: Config, tmp_path: Path) -> None:
-    seen: dict[Phase, set[int]] = {}
-    # Stopped at once, since two threads wait for each other where other work runs beside.
-    with pytest.raises(KeyboardInterrupt):
-        train_all(
-            recording, brief, tmp_path / "model", chosen=CHOSEN, threads=2, progress=seen_by(seen, stop=True)
-        )  # fmt: skip
-    assert seen == {Phase.FIT: {2}}
-    assert torch.get_num_threads() == 3
 
 
 def test_one_that_began_with_another_number_says_so_and_keeps_both(
@@ -96,18 +82,10 @@ def test_one_that_began_with_another_number_says_so_and_keeps_both(
     assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1, 4"
 
 
-def test_the_sensor_estimator_is_fitted_with_one(small_recording: Dataset) -> None:
-    seen: set[int] = set()
-
-    def progress(done: int, total: int) -> None:
-        seen.add(torch.get_num_threads())
-
-    fit_estimator(small_recording, CHOSEN, 12, epochs=1.0, progress=progress)
-    assert seen == {1}
-    assert torch.get_num_threads() == 3
-
-
-def test_none_are_refused() -> None:
+def test_none_are_refused_and_a_stop_gives_them_back() -> None:
     with pytest.raises(ConfigError, match="threads = 0: must be at least 1"), torch_threads(0):
         raise AssertionError("computed")
+    with pytest.raises(KeyboardInterrupt), torch_threads(2):
+        assert torch.get_num_threads() == 2
+        raise KeyboardInterrupt
     assert torch.get_num_threads() == 3

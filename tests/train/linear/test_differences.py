@@ -10,24 +10,15 @@ from tests.train.linear.systems import LAYOUT, NAMES, episode, simulated
 from train.linear.differences import SENSORS, check_pairs, chosen_episodes, series_of
 
 
-def test_the_trucks_default_sensors_are_pairs():
+def test_sensors_must_be_pairs_of_mirror_images():
     check_pairs(TRUCK, SENSORS)
-
-
-@pytest.mark.parametrize(
-    ("sensors", "error", "said"),
-    [
+    for sensors, error, named in (
         (("up", "left"), DatasetError, "up and left are no pair: the mirror image of up is down"),
         (("up", "down", "left"), DatasetError, "3 sensors: they must be pairs"),
         (("up", "under"), ConfigError, "unknown sensor 'under'"),
-    ],
-)
-def test_sensors_that_are_no_pairs_are_refused(sensors, error, said):
-    with pytest.raises(error, match=said):
-        check_pairs(LAYOUT, sensors)
-
-
-def test_a_body_without_mirror_images_is_refused():
+    ):
+        with pytest.raises(error, match=named):
+            check_pairs(LAYOUT, sensors)
     crooked = SensorLayout(names=NAMES, positions=LAYOUT.positions, base=LAYOUT.base, mirror=None)
     with pytest.raises(DatasetError, match="no mirror images"):
         check_pairs(crooked, NAMES)

@@ -46,38 +46,29 @@ def test_the_folder_holds_the_system_that_was_recorded(recording, tmp_path):
     assert about.metrics["r2"].keys() == {"1", "10", "25", "50"}
 
 
-@pytest.mark.parametrize(
-    ("how", "weights", "error", "said"),
-    [
+def test_what_cannot_be_identified_leaves_nothing(recording, tmp_path):
+    for how, weights, error, named in (
         (replace(HOW, episodes=("none",)), WEIGHTS, DatasetError, "no episode is called none"),
         (replace(HOW, leave_out=400), WEIGHTS, DatasetError, "none is left"),
         (replace(HOW, held_out=0.05), WEIGHTS, IdentificationError, "hold out more of them"),
         (replace(HOW, window=200), WEIGHTS, IdentificationError, "to fit a memory of 200"),
         (HOW, replace(WEIGHTS, probe=1.0), DatasetError, "'Uy_probe' is missing"),
-    ],
-)
-def test_what_cannot_be_identified_leaves_nothing(recording, tmp_path, how, weights, error, said):
-    with pytest.raises(error, match=said):
-        identify_all(recording, tmp_path / "m", Config(), how, weights)
-    assert list(tmp_path.iterdir()) == []
+    ):
+        with pytest.raises(error, match=named):
+            identify_all(recording, tmp_path / "m", Config(), how, weights)
+        assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
+def test_numbers_outside_their_range_are_refused():
+    for settings, named in (
         ({"window": 1}, "window = 1: must be at least 2"),
         ({"ridge": float("nan")}, "ridge = nan: must be positive and finite"),
         ({"held_out": 1.0}, "held_out = 1: must be between 0 and 1"),
         ({"leave_out": -1}, "leave_out = -1"),
         ({"fastest": 0.0}, "fastest = 0: must be positive"),
-    ],
-)
-def test_numbers_outside_their_range_are_refused(settings, said):
-    with pytest.raises(ConfigError, match=said):
-        Identification(**settings)
-
-
-@pytest.mark.parametrize("weights", [{"action": 0.0}, {"lift": -1.0}, {"differences": float("inf")}])
-def test_weights_that_make_no_sense_are_refused(weights):
-    with pytest.raises(ConfigError, match="weight = "):
-        Design(**weights)
+    ):
+        with pytest.raises(ConfigError, match=named):
+            Identification(**settings)
+    for weights in ({"action": 0.0}, {"lift": -1.0}, {"differences": float("inf")}):
+        with pytest.raises(ConfigError, match="weight = "):
+            Design(**weights)

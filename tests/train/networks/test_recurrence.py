@@ -21,26 +21,22 @@ def one_by_one(lstm: nn.LSTM, segments: torch.Tensor) -> torch.Tensor:
     return torch.stack(finals, dim=1)
 
 
-@pytest.mark.parametrize(("count", "rows"), [(1, WINDOW), (4, WINDOW), (1, 20), (3, 12)])
-def test_values_and_gradients_are_those_of_nn_lstm(lstm: nn.LSTM, count: int, rows: int) -> None:
-    segments = torch.randn(count, rows, FEATURES, dtype=torch.float64, requires_grad=True)
-    shared = last_hidden(segments, WINDOW, *lstm.all_weights[0])
-    expected = one_by_one(lstm, segments)
-    torch.testing.assert_close(shared, expected, rtol=1e-12, atol=1e-12)
+def test_values_and_gradients_are_those_of_nn_lstm(lstm: nn.LSTM) -> None:
+    for count, rows in ((1, WINDOW), (4, WINDOW), (1, 20), (3, 12)):
+        segments = torch.randn(count, rows, FEATURES, dtype=torch.float64, requires_grad=True)
+        shared = last_hidden(segments, WINDOW, *lstm.all_weights[0])
+        expected = one_by_one(lstm, segments)
+        torch.testing.assert_close(shared, expected, rtol=1e-12, atol=1e-12)
+        with torch.no_grad():
+            plain = last_hidden(segments, WINDOW, *lstm.all_weights[0])
+        assert not plain.requires_grad
+        torch.testing.assert_close(plain, shared.detach(), rtol=0, atol=0)
 
-    direction = torch.randn_like(expected)
-    wanted = [segments, *lstm.parameters()]
-    gradients = torch.autograd.grad(shared, wanted, direction)
-    for found, true in zip(gradients, torch.autograd.grad(expected, wanted, direction), strict=True):
-        torch.testing.assert_close(found, true, rtol=1e-10, atol=1e-12)
-
-
-def test_without_gradients_the_values_are_the_same(lstm: nn.LSTM) -> None:
-    segments = torch.randn(2, 11, FEATURES, dtype=torch.float64)
-    with torch.no_grad():
-        plain = last_hidden(segments, WINDOW, *lstm.all_weights[0])
-    assert not plain.requires_grad
-    torch.testing.assert_close(plain, last_hidden(segments, WINDOW, *lstm.all_weights[0]).detach(), rtol=0, atol=0)
+        direction = torch.randn_like(expected)
+        wanted = [segments, *lstm.parameters()]
+        gradients = torch.autograd.grad(shared, wanted, direction)
+        for gradient, true in zip(gradients, torch.autograd.grad(expected, wanted, direction), strict=True):
+            torch.testing.assert_close(gradient, true, rtol=1e-10, atol=1e-12)
 
 
 def test_gradient_of_the_input_alone(lstm: nn.LSTM) -> None:
