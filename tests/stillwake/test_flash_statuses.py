@@ -1,8 +1,9 @@
-"""Each way in which `stillwake flash` can end badly: its status, one line, and an ECU that still has its release."""
+"""`stillwake flash` as a user calls it: each way to end badly has its status and one line."""
 
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+from contract.release import bundle
 from contract.shipped import BUNDLE
 from stillwake.console.progress import ProgressLines
+from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.can_bridge.tester.played_ecu import SHIPPED, Played, PlayedEcu, played
 from tests.can_bridge.tester.served import served
@@ -49,7 +52,7 @@ def call(cli: Callable[..., Any], bus: BusConfig, tmp_path: Path) -> Flash:
 @pytest.fixture
 def flash(call: Flash, kept: Played, bus: BusConfig) -> Flash:
     def flash(*options: object, **others: Any) -> Any:
-        with served(kept, bus):
+        with served(PlayedEcu(kept), bus):
             return call(*options, **others)
 
     return flash
@@ -59,6 +62,34 @@ def ends(outcome: Any, status: int, words: str) -> None:
     assert (outcome.code, outcome.err.count("\n")) == (status, 1), outcome.err
     assert words in outcome.err
     assert outcome.err.startswith("error: ")
+
+
+def test_a_release_is_flashed_and_then_left_alone(flash: Flash, kept: Played) -> None:
+    name = bundle.load(BUNDLE).manifest.name
+    outcome = flash("--dry-run")
+    assert outcome.code == 0
+    for words in ("nothing stands against it", "20 ms", "confirmed old"):
+        assert words in outcome.out
+    assert kept.written == 0
+    outcome = flash("--no-confirm")
+    assert (outcome.code, f"{name} runs on trial, 2 boots left" in outcome.out) == (0, True)
+    for words in ("runs, and is confirmed", "runs already, and is confirmed: nothing was done"):
+        outcome = flash()
+        assert (outcome.code, outcome.err, f"{name} {words}" in outcome.out) == (0, "", True)
+
+
+def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, kept: Played, tmp_path: Path) -> None:
+    shipped = bundle.load(BUNDLE)
+    for name, key, changes, words in (
+        ("unsigned", None, {}, "is not signed"),
+        ("old", RELEASE, {"security_version": 0}, "has security version 0, the ECU takes 1 or greater"),
+        ("other", RELEASE, {"hardware": "other"}, "is for hardware other, the ECU is bench"),
+    ):
+        bundle.write(tmp_path / name, replace(shipped.manifest, name=name, **changes), shipped.files, key)
+        outcome = flash(release=tmp_path / name)
+        ends(outcome, 6, words)
+        assert "nothing was written" in outcome.err
+    assert kept.log == []
 
 
 @pytest.mark.slow
@@ -167,7 +198,7 @@ def test_what_cannot_begin(
     # Without a key there is only a dry run.
     command = ("flash", BUNDLE, "--bus", f"virtual:{bus.channel}")
     ends(cli(*command), 1, "--access: must name the ECU's key file")
-    with served(kept, bus):
+    with served(PlayedEcu(kept), bus):
         assert cli(*command, "--dry-run").code == 0
     for name in [name for name in sys.modules if name.partition(".")[0] == "udsoncan"]:
         monkeypatch.setitem(sys.modules, name, None)

@@ -1,7 +1,6 @@
 """Production, trial, confirmation, the way back, and what damage leaves.
 
-Whatever a tester does in whatever order is in `test_store_machine`, losses of power are in `test_store_cuts`; here is
-what each of these steps means.
+Requests in any order are in `tests/proofs/flash`, losses of power in `test_store_cuts`; here is what each step means.
 """
 
 import pytest

@@ -1,4 +1,4 @@
-"""The played ECU on a bus of python-can, in a thread and in real time."""
+"""An ECU on a bus of python-can, in a thread and in real time."""
 
 import random
 import time
@@ -11,7 +11,7 @@ from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.config.vehicle import BusConfig
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
-from tests.can_bridge.tester.played_ecu import Played, PlayedEcu
+from tests.can_bridge.tester.line import Ecu
 
 
 class Fate:
@@ -27,15 +27,15 @@ class Fate:
 
 
 @contextmanager
-def served(kept: Played, config: BusConfig, fate: Fate | None = None) -> Iterator[Callable[[], int]]:
-    """Yields what says how many frames have come."""
+def served(ecu: Ecu, config: BusConfig, fate: Fate | None = None) -> Iterator[Callable[[], int]]:
+    """Yields what counts the frames that have come."""
     fate = fate or Fate()
     stop, count, faults = Event(), [0], list[BaseException]()
 
     def run() -> None:
         try:
             with PythonCanBus.open(config, accept={REQUEST_ID}) as bus:
-                _pump(bus, kept, config, fate, stop, count)
+                _pump(bus, ecu, config, fate, stop, count)
         except BaseException as error:  # noqa: BLE001  (the test fails by it below)
             faults.append(error)
 
@@ -49,12 +49,12 @@ def served(kept: Played, config: BusConfig, fate: Fate | None = None) -> Iterato
     assert faults == []
 
 
-def _pump(bus: PythonCanBus, kept: Played, config: BusConfig, fate: Fate, stop: Event, count: list[int]) -> None:
-    ecu, endpoint = PlayedEcu(kept), Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
+def _pump(bus: PythonCanBus, ecu: Ecu, config: BusConfig, fate: Fate, stop: Event, count: list[int]) -> None:
+    endpoint = Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
     while not stop.is_set():
         frame = bus.receive(0.002)
         now_ns = time.monotonic_ns()
-        if kept.is_dead:
+        if ecu.is_dead:
             continue
         if frame is not None:
             count[0] += 1

@@ -20,7 +20,7 @@ from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.can_bridge.tester.played_ecu import SHIPPED, Played
+from tests.can_bridge.tester.played_ecu import SHIPPED, Played, PlayedEcu
 from tests.can_bridge.tester.served import Fate, served
 
 
@@ -49,7 +49,7 @@ def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
     monkeypatch.setattr(asking, "P2_S", 0.05)
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 50)
     rate = 0.002 if config.frames == "fd" else 0.0003
-    with served(kept, config, Fate(1, lost=rate, doubled=rate)) as count:
+    with served(PlayedEcu(kept), config, Fate(1, lost=rate, doubled=rate)) as count:
         done = flashed(config)
     assert (done.end, kept.running.image) == (End.CONFIRMED, SHIPPED)
     assert done.unanswered > 0

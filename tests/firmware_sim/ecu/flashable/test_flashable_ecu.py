@@ -94,19 +94,6 @@ def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
 
 
 @pytest.mark.slow
-def test_an_unconfirmed_release_goes_after_three_boots(rig: Rig) -> None:
-    rig.start(image("second"))
-    found = []
-    for _ in range(4):
-        rig.run(50)
-        found.append(rig.statuses[-1].bundle_hash)
-        rig.power_on()
-    first, second = hash_of(image("first")), hash_of(image("second"))
-    assert found == [second, second, second, first]
-    assert "reverted" in rig.log.names()
-
-
-@pytest.mark.slow
 def test_revert_leads_back_and_a_wrong_image_is_never_booted(rig: Rig) -> None:
     assert rig.write(image("foreign", key=STRANGER)) is Verdict.UNKNOWN_KEY
     assert rig.ask(ACTIVATE) == b"\x7f\x31\x24"
