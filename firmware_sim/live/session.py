@@ -215,7 +215,8 @@ class LiveSession:
         run.set_disturbances(after.disturbances)
         self._settings = replace(after, enable=run.request.wanted)
         self._settings_due = True
-        for text in changes(before, self._settings, self._bundle.manifest.mpc.weights):
+        labels = {choice["name"]: choice["label"] for choice in self._choices["controller"]}
+        for text in changes(before, self._settings, self._bundle.manifest.mpc.weights, labels):
             self._say("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:

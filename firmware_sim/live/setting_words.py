@@ -1,26 +1,18 @@
 """What a viewer has set, in words for the list of events."""
 
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterator, Mapping
 
 from contract.config.controller import CostWeights
 from contract.controller.calibration import WEIGHTS
 from firmware_sim.live.settings import LiveSettings
 
-_CONTROLLERS: Final = {
-    "int8": "int8 graph in ONNX Runtime",
-    "c": "C on this machine",
-    "cortex-m7": "emulated Cortex-M7",
-    "off": "off",
-}
 
-
-def changes(before: LiveSettings, now: LiveSettings, own: CostWeights) -> Iterator[str]:
-    """A text for each setting that is another one; `own` are the release's weights."""
+def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
+    """A text for each setting that changed; `own` are the release's weights, `controllers` labels by name."""
     if now.enable != before.enable:
         yield "control is requested" if now.enable else "the request for control is taken back"
     if now.controller != before.controller:
-        yield f"ECU: {_CONTROLLERS[now.controller]}"
+        yield f"controller: {controllers[now.controller]}"
     if now.plant != before.plant:
         yield f"plant: {now.plant}"
     if now.noise != before.noise:

@@ -203,8 +203,6 @@ LOOP_STATES: Final = ("starting", "running", "busy", "ended")
 text of "starting" says so, and later an event."""
 
 Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
-LATEST_ONLY: Final = ("loop", "hello", "now", "bus", "latency", "settings")
-"""Types of which a viewer that is behind gets the latest one."""
 
 
 class Request(TypedDict, total=False):

@@ -54,12 +54,12 @@ def test_another_campaign_may_replace_it_when_asked_to(folder) -> None:
     assert not folder.table.exists()
 
 
-@pytest.mark.parametrize("overwrite", [False, True])
-def test_a_folder_of_something_else_is_never_touched(tmp_path, overwrite) -> None:
-    (tmp_path / "mine").write_text("text")
-    with pytest.raises(OutputError, match="no campaign"):
-        CampaignFolder(tmp_path).check(LABEL, overwrite=overwrite)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+def test_a_folder_of_something_else_is_never_touched(tmp_path) -> None:
+    for overwrite in [False, True]:
+        (tmp_path / "mine").write_text("text")
+        with pytest.raises(OutputError, match="no campaign"):
+            CampaignFolder(tmp_path).check(LABEL, overwrite=overwrite)
+        assert [path.name for path in tmp_path.iterdir()] == ["mine"], overwrite
 
 
 def test_a_file_in_the_place_is_refused(tmp_path) -> None:

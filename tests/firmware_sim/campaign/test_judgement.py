@@ -23,9 +23,8 @@ def test_reduction_is_against_the_same_phase_and_spreads_over_them() -> None:
     assert row.figures()["reduction_percent_max"] == pytest.approx(30.0)
 
 
-@pytest.mark.parametrize(
-    ("Cd", "abs_Cl", "use"),
-    [
+def test_use_follows_its_criteria() -> None:
+    for Cd, abs_Cl, use in [
         # Undisturbed there is 20 % less: three quarters of it are 15 %.
         (0.85, 0.2, Use.USEFUL),
         (0.86, 0.2, Use.MARGINAL),
@@ -35,11 +34,9 @@ def test_reduction_is_against_the_same_phase_and_spreads_over_them() -> None:
         # Without control |Cl| is 0.9: less drag with more side force is not useful.
         (0.80, 0.91, Use.MARGINAL),
         (0.80, 0.90, Use.USEFUL),
-    ],
-)
-def test_use_follows_its_criteria(Cd, abs_Cl, use) -> None:
-    _, row = rows_of((scenario_of("one"), [phase_of(Cd, abs_Cl=abs_Cl)] * 2))
-    assert row.use == use
+    ]:
+        _, row = rows_of((scenario_of("one"), [phase_of(Cd, abs_Cl=abs_Cl)] * 2))
+        assert row.use == use, Cd
 
 
 def test_a_scenarios_own_criteria_count() -> None:

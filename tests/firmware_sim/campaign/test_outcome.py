@@ -28,12 +28,10 @@ def test_what_is_written_is_read_back(tmp_path) -> None:
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"{", b"[]", b"{}", b'{"schema": "stillwake-campaign-run/1"}', b"\xff", b"null"]
-)
-def test_a_file_that_is_not_one_counts_as_missing(tmp_path, content) -> None:
-    (tmp_path / "a.json").write_bytes(content)
-    assert load(tmp_path / "a.json") is None
+def test_a_file_that_is_not_one_counts_as_missing(tmp_path) -> None:
+    for content in [b"", b"{", b"[]", b"{}", b'{"schema": "stillwake-campaign-run/1"}', b"\xff", b"null"]:
+        (tmp_path / "a.json").write_bytes(content)
+        assert load(tmp_path / "a.json") is None, content
 
 
 def test_a_truncated_file_counts_as_missing_at_every_length(tmp_path) -> None:

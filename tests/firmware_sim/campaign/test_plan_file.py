@@ -76,9 +76,8 @@ def test_a_users_scenarios_come_after_the_built_in_ones(written, place) -> None:
     assert [one.group for one in both[len(built_in) :]] == ["Mine"] * 6
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
+def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place) -> None:
+    for text, says in [
         ("[[group]\n", r"plan\.toml: "),
         (b"\xff\xfe", "UTF-8"),
         ("", "group"),
@@ -95,14 +94,12 @@ def test_a_users_scenarios_come_after_the_built_in_ones(written, place) -> None:
         (OWN.replace("late_{each}", "Late {each}"), "lower-case"),
         ("criteria = 1\ngroup = []", "criteria"),
         ("group = 3", "group"),
-    ],
-)
-def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place, text, says) -> None:
-    with pytest.raises(ConfigError, match=says) as raised:
-        read_plan(written(text), place)
-    line = str(raised.value)
-    assert "plan.toml: " in line
-    assert "\n" not in line
+    ]:
+        with pytest.raises(ConfigError, match=says) as raised:
+            read_plan(written(text), place)
+        line = str(raised.value)
+        assert "plan.toml: " in line, text
+        assert "\n" not in line, text
 
 
 def test_a_missing_file_is_named(tmp_path, place) -> None:

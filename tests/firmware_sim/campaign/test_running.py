@@ -134,15 +134,12 @@ def test_only_what_acts_on_the_flow_is_left_without_control() -> None:
     assert flow_disturbances(kept) == kept
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
+def test_a_disturbance_that_could_not_act_is_refused_with_its_scenario(release) -> None:
+    for text, says in [
         ("noize:level=1", "noize"),
         ("noise:level=0.5@9..", "when the run has ended"),
         ("dead:sensor=upper_00", "upper_00 is not in use"),
         ("ecu:drop:probability=2", "probability"),
-    ],
-)
-def test_a_disturbance_that_could_not_act_is_refused_with_its_scenario(release, text, says) -> None:
-    with pytest.raises(ConfigError, match=rf"scenario 'wrong': .*{says}"):
-        check_run(scenario_of("wrong", disturb=(text,)), Config(), release, TIMING, OnnxController.of(release))
+    ]:
+        with pytest.raises(ConfigError, match=rf"scenario 'wrong': .*{says}"):
+            check_run(scenario_of("wrong", disturb=(text,)), Config(), release, TIMING, OnnxController.of(release))

@@ -29,26 +29,21 @@ def test_a_scenarios_settings_go_on_top() -> None:
     assert settings_of(scenario_of("none"), base) == base
 
 
-@pytest.mark.parametrize(
-    "text", ["ecu.delay=1", "ecu.delay_steps=-1", "flow.reynolds=700", "train.epochs=3", "nonsense"]
-)
-def test_a_wrong_setting_is_refused_with_its_scenario(text) -> None:
-    with pytest.raises(ConfigError, match="scenario 'wrong': "):
-        settings_of(scenario_of("wrong", settings=(text,)), Config())
+def test_a_wrong_setting_is_refused_with_its_scenario() -> None:
+    for text in ["ecu.delay=1", "ecu.delay_steps=-1", "flow.reynolds=700", "train.epochs=3", "nonsense"]:
+        with pytest.raises(ConfigError, match="scenario 'wrong': "):
+            settings_of(scenario_of("wrong", settings=(text,)), Config())
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
+def test_whatever_decides_a_run_is_in_its_key() -> None:
+    for change in [
         {"disturb": ("noise:level=0.6",)},
         {"config": Config(ecu=EcuConfig(delay_steps=1))},
         {"controlled": False},
         {"seed": 2},
         {"timing": Timing(lead_in=7.0, controlled=60.0, settle=30.0)},
-    ],
-)
-def test_whatever_decides_a_run_is_in_its_key(change) -> None:
-    assert replace(TASK, **change).key("b", "s", "1") != TASK.key("b", "s", "1")
+    ]:
+        assert replace(TASK, **change).key("b", "s", "1") != TASK.key("b", "s", "1"), change
 
 
 def test_bundle_start_and_version_are_in_the_key_and_the_name_is_not() -> None:

@@ -106,7 +106,7 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     live.run(30).set(controller="c").run(5)
     assert live.made == [("int8", None), ("c", None)]
     assert live.said["now"]["computed_by"] == "waves by c"
-    assert "ECU: C on this machine" in live.events
+    assert "controller: C" in live.events
     live.set(weights={"drag_mean": 2.0}).run(5)
     # What need not be made anew for other weights is not.
     assert (live.weighed[-1].drag_mean, len(live.made)) == (2.0, 2)

@@ -94,12 +94,12 @@ def test_the_core_computes_what_the_host_does(budgeted):
 
 
 @pytest.mark.mcu
-@pytest.mark.parametrize("precision", ["float32", "int8"])
-def test_odd_sizes_agree_too(precision):
-    model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
-    found = mcu.measure(*sources_and_rows(random_program(1, model=model, mpc=MpcConfig(horizon=7)), precision))
-    assert agrees(found)
-    assert found.precision == precision
+def test_odd_sizes_agree_too():
+    for precision in ["float32", "int8"]:
+        model = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
+        found = mcu.measure(*sources_and_rows(random_program(1, model=model, mpc=MpcConfig(horizon=7)), precision))
+        assert agrees(found), precision
+        assert found.precision == precision, precision
 
 
 def test_multiply_accumulates_are_those_of_the_layers():
@@ -160,19 +160,16 @@ def test_a_wild_jump_is_reported():
         Machine(firmware).call("wild")
 
 
-@pytest.mark.parametrize(
-    ("code", "cycles", "why"),
-    [
+def test_the_pipeline_model_keeps_its_rules():
+    for code, cycles, why in [
         ("0120 0221", 1, "two independent moves go together"),
         ("0120 401c", 2, "MOVS r0, #1; ADDS r0, r0, #1: the second needs the first"),
         ("0868 401c", 3, "LDR r0, [r1]; ADDS r0, r0, #1: a load's result comes after two cycles"),
         ("20fb0013 20fb0024", 2, "two multiplications do not go together"),
         ("0120 7047", 2, "a branch costs one cycle more"),
-    ],
-)
-def test_the_pipeline_model_keeps_its_rules(code, cycles, why):
-    raw = bytes.fromhex(code.replace(" ", ""))
-    assert Pipeline(raw, 0).block(0, len(raw)).cycles == cycles, why
+    ]:
+        raw = bytes.fromhex(code.replace(" ", ""))
+        assert Pipeline(raw, 0).block(0, len(raw)).cycles == cycles, why
 
 
 def test_a_folder_that_is_no_library_is_refused(tmp_path):
@@ -191,10 +188,10 @@ def test_too_few_rows_and_code_that_does_not_compile_are_refused():
         mcu.measure(sources | {"sw_cost.c": b"#error broken\n"}, rows)
 
 
-@pytest.mark.parametrize(("image", "reason"), [(b"import this", "Magic number"), (b"\x7fELF\x02\x01\x01", "expected")])
-def test_what_is_no_elf_file_is_refused(image, reason):
-    with pytest.raises(McuError, match=f"not a 32-bit little-endian ELF file: .*{reason}"):
-        read_elf(image)
+def test_what_is_no_elf_file_is_refused():
+    for image, reason in [(b"import this", "Magic number"), (b"\x7fELF\x02\x01\x01", "expected")]:
+        with pytest.raises(McuError, match=f"not a 32-bit little-endian ELF file: .*{reason}"):
+            read_elf(image)
 
 
 def test_the_elf_file_of_this_machines_python_is_refused():

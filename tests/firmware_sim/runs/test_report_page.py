@@ -158,14 +158,14 @@ def test_runs_are_compared_at_one_time_since_the_request(browser, comparison):
     assert not seen.troubles
 
 
-@pytest.mark.parametrize(("width", "dark"), [(1280, False), (1280, True), (PHONE, False)])
-def test_pages_open_without_a_fault_for_everybody(browser, runs, comparison, width, dark):
-    for page in (runs[1].report, comparison):
-        seen = visit(browser, page.as_uri(), home=page.as_uri(), width=width, dark=dark)
-        assert not seen.violations()
-        assert not seen.is_wider_than_its_window
-        assert not seen.troubles
-        assert seen.page.locator("html.scripted").count() == 1
+def test_pages_open_without_a_fault_for_everybody(browser, runs, comparison):
+    for width, dark in [(1280, False), (1280, True), (PHONE, False)]:
+        for page in (runs[1].report, comparison):
+            seen = visit(browser, page.as_uri(), home=page.as_uri(), width=width, dark=dark)
+            assert not seen.violations(), width
+            assert not seen.is_wider_than_its_window, width
+            assert not seen.troubles, width
+            assert seen.page.locator("html.scripted").count() == 1, width
 
 
 def test_without_scripts_the_pictures_are_there(browser, runs):

@@ -12,16 +12,16 @@ def test_a_new_folder_and_one_with_other_things_are_free(tmp_path):
     RunFolder(tmp_path).check_free(overwrite=False)
 
 
-@pytest.mark.parametrize("name", ["series.npz", "summary.json"])
-def test_another_run_is_replaced_only_when_asked(tmp_path, name):
-    (tmp_path / name).write_text("")
-    with pytest.raises(StillwakeError, match="holds a run: give another folder, or --overwrite"):
-        RunFolder(tmp_path).check_free(overwrite=False)
-    RunFolder(tmp_path).check_free(overwrite=True)
+def test_another_run_is_replaced_only_when_asked(tmp_path):
+    for name in ["series.npz", "summary.json"]:
+        (tmp_path / name).write_text("")
+        with pytest.raises(StillwakeError, match="holds a run: give another folder, or --overwrite"):
+            RunFolder(tmp_path).check_free(overwrite=False)
+        RunFolder(tmp_path).check_free(overwrite=True)
 
 
-@pytest.mark.parametrize("overwrite", [False, True])
-def test_a_file_is_no_folder(tmp_path, overwrite):
-    (tmp_path / "my.h5").write_text("")
-    with pytest.raises(StillwakeError, match=r"cannot write .*my\.h5: it is a file"):
-        RunFolder(tmp_path / "my.h5").check_free(overwrite=overwrite)
+def test_a_file_is_no_folder(tmp_path):
+    for overwrite in [False, True]:
+        (tmp_path / "my.h5").write_text("")
+        with pytest.raises(StillwakeError, match=r"cannot write .*my\.h5: it is a file"):
+            RunFolder(tmp_path / "my.h5").check_free(overwrite=overwrite)

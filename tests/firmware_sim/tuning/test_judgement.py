@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from contract.config.controller import CostWeights, MpcConfig
 from firmware_sim.tuning.judgement import Candidate, Judged, is_clearly_better, judge, verdict
 from firmware_sim.tuning.score import Goal, PhaseFigures
@@ -19,20 +17,17 @@ def judged(*reductions, abs_Cl=0.1) -> Judged:
     return Judged(candidate=CANDIDATE, runs=tuple(run_of(one, abs_Cl) for one in reductions))
 
 
-@pytest.mark.parametrize(
-    ("winner", "better", "says"),
-    [
+def test_a_winner_must_gain_more_than_the_spread_within_the_bound() -> None:
+    for winner, better, says in [
         (judged(27.0, 27.4), True, "clearly better: +2.00 points, more than the spread over the phases"),
         (judged(25.0, 25.8), False, "not clearly better: +0.20 points, within the spread over the phases"),
         (judged(22.0, 34.0), False, "not clearly better: +2.80 points, within the spread over the phases"),
         (judged(27.0, 27.4, abs_Cl=0.25), False, "not better: mean |Cl| of 0.250 is above 0.2"),
         (judged(27.0, None), False, "not better: control was not held in every run"),
-    ],
-)
-def test_a_winner_must_gain_more_than_the_spread_within_the_bound(winner, better, says) -> None:
-    present = judged(25.0, 25.4)
-    assert is_clearly_better(winner, present, Goal()) == better
-    assert verdict(winner, present, Goal()) == says
+    ]:
+        present = judged(25.0, 25.4)
+        assert is_clearly_better(winner, present, Goal()) == better, winner
+        assert verdict(winner, present, Goal()) == says, winner
 
 
 def test_without_a_winner_the_verdict_says_so() -> None:

@@ -88,20 +88,20 @@ def test_trials_that_fall_behind_are_given_up(loop, tmp_path) -> None:
         assert last < before[len(before) // 2] + 0.1
 
 
-@pytest.mark.parametrize(("trials", "stop_in"), [(3, 0), (3, 3), (13, 17)])
-def test_a_search_that_was_killed_proposes_what_it_would_have_without(tmp_path, trials, stop_in) -> None:
-    plan, whole = plan_of(trials=trials), MadeUpLoop()
-    search(open_study(tmp_path / "whole", LABEL), plan, whole, clock=whole.clock)
-    cut, again = MadeUpLoop(stop_in=stop_in), MadeUpLoop()
-    with pytest.raises(Stopped):
-        search(open_study(tmp_path / "cut", LABEL), plan, cut, clock=cut.clock)
-    study = open_study(tmp_path / "cut", LABEL)
-    search(study, plan, again, clock=again.clock)
-    assert proposals(study) == proposals(open_study(tmp_path / "whole", LABEL))
-    # The trial that was cut is made again from its first run on, those before it are not.
-    settings, phase = cut.made[-1]
-    assert again.made[0] == (settings, 0)
-    assert len(cut.made) - (phase + 1) + len(again.made) == len(whole.made)
+def test_a_search_that_was_killed_proposes_what_it_would_have_without(tmp_path) -> None:
+    for trials, stop_in in [(3, 0), (3, 3), (13, 17)]:
+        plan, whole = plan_of(trials=trials), MadeUpLoop()
+        search(open_study(tmp_path / f"whole{stop_in}", LABEL), plan, whole, clock=whole.clock)
+        cut, again = MadeUpLoop(stop_in=stop_in), MadeUpLoop()
+        with pytest.raises(Stopped):
+            search(open_study(tmp_path / f"cut{stop_in}", LABEL), plan, cut, clock=cut.clock)
+        study = open_study(tmp_path / f"cut{stop_in}", LABEL)
+        search(study, plan, again, clock=again.clock)
+        assert proposals(study) == proposals(open_study(tmp_path / f"whole{stop_in}", LABEL)), trials
+        # The trial that was cut is made again from its first run on, those before it are not.
+        settings, phase = cut.made[-1]
+        assert again.made[0] == (settings, 0), trials
+        assert len(cut.made) - (phase + 1) + len(again.made) == len(whole.made), trials
 
 
 def test_the_seed_decides_what_is_proposed(tmp_path) -> None:

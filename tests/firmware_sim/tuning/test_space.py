@@ -54,23 +54,20 @@ def test_settings_are_named_whole_or_by_their_last_word() -> None:
     assert set(chosen([], weights_only=True)) == set(RANGES) - {LEARNING_RATE, HORIZON}
 
 
-@pytest.mark.parametrize(
-    ("names", "weights_only", "says"),
-    [
+def test_other_names_are_refused() -> None:
+    for names, weights_only, says in [
         (["drag_mean"], False, "--vary drag_mean: cannot be tuned; one of drag_fluctuation, lift,"),
         (["horizon"], True, "--vary horizon: fixed in the bundle's graph; name the bundle's model with --model"),
         (["lift", LIFT], False, f"--vary {LIFT}: given twice"),
-    ],
-)
-def test_other_names_are_refused(names, weights_only, says) -> None:
-    with pytest.raises(ConfigError) as error:
-        chosen(names, weights_only=weights_only)
-    assert str(error.value).startswith(says)
+    ]:
+        with pytest.raises(ConfigError) as error:
+            chosen(names, weights_only=weights_only)
+        assert str(error.value).startswith(says), names
 
 
-@pytest.mark.parametrize(("value", "short"), [(0.0123456, 0.0123), (25.0, 25.0), (0.0, 0.0), (1.7e-3, 1.7e-3)])
-def test_values_have_three_digits(value, short) -> None:
-    assert rounded(value) == short
+def test_values_have_three_digits() -> None:
+    for value, short in [(0.0123456, 0.0123), (25.0, 25.0), (0.0, 0.0), (1.7e-3, 1.7e-3)]:
+        assert rounded(value) == short, value
 
 
 def test_settings_to_be_tried_come_from_text() -> None:
@@ -79,9 +76,8 @@ def test_settings_to_be_tried_come_from_text() -> None:
     assert found == {LIFT: 0.2, LEARNING_RATE: 1e-3, HORIZON: 30}
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
+def test_text_that_names_no_settings_is_refused() -> None:
+    for text, says in [
         ("effort=1", "--try effort=1: 'effort' is not varied; of lift, horizon"),
         ("lift=much", "--try lift=much: 'much' is no number"),
         ("lift", "--try lift: '' is no number"),
@@ -89,9 +85,7 @@ def test_settings_to_be_tried_come_from_text() -> None:
         ("lift=0", "--try lift=0: lift must be from 0.01 to 0.3"),
         ("lift=0.2,horizon=30.5", "--try lift=0.2,horizon=30.5: horizon must be a whole number from 20 to 40"),
         ("", "--try : '' is not varied; of lift, horizon"),
-    ],
-)
-def test_text_that_names_no_settings_is_refused(text, says) -> None:
-    with pytest.raises(ConfigError) as error:
-        parsed(text, MpcConfig(), (LIFT, HORIZON))
-    assert str(error.value) == says
+    ]:
+        with pytest.raises(ConfigError) as error:
+            parsed(text, MpcConfig(), (LIFT, HORIZON))
+        assert str(error.value) == says, text

@@ -107,9 +107,8 @@ def test_a_stopped_campaign_says_how_to_go_on(cli, executor, tmp_path) -> None:
     assert not (tmp_path / "other").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
+def test_a_call_that_cannot_be_is_one_line(cli, executor, tmp_path, monkeypatch) -> None:
+    for options, says in [
         ((), "name the folder"),
         (("out", "--only", "noize*"), "noize"),
         (("out", "--scenarios", "nowhere.toml"), "plan nowhere.toml: No such file"),
@@ -117,17 +116,15 @@ def test_a_stopped_campaign_says_how_to_go_on(cli, executor, tmp_path) -> None:
         (("out", "--set", "train.epochs=3"), "train.epochs"),
         (("out", "--set", "flow.control_period=0.3"), "control period"),
         (("out", "--set", "bus.interface=virtual"), "bus.interface"),
-    ],
-)
-def test_a_call_that_cannot_be_is_one_line(cli, executor, tmp_path, monkeypatch, options, says) -> None:
-    monkeypatch.chdir(tmp_path)
-    outcome = cli("campaign", *options)
-    assert outcome.code == 1
-    assert outcome.err.startswith("error: ")
-    assert outcome.err.count("\n") == 1
-    assert says in outcome.err
-    assert list(tmp_path.iterdir()) == []
-    assert executor.ran == []
+    ]:
+        monkeypatch.chdir(tmp_path)
+        outcome = cli("campaign", *options)
+        assert outcome.code == 1, options
+        assert outcome.err.startswith("error: "), options
+        assert outcome.err.count("\n") == 1, options
+        assert says in outcome.err, options
+        assert list(tmp_path.iterdir()) == [], options
+        assert executor.ran == [], options
 
 
 def test_a_scenario_that_could_not_act_is_named(cli, executor, plan, tmp_path) -> None:

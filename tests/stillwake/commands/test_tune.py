@@ -97,9 +97,8 @@ def test_another_search_in_the_folder_is_refused_unless_it_may_go(cli, runs, tmp
     assert cli(*call, "--lift-bound", 0.3, "--overwrite").code == 0
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
+def test_what_cannot_be_searched_is_refused_before_anything_is_written(cli, runs, tmp_path) -> None:
+    for options, says in [
         (("--hours", "0"), "--hours 0.0: must be above 0, at most 10000"),
         (("--hours", "nan"), "--hours nan: must be above 0"),
         (("--vary", "drag_mean"), "--vary drag_mean: cannot be tuned; one of drag_fluctuation,"),
@@ -108,13 +107,11 @@ def test_another_search_in_the_folder_is_refused_unless_it_may_go(cli, runs, tmp
         (("--set", "train.epochs=3"), "--set train.epochs: `tune` does not use it"),
         (("--set", "flow.control_period=0.1"), "was built for another control period: 0.2, the flow has 0.1"),
         (("--dataset", "missing.h5"), "missing.h5: No such file or directory"),
-    ],
-)
-def test_what_cannot_be_searched_is_refused_before_anything_is_written(cli, runs, tmp_path, options, says) -> None:
-    outcome = cli("tune", tmp_path / "out", *options)
-    assert outcome.code == 1
-    assert says in outcome.err and outcome.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
+    ]:
+        outcome = cli("tune", tmp_path / "out", *options)
+        assert outcome.code == 1, options
+        assert says in outcome.err and outcome.err.count("\n") == 1, options
+        assert list(tmp_path.iterdir()) == [], options
 
 
 def test_a_bundle_without_its_model_is_tuned_in_its_weights(cli, runs, random_release, tmp_path) -> None:

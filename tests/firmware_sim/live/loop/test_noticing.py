@@ -2,23 +2,20 @@
 
 from dataclasses import replace
 
-import pytest
-
 from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.latency_histogram import MODELLED, LatencyHistogram
-from firmware_sim.live.loop.noticing import BOOT, OFF, START, Seen, noticed
+from firmware_sim.live.loop.noticing import BOOT, OFF, START, noticed
 from firmware_sim.runs.run_log import Row
 from tests.firmware_sim.bench.harness import Oscillator
 
 ACTIVE = START._replace(state="ACTIVE")
 
 
-@pytest.mark.parametrize(
-    ("now", "told"),
-    [
+def test_each_change_is_told_once():
+    for now, told in [
         (ACTIVE, []),
         (ACTIVE._replace(state="HOLD", reason=Reason.STREAM_LOST), ["ACTIVE to HOLD: no pressures came"]),
         (ACTIVE._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
@@ -33,13 +30,11 @@ ACTIVE = START._replace(state="ACTIVE")
             ["ECU: CAN controller bus"],
         ),
         (ACTIVE._replace(state=OFF), ["ACTIVE to OFF: no supply"]),
-    ],
-)
-def test_each_change_is_told_once(now: Seen, told: list[str]):
-    texts = [text for _, text in noticed(ACTIVE, now)]
-    assert len(texts) == len(told)
-    assert all(part in text for part, text in zip(told, texts, strict=True))
-    assert list(noticed(now, now)) == []
+    ]:
+        texts = [text for _, text in noticed(ACTIVE, now)]
+        assert len(texts) == len(told), now
+        assert all(part in text for part, text in zip(told, texts, strict=True)), now
+        assert list(noticed(now, now)) == [], now
 
 
 def test_every_state_and_reason_has_words():

@@ -118,63 +118,63 @@ def test_the_page_and_its_files(page, tmp_path):
     asyncio.run(look())
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/static/../secret.txt",
-        "/static/%2e%2e/secret.txt",
-        "/static/..%2fpage-secret.txt",
-        "/static/%2e%2e%2fpage-secret.txt",
-        "/static/vendor/../../secret.txt",
-        "/static//etc/hostname",
-        "/static/vendor",
-        "/static/none.js",
-        "/saved/secret.zip",
-        "/saved/..zip",
-        "/none",
-    ],
-)
-def test_no_other_file_can_be_had(page, tmp_path, path):
+def test_no_other_file_can_be_had(page, tmp_path):
     async def look() -> None:
         async with placed(tmp_path, page=page) as place:
-            response = await place.get(path)
-            assert response.code in (403, 404)
-            assert b"secret" not in response.body
-            assert response.body.count(b"\n") == 1
+            for path in (
+                "/static/../secret.txt",
+                "/static/%2e%2e/secret.txt",
+                "/static/..%2fpage-secret.txt",
+                "/static/%2e%2e%2fpage-secret.txt",
+                "/static/vendor/../../secret.txt",
+                "/static//etc/hostname",
+                "/static/vendor",
+                "/static/none.js",
+                "/saved/secret.zip",
+                "/saved/..zip",
+                "/none",
+            ):
+                response = await place.get(path)
+                assert response.code in (403, 404), path
+                assert b"secret" not in response.body, path
+                assert response.body.count(b"\n") == 1, path
 
     asyncio.run(look())
 
 
-@pytest.mark.parametrize("path", ["/", "/static/vendor/a.js", "/stream", "/control", "/saved/x.zip", "/none"])
-def test_everything_is_refused_without_the_token(page, tmp_path, path):
+def test_everything_is_refused_without_the_token(page, tmp_path):
     async def look() -> None:
         async with placed(tmp_path, page=page, access=Access(token="right")) as place:
-            for query, headers in (("", {}), ("?token=wrong", {}), ("?token=right", {"Origin": "http://evil.example"})):
-                response = await place.get(path + query, **headers)
-                assert response.code == 403
-                assert b"right" not in response.body
-            if path in ("/stream", "/control"):
-                # The page's cookie is enough for files alone: a browser sends it along for whoever asks.
-                cookie = (await place.get("/?token=right")).headers["Set-Cookie"]
-                assert "HttpOnly" in cookie
-                assert "SameSite=Strict" in cookie
+            for path in ("/", "/static/vendor/a.js", "/stream", "/control", "/saved/x.zip", "/none"):
+                for query, origin in (
+                    ("", {}),
+                    ("?token=wrong", {}),
+                    ("?token=right", {"Origin": "http://evil.example"}),
+                ):
+                    response = await place.get(path + query, **origin)
+                    assert response.code == 403, path + query
+                    assert b"right" not in response.body, path + query
+            # The page's cookie is enough for files alone: a browser sends it with whatever asks.
+            cookie = (await place.get("/?token=right")).headers["Set-Cookie"]
+            assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
+            assert (await place.get("/static/vendor/a.js", Cookie=cookie.partition(";")[0])).code == 200
+            for path in ("/stream", "/control"):
                 with pytest.raises(HTTPClientError, match="403"):
                     await place.connect(path, Cookie=cookie.partition(";")[0])
-                assert (await place.get("/static/vendor/a.js", Cookie=cookie.partition(";")[0])).code == 200
                 (await place.connect(f"{path}?token=right", Origin=f"http://127.0.0.1:{place.port}")).close()
 
     asyncio.run(look())
 
 
-@pytest.mark.parametrize("path", ["/stream", "/control"])
-def test_no_other_page_can_use_the_sockets_of_this_machine(tmp_path, path):
+def test_no_other_page_can_use_the_sockets_of_this_machine(tmp_path):
     async def look() -> None:
         async with placed(tmp_path) as place:
-            for headers in ({"Origin": "http://localhost:1"}, {"Origin": "null"}, {"Host": "evil.example"}):
-                with pytest.raises(HTTPClientError, match="403"):
-                    await place.connect(path, **headers)
-            # A program that is no browser has no origin.
-            (await place.connect(path)).close()
+            for path in ("/stream", "/control"):
+                for headers in ({"Origin": "http://localhost:1"}, {"Origin": "null"}, {"Host": "evil.example"}):
+                    with pytest.raises(HTTPClientError, match="403"):
+                        await place.connect(path, **headers)
+                # A program that is no browser has no origin.
+                (await place.connect(path)).close()
 
     asyncio.run(look())
 
@@ -296,19 +296,19 @@ def _until_closed(stalled: socket.socket) -> int:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize(("order", "says"), [("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")])
-def test_a_loop_that_ends_says_why_and_starts_again(tmp_path, order, says):
+def test_a_loop_that_ends_reports_why_and_starts_again(tmp_path):
     async def look() -> None:
         async with placed(tmp_path, MakeFake(), short_life_s=0.0) as place:
-            stream, control = await place.connect("/stream"), await place.connect("/control")
-            await heard(stream, lambda m: m["type"] == "hello")
-            await control.write_message(json.dumps({"id": 1, "set": {"order": order}}))
-            found = await heard(stream, lambda m: m["type"] == "loop" and m["state"] == "starting")
-            assert says in found["text"]
-            await heard(stream, lambda m: m["type"] == "hello")
-            found = await heard(stream, lambda m: m["type"] == "events")
-            assert says in found["items"][0]["text"]
-            await heard(stream, lambda m: m["type"] == "periods" and 0.0 in m["columns"]["k"])
+            for order, reason in (("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")):
+                stream, control = await place.connect("/stream"), await place.connect("/control")
+                await heard(stream, lambda m: m["type"] == "hello")
+                await control.write_message(json.dumps({"id": 1, "set": {"order": order}}))
+                starting = await heard(stream, lambda m: m["type"] == "loop" and m["state"] == "starting")
+                assert reason in starting["text"]
+                await heard(stream, lambda m: m["type"] == "hello")
+                events = await heard(stream, lambda m: m["type"] == "events")
+                assert reason in events["items"][-1]["text"]
+                await heard(stream, lambda m: m["type"] == "periods" and 0.0 in m["columns"]["k"])
 
     asyncio.run(look())
 

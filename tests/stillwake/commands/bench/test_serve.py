@@ -36,16 +36,17 @@ def test_here_everything_can_be_chosen():
     assert [choice["missing"] for choice in offered] == [None] * 6
 
 
-@pytest.mark.parametrize(
-    ("module", "name", "extra"),
-    [("torch", "c", "train"), ("onnx", "cortex-m7", "train"), ("unicorn", "cortex-m7", "mcu")],
-)
-def test_a_choice_names_the_extra_that_it_lacks(monkeypatch, module, name, extra):
-    found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == module else found(asked))
-    offered = controllers(open_release(None, None), None)
-    assert f"stillwake[{extra}]" in str(missing_of(offered, name))
-    assert missing_of(offered, "int8") is None
+def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
+    find, lacking = importlib.util.find_spec, ""
+    monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == lacking else find(asked))
+    for lacking, name, extra in (
+        ("torch", "c", "train"),
+        ("onnx", "cortex-m7", "train"),
+        ("unicorn", "cortex-m7", "mcu"),
+    ):
+        offered = controllers(open_release(None, None), None)
+        assert f"stillwake[{extra}]" in str(missing_of(offered, name)), lacking
+        assert missing_of(offered, "int8") is None, lacking
 
 
 def test_the_library_of_a_bundle_of_ones_own_must_be_named(short_release):
@@ -97,25 +98,25 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(told):
     assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 
 
-@pytest.mark.parametrize("request_", [{"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}])
-def test_the_loop_goes_on_while_an_ecu_in_c_is_made(told, request_):
-    ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-    loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
-    work = loop.before(request_)
-    assert told == []
-    assert work is not None
-    work()
-    assert loop.before(request_) is None
-    assert ecus("c", None).kind == "c"
-    assert len(told) == 2
+def test_the_loop_goes_on_while_an_ecu_in_c_is_made(told):
+    for request_ in [{"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}]:
+        told.clear()
+        ecus = Ecus(open_release(None, None), load_config(), None, told.append)
+        loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
+        work = loop.before(request_)
+        assert told == [], request_
+        assert work is not None, request_
+        work()
+        assert loop.before(request_) is None, request_
+        assert ecus("c", None).kind == "c", request_
+        assert len(told) == 2, request_
 
 
 HELLO = {"controllers": [{"name": "c", "missing": None}, {"name": "cortex-m7", "missing": "the extra mcu"}]}
 
 
-@pytest.mark.parametrize(
-    "request_",
-    [
+def test_any_other_request_waits_for_nothing(told):
+    for request_ in [
         {"set": {"controller": "int8"}},
         {"set": {"controller": ["c"]}},
         {"set": {"controller": "cortex-m7"}},
@@ -123,17 +124,14 @@ HELLO = {"controllers": [{"name": "c", "missing": None}, {"name": "cortex-m7", "
         {"query": "enable=c"},
         {"query": 3},
         {"clear": True},
-    ],
-)
-def test_any_other_request_waits_for_nothing(told, request_):
-    ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-    loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
-    assert loop.before(request_) is None
+    ]:
+        ecus = Ecus(open_release(None, None), load_config(), None, told.append)
+        loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
+        assert loop.before(request_) is None, request_
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
+def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch):
+    for arguments, says in [
         (("--controller", "m7"), "live setting controller = 'm7': must be one of int8, c"),
         (("--plant", "openfoam"), "must be one of wake, recording"),
         (("--set", "bus.key=k"), "does not use it"),
@@ -141,16 +139,14 @@ def test_any_other_request_waits_for_nothing(told, request_):
         (("--bundle", "nowhere"), "nowhere"),
         (("--saves", "file"), "it is a file"),
         (("--host", "x" * 300), "no name of a machine"),
-    ],
-)
-def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch, arguments, says):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").touch()
-    found = cli("bench", "serve", *arguments)
-    assert found.code == 1
-    assert says in found.err
-    assert len(found.err.splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    ]:
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "file").touch()
+        found = cli("bench", "serve", *arguments)
+        assert found.code == 1, arguments
+        assert says in found.err, arguments
+        assert len(found.err.splitlines()) == 1, arguments
+        assert [path.name for path in tmp_path.iterdir()] == ["file"], arguments
 
 
 def test_a_port_in_use_is_one_line_with_what_to_do(cli):
@@ -172,26 +168,37 @@ def test_without_its_extra_it_names_it(cli, monkeypatch):
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_a_loop_and_ends_both_processes(tmp_path, number):
-    words = ("bench", "serve", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE), "--saves", str(tmp_path))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    try:
-        url = next(line.strip() for line in process.stdout if line.startswith("http"))
-        with urllib.request.urlopen(url, timeout=PATIENCE_S) as response:
-            assert b"<!doctype html>" in response.read().lower()
-        children = psutil.Process(process.pid).children()
-        # To both, as a terminal does.
-        for one in (psutil.Process(process.pid), *children):
-            one.send_signal(number)
-        out, errors = process.communicate(timeout=PATIENCE_S)
-    finally:
-        process.kill()
-    assert process.returncode == 0, errors
-    assert errors == ""
-    assert out.splitlines()[-1] == "stopped"
-    assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == []
-    assert list(tmp_path.iterdir()) == []
+def test_it_serves_a_loop_and_ends_both_processes(tmp_path):
+    for number in [signal.SIGINT, signal.SIGTERM]:
+        words = (
+            "bench",
+            "serve",
+            "--port",
+            "0",
+            "--plant",
+            "recording",
+            "--bundle",
+            str(BUNDLE),
+            "--saves",
+            str(tmp_path),
+        )
+        process = subprocess.Popen(
+            [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None, number
+        try:
+            url = next(line.strip() for line in process.stdout if line.startswith("http"))
+            with urllib.request.urlopen(url, timeout=PATIENCE_S) as response:
+                assert b"<!doctype html>" in response.read().lower(), number
+            children = psutil.Process(process.pid).children()
+            # To both, as a terminal does.
+            for one in (psutil.Process(process.pid), *children):
+                one.send_signal(number)
+            out, errors = process.communicate(timeout=PATIENCE_S)
+        finally:
+            process.kill()
+        assert process.returncode == 0, errors
+        assert errors == "", number
+        assert out.splitlines()[-1] == "stopped", number
+        assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == [], number
+        assert list(tmp_path.iterdir()) == [], number
