@@ -18,9 +18,9 @@ from contract.release import bundle
 from contract.shipped import BUNDLE
 from firmware_sim.runs import run_log
 from firmware_sim.runs.film import story_of
-from firmware_sim.runs.replay.report import write_picture
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.run_page.report import write_picture
 from wake.pictures.animation import animate
 from wake.pictures.film import HOLD, Film
 from wake.truck.state import developed_state

@@ -262,11 +262,6 @@ class Disturbances:
         """Of the items; `parse` takes them."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
 
-    @property
-    def changes_the_flow(self) -> bool:
-        """Whether the plant must be one whose flow can be disturbed."""
-        return any(isinstance(one, Reynolds | Gust) for one in self.items)
-
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
         """Raises ConfigError for what could not act in a run of this length with these sensors in use."""
         check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)

@@ -10,10 +10,9 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.bundle import Bundle
 from contract.runtime.onnx_session import OnnxController
-from firmware_sim.campaign import worst
 from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
-from firmware_sim.campaign.judgement import Phase, Row, judged
+from firmware_sim.campaign.judgement import Phase, Row, judged, two_worst
 from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.running import check_run, flow_disturbances
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
@@ -115,7 +114,7 @@ def conduct(
     scenarios = campaign.scenarios
     stages.run(scenarios, workers, scheduler)
     rows = stages.rows(scenarios)
-    combined = worst.two_worst(rows) if campaign.combine else None
+    combined = two_worst(rows) if campaign.combine else None
     if combined is not None:
         scenarios = (*scenarios, combined)
         stages.run((combined,), workers, scheduler)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from contract.atomic import replacing
 from contract.config import loading
-from firmware_sim.campaign import figures, paper, tables
+from firmware_sim.campaign import matrix_words, paper, result_figures
 from firmware_sim.campaign.conduct import Campaign, Result
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.judgement import Row
@@ -39,8 +39,8 @@ _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 
 def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day: date) -> None:
     """Write the page, the table and the figures into the folder; each replaces an older one when it is whole."""
-    tables.write_csv(folder.table, result.rows)
-    pictures = {name: pages.png_of(figure) for name, figure in figures.figures_of(result.rows).items()}
+    matrix_words.write_csv(folder.table, result.rows)
+    pictures = {name: pages.png_of(figure) for name, figure in result_figures.figures_of(result.rows).items()}
     for name, png in pictures.items():
         with replacing(folder.figures / f"{name}.png") as temporary:
             temporary.write_bytes(png)
@@ -57,8 +57,8 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
             settle=campaign.timing.settle,
             reynolds=campaign.config.flow.reynolds,
             safe=result.safe,
-            headline=tables.headline(result.rows),
-            heads=tables.HEADS,
+            headline=matrix_words.headline(result.rows),
+            heads=matrix_words.HEADS,
             criteria=criteria_text(Criteria()),
             words_of=criteria_text,
             groups=[
@@ -74,8 +74,8 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
 
 def _group(rows: Iterator[Row]) -> Iterator[tuple[Row, Sequence[str], str | None]]:
     for row in rows:
-        course = figures.course_figure(row)
-        yield row, tables.cells(row), None if course is None else pages.data_uri(_small(pages.png_of(course)))
+        course = result_figures.course_figure(row)
+        yield row, matrix_words.cells(row), None if course is None else pages.data_uri(_small(pages.png_of(course)))
 
 
 def _small(png: bytes) -> bytes:

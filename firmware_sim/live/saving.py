@@ -23,9 +23,9 @@ from firmware_sim.live.loop.scene import draw
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors
 from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata, RunOrigin
-from firmware_sim.runs.replay.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import BusTotals, RunLog
+from firmware_sim.runs.run_page.report import write_report
 from firmware_sim.runs.summary import whole_summary
 
 _SETTLE: Final = 40.0

@@ -14,7 +14,7 @@ from unicorn.unicorn_py3 import unicorn as bindings
 
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_block_counter
-from firmware_sim.mcu.timing import Pipeline
+from firmware_sim.mcu.pipeline import Pipeline
 
 
 class _BlockCounts(ctypes.Structure):

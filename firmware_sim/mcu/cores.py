@@ -12,7 +12,7 @@ class Core:
         name: for people.
         cpu: the compiler's name of it.
         clocks_mhz: at which times are given.
-        dual_issue: whether its pipeline issues two instructions a cycle (`firmware_sim.mcu.timing`).
+        dual_issue: whether its pipeline issues two instructions a cycle (`firmware_sim.mcu.pipeline`).
     """
 
     name: str

@@ -1,7 +1,7 @@
 """The ECU in C on an emulated Cortex-M7: frames are written into its memory, it steps, and frames are read out.
 
 It has the interface of `firmware_sim.ecu.ecu.Ecu`, and says of each step how long the core would have taken, by the
-model of its pipeline (`firmware_sim.mcu.timing`) and the basic blocks that this very step executed.
+model of its pipeline (`firmware_sim.mcu.pipeline`) and the basic blocks that this very step executed.
 """
 
 import struct

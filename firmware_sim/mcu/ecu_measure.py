@@ -22,7 +22,7 @@ class EcuMeasurement:
 
     Attributes:
         flash_bytes, ram_bytes, stack_bytes: memory; RAM is what is linked there and the deepest stack.
-        instructions, cycles: of the longest step; cycles are modelled (`firmware_sim.mcu.timing`).
+        instructions, cycles: of the longest step; cycles are modelled (`firmware_sim.mcu.pipeline`).
         instruction_spread: instructions of the longest step in control less those of the shortest.
         modelled_ms: of the longest step, by clock in MHz.
         steps, in_control: measured ones, and how many of them planned.

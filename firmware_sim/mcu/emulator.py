@@ -11,7 +11,7 @@ from contract.errors import McuError
 from firmware_sim.mcu.block_counter import BlockCounter
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware
-from firmware_sim.mcu.timing import Pipeline
+from firmware_sim.mcu.pipeline import Pipeline
 
 FLASH: Final = 0x0800_0000
 FLASH_BYTES: Final = 1 << 20

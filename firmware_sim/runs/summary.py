@@ -6,8 +6,8 @@ from typing import Any
 from contract.config import loading
 from firmware_sim.runs.control import control, held_while_averaged, trouble
 from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.statistics import NoAverages, averages, latency, sample_to_jets_ms
-from firmware_sim.runs.tables import headline
 
 
 def summary(log: RunLog) -> dict[str, Any]:

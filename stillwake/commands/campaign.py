@@ -184,7 +184,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, sche
 
 def _print(result: "Result") -> None:
     """The matrix, and the headline last, where a terminal is read first."""
-    from firmware_sim.campaign.tables import HEADS, cells, headline
+    from firmware_sim.campaign.matrix_words import HEADS, cells, headline
 
     table = Table(*HEADS)
     for row in result.rows:

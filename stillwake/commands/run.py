@@ -112,9 +112,9 @@ def run(
     from firmware_sim.bench.run_faults import parse_node_fault
     from firmware_sim.in_c.library_controller import open_library
     from firmware_sim.runs.metadata import RunOrigin
-    from firmware_sim.runs.replay.report import write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row
+    from firmware_sim.runs.run_page.report import write_report
     from firmware_sim.runs.summary import summary
     from wake.plants import open_plant
 
@@ -244,10 +244,10 @@ def report(
 
     The page needs no other file and no network. Its slider moves through the recorded wake.
     """
-    from firmware_sim.runs.replay.compare import write_comparison
-    from firmware_sim.runs.replay.report import write_picture, write_report
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load
+    from firmware_sim.runs.run_page.compare import write_comparison
+    from firmware_sim.runs.run_page.report import write_picture, write_report
     from firmware_sim.runs.series_csv import write_csv
     from wake.pictures.drawing import check_suffix
 
@@ -293,7 +293,7 @@ def cost_weights(loaded: Loaded, release: Bundle) -> CostWeights:
 def _print(log: "RunLog") -> None:
     """What went wrong, the tables, and the headline last, where a terminal is read first."""
     from firmware_sim.runs.control import trouble
-    from firmware_sim.runs.tables import drag_rows, headline, service_rows
+    from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 
     warning = trouble(log)
     if warning is not None:

@@ -160,7 +160,7 @@ def tune(
         if file is not None:
             write_result(file, figures=figures, facts=facts, on=date.today())
 
-    from firmware_sim.tuning.figures import write_figure
+    from firmware_sim.tuning.search_picture import write_figure
 
     write_figure(output / FIGURE, finished(study), figures["importances"])
     console.print(f"best of {len(figures['trials'])} trials: {score_of(best):.2f} points; {text}", soft_wrap=True)

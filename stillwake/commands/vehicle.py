@@ -23,8 +23,8 @@ from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console,
 from stillwake.parts.releases import Trust, open_release
 
 if TYPE_CHECKING:
-    from firmware_sim.bench.real_time.figures import Figures
     from firmware_sim.bench.real_time.pressures import Pressures
+    from firmware_sim.bench.real_time.vehicle_counts import Figures
 
 NO_COMMANDS: Final = 3
 """Exit status of a run in which no usable command came."""

@@ -13,9 +13,9 @@ from can_bridge.secoc.key import read_key
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from firmware_sim.bench.real_time.figures import Figures
 from firmware_sim.bench.real_time.heard import Heard, line
 from firmware_sim.bench.real_time.pressures import Pressures
+from firmware_sim.bench.real_time.vehicle_counts import Figures
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.real_time import clock

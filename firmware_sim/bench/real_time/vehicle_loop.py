@@ -13,9 +13,9 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError
-from firmware_sim.bench.real_time.figures import Figures
 from firmware_sim.bench.real_time.heard import Heard
 from firmware_sim.bench.real_time.pressures import Pressures
+from firmware_sim.bench.real_time.vehicle_counts import Figures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Deadlines

@@ -8,8 +8,8 @@ import pytest
 from contract.config.loading import load_config
 from contract.release import bundle
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.runs.replay.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_page.report import write_report
 from tests.docs.blocks.given import Shared
 from wake.truck.truck_wake import TruckWake
 

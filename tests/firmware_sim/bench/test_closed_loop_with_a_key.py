@@ -16,8 +16,8 @@ from contract.config.vehicle import BusConfig
 from contract.errors import KeyFileError
 from contract.release import bundle
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.runs.replay.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_page.report import write_report
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_pictures")]  # whole runs of the loop
 

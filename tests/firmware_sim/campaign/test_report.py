@@ -13,14 +13,14 @@ from PIL import Image
 from contract.config.tree import Config
 from firmware_sim.campaign import paper
 from firmware_sim.campaign.conduct import Campaign, Result
-from firmware_sim.campaign.figures import curve, figures_of
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.judgement import Spread
 from firmware_sim.campaign.listing import listing
+from firmware_sim.campaign.matrix_words import cells, headline, spread
 from firmware_sim.campaign.plan_file import whole_plan
 from firmware_sim.campaign.report import write_report
+from firmware_sim.campaign.result_figures import curve, figures_of
 from firmware_sim.campaign.scenario import Criteria
-from firmware_sim.campaign.tables import cells, headline, spread
 from firmware_sim.campaign.task import Timing
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 

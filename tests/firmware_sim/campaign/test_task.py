@@ -1,6 +1,7 @@
 """Runs as values: their settings, seeds and hashes."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -36,13 +37,14 @@ def test_a_wrong_setting_is_refused_with_its_scenario() -> None:
 
 
 def test_whatever_decides_a_run_is_in_its_key() -> None:
-    for change in [
+    changes: list[dict[str, Any]] = [
         {"disturb": ("noise:level=0.6",)},
         {"config": Config(ecu=EcuConfig(delay_steps=1))},
         {"controlled": False},
         {"seed": 2},
         {"timing": Timing(lead_in=7.0, controlled=60.0, settle=30.0)},
-    ]:
+    ]
+    for change in changes:
         assert replace(TASK, **change).key("b", "s", "1") != TASK.key("b", "s", "1"), change
 
 

@@ -30,7 +30,7 @@ from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware, Segment, read_elf
 from firmware_sim.mcu.emulator import FLASH, Machine
-from firmware_sim.mcu.timing import Pipeline
+from firmware_sim.mcu.pipeline import Pipeline
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 

@@ -26,7 +26,7 @@ pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 from firmware_sim.mcu.build import LINKER_SCRIPT, compile_for_cortex_m7
 from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.emulator import FLASH, Machine
-from firmware_sim.mcu.timing import Pipeline
+from firmware_sim.mcu.pipeline import Pipeline
 
 QEMU = shutil.which("qemu-system-arm") or ""
 pytestmark = [pytest.mark.mcu, pytest.mark.skipif(not QEMU, reason="qemu-system-arm is not installed")]

@@ -11,14 +11,14 @@ from can_bridge.wire.messages import Mode
 from contract.arrays import Array
 from firmware_sim.runs import pages, wake_stills
 from firmware_sim.runs.metadata import InjectedFault
-from firmware_sim.runs.replay.compare import write_comparison
-from firmware_sim.runs.replay.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import WALL
+from firmware_sim.runs.run_page.compare import write_comparison
+from firmware_sim.runs.run_page.report import write_report
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from tests.browser import PHONE, Visit, chromium, visit
 from tests.firmware_sim.runs.conftest import shedding_log
-from tests.firmware_sim.runs.replay.test_report import ONE_PIXEL, written
+from tests.firmware_sim.runs.run_page.test_report import ONE_PIXEL, written
 
 pytestmark = pytest.mark.browser
 

@@ -4,6 +4,7 @@ from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
 from firmware_sim.bench.real_time.heard import Heard, line
+from tests.each import each
 
 
 def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
@@ -15,8 +16,9 @@ def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     return line(heard, messages, reasons, seconds=1.0)
 
 
-def test_the_line_names_the_cause_and_what_would_do() -> None:
-    for messages, ids, rejected, expected in [
+@each(
+    "messages, ids, rejected, expected",
+    [
         (FD, {}, {}, "nothing at all is heard; no ECU on this bus, or it is another bus.channel"),
         # Its own frames, which some interfaces hear again, are nothing.
         (FD, {0x120: 16}, {"OWN": 50}, "nothing at all is heard"),
@@ -31,17 +33,10 @@ def test_the_line_names_the_cause_and_what_would_do() -> None:
         (FD, {0x200: 8, 0x201: 8}, {}, "no ECU; heard are other nodes' 0x200, 0x201"),
         (FD, dict.fromkeys(range(0x300, 0x309), 8), {}, "0x300, 0x301, 0x302, 0x303 and 5 more"),
         (FD, {}, {"GARBAGE": 7, "EXTENDED": 3}, "what is heard cannot be used: 7 unreadable, 3 29-bit identifier"),
-    ]:
-        text = said(messages, ids, **rejected)
-        assert text.startswith(
-            f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: "
-        ), messages
-        assert expected in text, messages
-        assert "\n" not in text, messages
-
-
-def test_a_bus_full_of_identifiers_takes_little_memory() -> None:
-    heard = Heard()
-    for number in range(5000):
-        heard.add([Frame(frame_id=number % 0x800, data=bytes(number // 0x800), is_fd=False)])
-    assert len(heard.frames) <= 1000
+    ],
+)
+def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, expected) -> None:
+    text = said(messages, ids, **rejected)
+    assert text.startswith(f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: ")
+    assert expected in text
+    assert "\n" not in text

@@ -5,6 +5,7 @@ import pytest
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from firmware_sim.bench.real_time.speed import Speed, measured
+from tests.each import each
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
@@ -27,11 +28,11 @@ def test_one_that_does_not_is_refused_with_by_how_much() -> None:
     assert Speed.of([30.0]).check(1.7 * 20.0, refinement=0.75, substeps=15) is None
 
 
-def test_one_that_only_just_does_is_warned_of() -> None:
-    for times in [[19.0, 19.0, 19.5], [9.0, 10.0, 25.0]]:
-        warning = Speed.of(times).check(20.0, refinement=0.75, substeps=15)
-        assert warning is not None, times
-        assert "periods without pressures are to be expected" in warning, times
+@each("times", [[19.0, 19.0, 19.5], [9.0, 10.0, 25.0]])
+def test_one_that_only_just_does_is_warned_of(times) -> None:
+    warning = Speed.of(times).check(20.0, refinement=0.75, substeps=15)
+    assert warning is not None
+    assert "periods without pressures are to be expected" in warning
 
 
 def test_the_measurement_leaves_the_wake_as_it_was() -> None:

@@ -6,7 +6,7 @@ from firmware_sim.live.serving.control import as_json, check
 
 
 def test_what_is_no_request_is_said():
-    for text, says in [
+    cases: list[tuple[str | bytes, str]] = [
         ("", "is JSON"),
         ("{", "is JSON"),
         ('{"set": {"noise": NaN}}', "NaN is no number"),
@@ -19,14 +19,13 @@ def test_what_is_no_request_is_said():
         ('{"id": "1"}', "id: must be"),
         ('{"id": true}', "id: must be"),
         ('{"id": 1.5}', "id: must be"),
-    ]:
+    ]
+    for text, says in cases:
         answer = check(text)
         assert answer is not None, text
         assert says in answer["error"], text
         assert "\n" not in answer["error"], text
-
-
-def test_any_other_object_is_for_the_loop_to_judge():
+    # Any other object is for the loop to judge.
     for text in ["{}", '{"id": 1, "set": {"enable": true}}', '{"id": -7, "anything": [1.5, null]}']:
         assert check(text) is None, text
 

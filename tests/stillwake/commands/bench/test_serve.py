@@ -98,36 +98,31 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(told):
     assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 
 
-def test_the_loop_goes_on_while_an_ecu_in_c_is_made(told):
-    for request_ in [{"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}]:
-        told.clear()
-        ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-        loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
-        work = loop.before(request_)
-        assert told == [], request_
-        assert work is not None, request_
-        work()
-        assert loop.before(request_) is None, request_
-        assert ecus("c", None).kind == "c", request_
-        assert len(told) == 2, request_
-
-
 HELLO = {"controllers": [{"name": "c", "missing": None}, {"name": "cortex-m7", "missing": "the extra mcu"}]}
 
 
-def test_any_other_request_waits_for_nothing(told):
-    for request_ in [
-        {"set": {"controller": "int8"}},
-        {"set": {"controller": ["c"]}},
-        {"set": {"controller": "cortex-m7"}},
-        {"set": "c"},
-        {"query": "enable=c"},
-        {"query": 3},
-        {"clear": True},
-    ]:
-        ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-        loop = LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus)  # type: ignore[arg-type]
-        assert loop.before(request_) is None, request_
+def test_the_loop_goes_on_while_an_ecu_in_c_is_made_and_waits_for_nothing_else(told):
+    release = open_release(None, None)
+
+    def looped() -> tuple[Any, Ecus]:
+        ecus = Ecus(release, load_config(), None, told.append)
+        return LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus), ecus  # type: ignore[arg-type]
+
+    for asked in ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}):
+        told.clear()
+        loop, ecus = looped()
+        work = loop.before(asked)
+        assert told == [], asked
+        assert work is not None, asked
+        work()
+        assert loop.before(asked) is None, asked
+        assert ecus("c", None).kind == "c", asked
+        assert len(told) == 2, asked
+    for asked in (
+        *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
+        *({"set": "c"}, {"query": "enable=c"}, {"query": 3}, {"clear": True}),
+    ):
+        assert looped()[0].before(asked) is None, asked
 
 
 def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch):

@@ -8,9 +8,9 @@ import numpy as np
 from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from firmware_sim.runs.pictures import mode_spans
-from firmware_sim.runs.replay.disturbed import disturbed
-from firmware_sim.runs.replay.events import events
 from firmware_sim.runs.run_log import WALL, RunLog
+from firmware_sim.runs.run_page.disturbed import disturbed
+from firmware_sim.runs.run_page.events import events
 from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, sample_to_jets_ms
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
@@ -22,7 +22,7 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """For `firmware_sim/runs/replay/page`: JSON without NaN.
+    """For `firmware_sim/runs/run_page/page`: JSON without NaN.
 
     Args:
         log: the run.

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 from firmware_sim.runs.summary import summary, whole_summary
-from firmware_sim.runs.tables import drag_rows, headline, service_rows
 
 FAULT = {
     "modes": dict.fromkeys(range(2, 100), Mode.FAULT),

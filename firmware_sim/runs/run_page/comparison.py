@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from contract.errors import StillwakeError
-from firmware_sim.runs.replay.settings_list import settings_of
 from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.run_page.settings_list import settings_of
 from firmware_sim.runs.summary import summary
 
 MOST: Final = 6

@@ -7,7 +7,7 @@ import pytest
 
 from contract.errors import StillwakeError
 from firmware_sim.runs.metadata import InjectedFault
-from firmware_sim.runs.replay.comparison import differing, figure_rows, names_of
+from firmware_sim.runs.run_page.comparison import differing, figure_rows, names_of
 
 
 def test_names_are_as_long_as_it_takes():

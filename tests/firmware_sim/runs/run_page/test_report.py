@@ -15,8 +15,8 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
 from firmware_sim.runs import pages, run_log, wake_stills
 from firmware_sim.runs.pictures import mode_spans
-from firmware_sim.runs.replay.report import write_picture, write_report
 from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_page.report import write_picture, write_report
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 
 pytestmark = pytest.mark.slow  # draws a page for each case

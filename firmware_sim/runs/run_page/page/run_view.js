@@ -7,7 +7,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const QUIET_MS = 600; // for which the time must stand before a screen reader is told
 
   stillwake.RunView = class {
-    /** @param {Element|null} element for the wake. @param {object} run of `firmware_sim.runs.replay.run_data`. */
+    /** @param {Element|null} element for the wake. @param {object} run of `firmware_sim.runs.run_page.run_data`. */
     constructor(element, run) {
       this.run = run;
       this.count = run.columns.t.length;

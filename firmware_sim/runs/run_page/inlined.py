@@ -11,7 +11,7 @@ from typing import Any, Final
 from markupsafe import Markup
 
 _LIVE: Final = ("firmware_sim.live", "page")
-_OWN: Final = ("firmware_sim.runs.replay", "page")
+_OWN: Final = ("firmware_sim.runs.run_page", "page")
 _STYLES: Final = (
     (*_LIVE, "vendor/uPlot.min.css"),
     (*_LIVE, "widgets/theme.css"),

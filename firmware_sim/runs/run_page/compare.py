@@ -6,13 +6,13 @@ from pathlib import Path
 from contract.atomic import replacing
 from firmware_sim.runs import pages
 from firmware_sim.runs.control import trouble
-from firmware_sim.runs.replay.comparison import differing, figure_rows, names_of
-from firmware_sim.runs.replay.comparison_picture import comparison_figure
-from firmware_sim.runs.replay.inlined import as_json, inlined
-from firmware_sim.runs.replay.report import read_run, wake_of
-from firmware_sim.runs.replay.run_data import run_data
 from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.tables import headline
+from firmware_sim.runs.run_page.comparison import differing, figure_rows, names_of
+from firmware_sim.runs.run_page.comparison_picture import comparison_figure
+from firmware_sim.runs.run_page.inlined import as_json, inlined
+from firmware_sim.runs.run_page.report import read_run, wake_of
+from firmware_sim.runs.run_page.run_data import run_data
+from firmware_sim.runs.run_tables import headline
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:

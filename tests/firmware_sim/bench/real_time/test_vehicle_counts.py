@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.bench.real_time.figures import LONGEST_NS, RESOLUTION_NS, Durations, Figures
+from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations, Figures
 from tests.examples import examples
 
 

@@ -7,8 +7,8 @@ from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.control import SKIPPED
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.reasons import BECAUSE
-from firmware_sim.runs.replay.disturbed import disturbed
 from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.run_page.disturbed import disturbed
 
 MOST: Final = 400
 """Events of a page: a bus that loses frames changes the mode again and again."""
