@@ -17,8 +17,8 @@ from export.program.random_program import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.bench.run_faults import parse_node_fault
 from firmware_sim.runs import wake_stills
-from firmware_sim.runs.run_page.report import write_report
 from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_page.report import write_report
 from firmware_sim.runs.summary import summary
 from wake.pictures.level_picture import LevelPicture
 from wake.truck.state import developed_state

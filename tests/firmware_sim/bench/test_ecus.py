@@ -20,8 +20,8 @@ from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.in_c.host_library import CController
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.summary import summary
 from firmware_sim.runs.run_tables import service_rows
+from firmware_sim.runs.summary import summary
 from tests.each import each
 from tests.firmware_sim.bench.harness import LiveOscillator
 from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported

@@ -23,42 +23,44 @@ from firmware_sim.campaign.result_figures import curve, figures_of
 from firmware_sim.campaign.scenario import Criteria
 from firmware_sim.campaign.task import Timing
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
+from tests.firmware_sim.conftest import make_bundle
 
 pytestmark = pytest.mark.slow  # draws pages
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def some_rows():
     return rows_of(
         (scenario_of("noise_0.5", "Noise"), [phase_of(0.85), phase_of(0.87)]),
         (scenario_of("delay_4", "Delay", settings=("ecu.delay_steps=4",)), [phase_of(0.82), phase_of(0.8)]),
         (scenario_of("delay_4_uncompensated", "Delay"), [phase_of(1.1), phase_of(1.0)]),
         (scenario_of("lost", "Bus", disturb=("ecu:drop",)), [phase_of(1.0, in_control=9, latches=1), phase_of()]),
+        (scenario_of("strict", "Own", criteria=Criteria(useful=0.9)), [phase_of()] * 2),
     )
 
 
-@pytest.fixture
-def written(bundle_of, tmp_path):
-    def write(rows) -> tuple[CampaignFolder, str]:
-        campaign = Campaign(
-            scenarios=tuple(row.scenario for row in rows),
-            bundle=bundle_of(name="<b>evil</b>"),
-            config=Config(),
-            timing=Timing(lead_in=1.2, controlled=60.0, settle=20.0),
-            phases=2,
-        )
-        folder = CampaignFolder(tmp_path / "c")
-        write_report(folder, campaign, Result(rows=rows, made=1, kept=0), date(2026, 1, 2))
-        return folder, folder.report.read_text(encoding="utf-8")
-
-    return write
-
-
-def test_the_page_needs_no_other_file_and_escapes_names(written, some_rows) -> None:
-    _, page = written(some_rows)
-    references = re.findall(r"""(?:src|srcset|href)\s*=\s*["']([^"'#][^"']*)""", page) + re.findall(
-        r"url\(([^)]*)", page
+def written(rows, path) -> tuple[CampaignFolder, str]:
+    campaign = Campaign(
+        scenarios=tuple(row.scenario for row in rows),
+        bundle=make_bundle(name="<b>evil</b>"),
+        config=Config(),
+        timing=Timing(lead_in=1.2, controlled=60.0, settle=20.0),
+        phases=2,
     )
+    folder = CampaignFolder(path)
+    write_report(folder, campaign, Result(rows=rows, made=1, kept=0), date(2026, 1, 2))
+    return folder, folder.report.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def campaign(some_rows, tmp_path_factory) -> tuple[CampaignFolder, str]:
+    return written(some_rows, tmp_path_factory.mktemp("campaign") / "c")
+
+
+def test_the_page_needs_no_other_file_and_escapes_names(campaign, some_rows) -> None:
+    _, page = campaign
+    sources = re.findall(r"""(?:src|srcset|href)\s*=\s*["']([^"'#][^"']*)""", page)
+    references = sources + re.findall(r"url\(([^)]*)", page)
     # Three figures, and the course of each scenario.
     assert len(references) == 3 + len(some_rows)
     assert all(reference.startswith("data:image/png;base64,iVBOR") for reference in references)
@@ -66,35 +68,30 @@ def test_the_page_needs_no_other_file_and_escapes_names(written, some_rows) -> N
     assert "&lt;b&gt;evil" in page
 
 
-def test_the_matrix_comes_first_and_says_each_verdict_in_words(written, some_rows) -> None:
-    _, page = written(some_rows)
+def test_the_matrix_comes_first_with_each_verdict_in_words(campaign, some_rows) -> None:
+    _, page = campaign
     matrix = page[: page.index("</table>")]
     for row in some_rows:
         verdict = f'<td class="word safe">safe</td><td class="word {row.use}">{row.use}</td>'
         assert f"<td>{row.scenario.name}</td>{verdict}" in matrix
     assert page.index("</table>") < page.index("<img")
+    assert page.count("Judged by criteria of its own: at least 0.9 of") == 1
 
 
-def test_an_unsafe_campaign_says_so_before_anything_else(written) -> None:
+def test_an_unsafe_campaign_is_marked_before_anything_else(tmp_path) -> None:
     rows = rows_of(
         (scenario_of("bad"), [phase_of(broken=["period 3: jets_shut: <em>"])]),
         (scenario_of("worse"), [phase_of(failure="it diverged")]),
     )
-    _, page = written(rows)
+    _, page = written(rows, tmp_path / "c")
     box = page.index('<p class="trouble" role="alert">1 of 3 scenarios safe')
     assert "UNSAFE: bad, worse" in page[box : page.index("<table>")]
     assert "phase 0: period 3: jets_shut: &lt;em&gt;" in page
     assert "did not finish: it diverged" in page
 
 
-def test_criteria_of_its_own_stand_with_the_scenario(written) -> None:
-    rows = rows_of((scenario_of("strict", criteria=Criteria(useful=0.9)), [phase_of()]))
-    _, page = written(rows)
-    assert page.count("Judged by criteria of its own: at least 0.9 of") == 1
-
-
-def test_the_table_has_every_figure_by_name(written, some_rows) -> None:
-    folder, _ = written(some_rows)
+def test_the_table_has_every_figure_by_name(campaign) -> None:
+    folder, _ = campaign
     with folder.table.open(encoding="utf-8", newline="") as file:
         found = {row["name"]: row for row in csv.DictReader(file)}
     assert float(found["noise_0.5"]["reduction_percent"]) == pytest.approx(14.0)
@@ -103,14 +100,13 @@ def test_the_table_has_every_figure_by_name(written, some_rows) -> None:
     assert found["lost"]["safe"] == "True"
 
 
-def test_figures_are_pictures_and_the_same_in_every_drawing(written, some_rows) -> None:
-    folder, page = written(some_rows)
-    names = sorted(path.name for path in folder.figures.iterdir())
-    assert names == ["delay.png", "noise.png", "overview.png"]
+def test_figures_are_pictures_and_the_same_in_every_drawing(campaign, some_rows, tmp_path) -> None:
+    folder, page = campaign
+    assert sorted(path.name for path in folder.figures.iterdir()) == ["delay.png", "noise.png", "overview.png"]
     for path in folder.figures.iterdir():
         with Image.open(io.BytesIO(path.read_bytes())) as picture:
             assert picture.size[0] == 1000
-    assert written(some_rows)[1] == page
+    assert written(some_rows, tmp_path / "c")[1] == page
 
 
 def test_curves_take_the_scenarios_of_their_name_alone(some_rows) -> None:
@@ -133,7 +129,7 @@ def test_the_papers_figures() -> None:
 
 def test_words_of_the_matrix(some_rows) -> None:
     assert cells(some_rows[1]) == ("noise_0.5", "safe", "marginal", "14.0 (13.0 to 15.0)", "0.20", "100", "")
-    assert headline(some_rows) == "5 of 5 scenarios safe; 2 useful, 2 marginal, 1 of no use."
+    assert headline(some_rows) == "6 of 6 scenarios safe; 3 useful, 2 marginal, 1 of no use."
     nothing = Spread(mean=float("nan"), least=float("nan"), most=float("nan"))
     assert spread(nothing, ".1f") == "-"
 

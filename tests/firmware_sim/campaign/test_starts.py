@@ -15,16 +15,16 @@ pytestmark = pytest.mark.slow  # advances the real wake
 
 def test_phases_follow_each_other_in_the_developed_wake(shared_wake, tmp_path) -> None:
     folder = CampaignFolder(tmp_path)
-    states = starting_states(folder, Config(), 5)
-    assert [(state.substep, state.action) for state in states] == [(0, 0.0)] * 5
+    states = starting_states(folder, Config(), 2)
+    assert [(state.substep, state.action) for state in states] == [(0, 0.0)] * 2
     shared_wake.reset(replace(developed_state(), substep=0, action=0.0))
     np.testing.assert_array_equal(states[0].flat, developed_state().flat)
-    for period in range(1, 11):
+    # Half of a cycle of 25 periods.
+    for _ in range(12):
         shared_wake.advance(0.0)
-        if period % 5 == 0:
-            np.testing.assert_array_equal(states[period // 5].flat, shared_wake.state().flat)
+    np.testing.assert_array_equal(states[1].flat, shared_wake.state().flat)
     assert list(tmp_path.iterdir()) == []
     keep_states(folder, states)
-    again = starting_states(folder, Config(), 5)
+    again = starting_states(folder, Config(), 2)
     assert [digest_of(state) for state in again] == [digest_of(state) for state in states]
-    assert len({digest_of(state) for state in states}) == 5
+    assert digest_of(states[0]) != digest_of(states[1])

@@ -108,7 +108,8 @@ def test_the_loop_goes_on_while_an_ecu_in_c_is_made_and_waits_for_nothing_else(t
         ecus = Ecus(release, load_config(), None, told.append)
         return LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus), ecus  # type: ignore[arg-type]
 
-    for asked in ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}):
+    wanted: tuple[dict[str, Any], ...] = ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"})
+    for asked in wanted:
         told.clear()
         loop, ecus = looped()
         work = loop.before(asked)
@@ -118,11 +119,12 @@ def test_the_loop_goes_on_while_an_ecu_in_c_is_made_and_waits_for_nothing_else(t
         assert loop.before(asked) is None, asked
         assert ecus("c", None).kind == "c", asked
         assert len(told) == 2, asked
-    for asked in (
+    others: tuple[dict[str, Any], ...] = (
         *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
         *({"set": "c"}, {"query": "enable=c"}, {"query": 3}, {"clear": True}),
-    ):
-        assert looped()[0].before(asked) is None, asked
+    )
+    for other in others:
+        assert looped()[0].before(other) is None, other
 
 
 def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch):
@@ -164,36 +166,23 @@ def test_without_its_extra_it_names_it(cli, monkeypatch):
 
 @pytest.mark.processes
 def test_it_serves_a_loop_and_ends_both_processes(tmp_path):
-    for number in [signal.SIGINT, signal.SIGTERM]:
-        words = (
-            "bench",
-            "serve",
-            "--port",
-            "0",
-            "--plant",
-            "recording",
-            "--bundle",
-            str(BUNDLE),
-            "--saves",
-            str(tmp_path),
-        )
-        process = subprocess.Popen(
-            [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        assert process.stdout is not None, number
-        try:
-            url = next(line.strip() for line in process.stdout if line.startswith("http"))
-            with urllib.request.urlopen(url, timeout=PATIENCE_S) as response:
-                assert b"<!doctype html>" in response.read().lower(), number
-            children = psutil.Process(process.pid).children()
-            # To both, as a terminal does.
-            for one in (psutil.Process(process.pid), *children):
-                one.send_signal(number)
-            out, errors = process.communicate(timeout=PATIENCE_S)
-        finally:
-            process.kill()
-        assert process.returncode == 0, errors
-        assert errors == "", number
-        assert out.splitlines()[-1] == "stopped", number
-        assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == [], number
-        assert list(tmp_path.iterdir()) == [], number
+    words = ("bench", "serve", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE), "--saves", str(tmp_path))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        url = next(line.strip() for line in process.stdout if line.startswith("http"))
+        with urllib.request.urlopen(url, timeout=PATIENCE_S) as response:
+            assert b"<!doctype html>" in response.read().lower()
+        children = psutil.Process(process.pid).children()
+        # To both, as a terminal does.
+        for one in (psutil.Process(process.pid), *children):
+            one.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert (process.returncode, errors) == (0, "")
+    assert out.splitlines()[-1] == "stopped"
+    assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == []
+    assert list(tmp_path.iterdir()) == []
