@@ -236,6 +236,12 @@ def test_what_is_broken_is_told_with_its_stretch(monkeypatch):
     assert figures["first_violations"][0] == "stretch 0 (as they are), period 1: frames"
 
 
+@pytest.mark.proofs
+def test_a_million_periods_break_nothing():
+    figures = hostile.summed(list(hostile.stretches(1_000_000, seed=0, processes=2)))
+    assert figures["violations"] == 0, figures["first_violations"]
+
+
 @pytest.mark.processes  # two of them
 def test_two_processes_find_what_one_does():
     one, two = (

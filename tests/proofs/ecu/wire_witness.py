@@ -13,26 +13,26 @@ PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
 
 
 @cache
-def _messages() -> dict[int, Any]:
+def message(name: str) -> Any:
+    """A message of the DBC, as cantools has it."""
     dbc = Database()
     dbc.add_dbc_string(dbc_bytes().decode())
-    return {message.frame_id: message for message in dbc.messages}
+    return dbc.get_message_by_name(name)
 
 
-@cache
-def _data_id(frame_id: int) -> int:
-    return int(_messages()[frame_id].dbc.attributes["E2EDataID"].value)
+def is_sound(data: bytes, name: str) -> bool:
+    """Whether a message's length and CRC fit."""
+    if len(data) != message(name).length:
+        return False
+    # autosar-e2e takes a mutable buffer only.
+    return bool(e2e_p05_check(bytearray(data), int(message(name).dbc.attributes["E2EDataID"].value)))
 
 
 def read(frame: Frame, name: str) -> dict[str, Any] | None:
     """The signals of a sound frame of this message, in the DBC's units; None if it is none."""
-    message = _messages().get(frame.frame_id)
-    if message is None or message.name != name or len(frame.data) != message.length:
+    if frame.frame_id != message(name).frame_id or not is_sound(frame.data, name):
         return None
-    # autosar-e2e takes a mutable buffer only.
-    if not e2e_p05_check(bytearray(frame.data), _data_id(frame.frame_id)):
-        return None
-    signals: dict[str, Any] = message.decode_simple(frame.data, decode_choices=False)
+    signals: dict[str, Any] = message(name).decode_simple(frame.data, decode_choices=False)
     return signals
 
 

@@ -10,26 +10,14 @@ counter is compared; where the signal's range ends, the count stays.
 """
 
 from collections import Counter
-from importlib.resources import files
 from typing import Any, Final
-
-import cantools
-from cantools.database.can import Database
-from e2e.p05 import e2e_p05_check
 
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
+from tests.proofs.ecu import wire_witness as wire
 
 COUNTERS: Final = ("CrcErrors", "Refused", "Missed", "Overruns")
-
-
-def stillwake_dbc() -> Database:
-    """The truth about the messages, read by cantools."""
-    text = files("contract").joinpath("stillwake.dbc").read_text(encoding="utf-8")
-    found = cantools.database.load_string(text, "dbc")
-    assert isinstance(found, Database)
-    return found
 
 
 class Passed(Injector):
@@ -75,9 +63,7 @@ class Witness(Injector):
 
     def __init__(self, bus: Bus, now_ns: Any, *, max_delta: int) -> None:
         super().__init__(bus)
-        dbc = stillwake_dbc()
-        self._pressure, self._command, self._status = map(dbc.get_message_by_name, _MESSAGES)
-        self._data_id = _data_id(dbc)
+        self._pressure, self._command, self._status = map(wire.message, (wire.PRESSURE, wire.COMMAND, wire.STATUS))
         self._limits = {name: int(self._status.get_signal_by_name(name).maximum or 0) for name in COUNTERS}
         self._now_ns = now_ns
         self._max_delta = max_delta
@@ -128,7 +114,7 @@ class Witness(Injector):
                 self.first_mismatch = self.first_mismatch or f"{place}: {name} is {said[name]}, must be {expected}"
 
     def _count_pressure(self, frame: Frame) -> None:
-        if len(frame.data) != self._pressure.length or not e2e_p05_check(bytearray(frame.data), self._data_id):
+        if not wire.is_sound(frame.data, wire.PRESSURE):
             self.counted["CrcErrors"] += 1
             return
         counter = frame.data[_COUNTER_BYTE]
@@ -137,13 +123,5 @@ class Witness(Injector):
         self._last = counter
 
 
-_MESSAGES: Final = ("Pressure", "JetCommand", "EcuStatus")
 _COUNTER_BYTE: Final = 2
 """Of an E2E profile 5 header: the CRC has two bytes."""
-
-
-def _data_id(dbc: Database) -> int:
-    """Of the pressures; an attribute of the message in the DBC."""
-    specifics = dbc.get_message_by_name("Pressure").dbc
-    assert specifics is not None
-    return int(specifics.attributes["E2EDataID"].value)
