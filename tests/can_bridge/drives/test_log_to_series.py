@@ -266,7 +266,7 @@ def test_one_of_two_sets_can_be_asked_for() -> None:
     assert drive_log.MODULUS["classic"] == 16
 
 
-@examples(150)
+@examples(40)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
     """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""

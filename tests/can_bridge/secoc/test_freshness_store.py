@@ -5,7 +5,7 @@ import pytest
 
 from can_bridge.secoc import freshness_store
 from can_bridge.secoc.freshness import LARGEST_HALF, Freshness
-from can_bridge.secoc.freshness_store import FreshnessStore, is_due
+from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.receiver import verified
 from can_bridge.wire.message_specs import PRESSURE_SECURED
 from contract.errors import BusError, StillwakeError
@@ -62,16 +62,6 @@ def test_another_power_cycle_of_the_sender_is_kept_at_once(tmp_path, key, genuin
     state = FreshnessStore(tmp_path / "ecu").begin(key).verifier(SPEC)
     assert not verified(state, [genuine(SPEC, trip=7, count=LARGEST_HALF)], spec=SPEC, key=key).frames
     assert verified(state, [genuine(SPEC, trip=8, count=1)], spec=SPEC, key=key).frames
-
-
-def test_a_value_is_kept_every_so_many_frames():
-    for kept, now, due in [
-        (0, 1 << 32, True),
-        (1 << 32, (1 << 32) + 49, False),
-        (1 << 32, (1 << 32) + 50, True),
-        ((2 << 32) - 1, 2 << 32, True),
-    ]:
-        assert is_due(kept, now, 50) is due, (kept, now, due)
 
 
 def test_a_damaged_file_is_refused_and_kept(tmp_path, key):

@@ -1,15 +1,13 @@
 """Traffic out of a DBC, and out of the same network as cantools writes it in another format."""
 
 import os
-import sys
 from pathlib import Path
 
 import cantools
 import pytest
 
 from can_bridge.timing.dbc_traffic import read_traffic
-from can_bridge.timing.traffic import background
-from contract.config.vehicle import BackgroundConfig, BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.refused import refused
 
@@ -72,12 +70,6 @@ def test_phases_come_from_the_seed(dbc):
     phases = [[m.offset_ns for m in read_traffic(path, BusConfig(), TAKEN, seed=seed).messages] for seed in (0, 0, 1)]
     assert phases[0] == phases[1] != phases[2]
     assert all(0 <= phase < 100_000_000 for phase in phases[0])
-
-
-def test_background_names_the_file_in_the_settings(dbc):
-    path = dbc()
-    traffic = background(BackgroundConfig(dbc=str(path), seed=3), BusConfig(), TAKEN)
-    assert traffic == read_traffic(path, BusConfig(), TAKEN, seed=3).messages
 
 
 def test_another_format_of_the_same_network_gives_the_same_messages(dbc, tmp_path):
@@ -158,11 +150,6 @@ def test_a_damaged_file_is_one_line(tmp_path):
         assert "\n" not in str(raised.value), (name, content, reason)
 
 
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(BusError, match=r"none\.dbc: No such file or directory"):
-        read_traffic(tmp_path / "none.dbc", BusConfig(), TAKEN, seed=0)
-
-
 def test_what_is_no_file_is_not_read(tmp_path):
     """A device without an end would fill the memory, and a pipe without a writer would wait for ever."""
     pipe = tmp_path / "traffic.dbc"
@@ -170,10 +157,3 @@ def test_what_is_no_file_is_not_read(tmp_path):
     for path, what in ((Path("/dev/zero"), "device or pipe"), (pipe, "device or pipe"), (tmp_path, "directory")):
         with pytest.raises(BusError, match=f"{path}: is a {what}, must be a file"):
             read_traffic(path, BusConfig(), (), seed=0)
-
-
-def test_without_cantools_the_extra_is_named(dbc, monkeypatch):
-    path = dbc()
-    monkeypatch.setitem(sys.modules, "cantools.database", None)
-    with pytest.raises(BusError, match=r"reading it needs cantools: pip install 'stillwake\[bus\]'"):
-        read_traffic(path, BusConfig(), TAKEN, seed=0)

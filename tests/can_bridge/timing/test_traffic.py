@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.timing.periodic_message import PeriodicMessage
-from can_bridge.timing.traffic import PERIODS_MS, background, made_up
+from can_bridge.timing.traffic import PERIODS_MS, made_up
 from can_bridge.wire.message_specs import SPECS
-from contract.config.vehicle import BackgroundConfig, BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 from tests.refused import refused
 
@@ -67,15 +67,6 @@ def test_the_seed_decides():
     bus = BusConfig()
     sets = [made_up(0.5, bus, TAKEN, seed=seed) for seed in (0, 0, 1)]
     assert sets[0] == sets[1] != sets[2]
-
-
-def test_background_is_the_made_up_one():
-    bus = BusConfig()
-    assert background(BackgroundConfig(load=0.3, seed=4), bus, TAKEN) == made_up(0.3, bus, TAKEN, seed=4)
-
-
-def test_our_identifiers_are_taken_in_any_case():
-    assert made_up(0.5, BusConfig(), (), seed=1) == made_up(0.5, BusConfig(), OURS[:3], seed=1)
 
 
 def test_a_share_below_one_message_is_refused():

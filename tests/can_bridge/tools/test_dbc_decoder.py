@@ -8,7 +8,6 @@ from can_bridge.tools import signals
 from can_bridge.tools.dbc_decoder import decoder_of
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
-from tests.refused import refused
 
 OTHER = """VERSION ""
 NS_ :
@@ -37,10 +36,6 @@ def other(tmp_path: Path) -> Path:
 def values(decoded):
     assert decoded is not None
     return {one.name: one.shown + (f" {one.unit}" if one.unit else "") for one in decoded.signals}
-
-
-def test_without_a_file_it_is_our_own_codec():
-    assert decoder_of(None) is signals.decode
 
 
 def test_another_file_gives_values_units_and_names_of_values(other):
@@ -76,16 +71,6 @@ def test_our_messages_stay_known_and_keep_their_check(other):
     ours = decoder_of(Path(contract.__file__).parent / "stillwake.dbc")(command)
     assert ours is not None
     assert ours.spec is not None
-
-
-def test_bad_files_are_one_line(tmp_path):
-    path = tmp_path / "x.dbc"
-    for content, words in ((None, "No such file"), ("BO_ nonsense", "no description of a CAN bus")):
-        if content is not None:
-            path.write_text(content)
-        with refused(BusError, words) as caught:
-            decoder_of(path)
-        assert "\n" not in str(caught.value)
 
 
 def test_without_cantools_it_says_what_to_install(other, monkeypatch):

@@ -119,11 +119,6 @@ def test_no_key_makes_it_fail(keys):
     assert view.top >= 0
 
 
-@given(st.text())
-def test_no_key_is_lost(typed):
-    assert "".join(split_keys(typed)) == typed
-
-
 def test_random_identifiers_fill_neither_memory_nor_table():
     known = frame(PRESSURE, 0)
     state = state_of(known)

@@ -85,13 +85,6 @@ def test_a_stall_is_caught_up_and_shows():
     assert done.late_ms(0.5) == 0.0
 
 
-def test_only_some_identifiers_begin_with_the_first_of_them():
-    clock = Clock()
-    done = clock.run(log_of([0.0, 0.1, 0.2, 0.3]), only={1, 3})
-    assert [(sent // 1_000_000, frame_id) for sent, frame_id in clock.sent] == [(0, 1), (200, 3)]
-    assert done.sent == 2
-
-
 def test_error_frames_are_left_out_and_counted():
     messages = [*log_of([0.0, 0.1]), can.Message(timestamp=0.2, is_error_frame=True)]
     span = span_of("log", messages)

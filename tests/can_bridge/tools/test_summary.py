@@ -61,9 +61,3 @@ def test_kinds_are_counted_apart():
     assert message["message"] == "JetCommand"
     assert message["rate_hz"] == pytest.approx(1 / 1.5)
     assert (message["lost"], message["checks"], message["mac_checked"]) == (0, {"OK": 1, "CRC wrong": 1}, None)
-
-
-def test_an_empty_log_has_no_load():
-    found = summarise([], decoder=decode, config=BusConfig())
-    assert (found.frames, found.load, found.first_s) == (0, None, None)
-    assert found.figures()["messages"] == []

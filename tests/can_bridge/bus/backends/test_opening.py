@@ -56,19 +56,6 @@ def test_extra_that_is_not_installed_is_told_with_the_cure(monkeypatch):
         PythonCanBus.open(BusConfig(interface=interface, channel="x"))
 
 
-def test_any_interface_of_python_can_is_opened_by_name_and_channel(line):
-    """`serial` has a protocol of its own, for classic CAN."""
-    pytest.importorskip("serial")
-    config = BusConfig(interface="serial", channel=line.port, frames="classic")
-    with PythonCanBus.open(config) as bus:
-        bus.send(Frame(frame_id=0x121, data=b"\x01\x02", is_fd=False))
-        assert line.read(b"\xbb")[-7:] == b"\x21\x01\x00\x00\x01\x02\xbb"
-        # 0xAA, time in ms, length, identifier, data, 0xBB.
-        line.write(b"\xaa" + b"\x05\0\0\0" + b"\x02" + b"\x31\x01\0\0" + b"\x03\x04" + b"\xbb")
-        got = bus.receive(10.0)
-        assert got == Frame(frame_id=0x131, data=b"\x03\x04", timestamp_ns=5_000_000, is_fd=False)
-
-
 def test_drivers_are_told_format_and_bit_rates(monkeypatch):
     for frames, expected in (
         ("fd", {"fd": True, "bitrate": 500_000, "data_bitrate": 2_000_000}),

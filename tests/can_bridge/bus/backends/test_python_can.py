@@ -254,19 +254,3 @@ def test_flood_of_what_our_backends_refuse_ends_neither_the_bus_nor_the_wait():
 def test_send_that_times_out_without_a_word_is_still_named():
     with pytest.raises(BusError, match="0x120 was not sent: CanTimeoutError"):
         PythonCanBus(ScriptedBus([])).send(Frame(frame_id=0x120, data=b""))
-
-
-def test_bus_that_vanished_is_closed_without_a_word_of_its_own():
-    class Vanished(ScriptedBus):
-        opened = False
-
-        def shutdown(self) -> None:
-            super().shutdown()
-            if self.opened:
-                raise can.CanOperationError("Could not write to serial device")
-
-    scripted = Vanished([])
-    scripted.opened = True
-    PythonCanBus(scripted).close()
-    with pytest.raises(BusError, match="what the body found"), PythonCanBus(scripted):
-        raise BusError("what the body found")

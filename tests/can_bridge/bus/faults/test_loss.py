@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from can_bridge.bus.faults.loss import BurstLoss, Drop
-from can_bridge.e2e.receiver import StreamState
 from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, simulated_link
 
 
@@ -66,18 +65,3 @@ def test_bursts_of_independent_losses_are_independent_losses():
     for q in (0.1, 0.5, 0.9):
         fault = BurstLoss(loss=q, mean_burst=1 / (1 - q))
         assert (fault.to_bad, 1 - fault.to_good) == pytest.approx((q, q))
-
-
-def test_the_stream_is_lost_and_then_trusted_again():
-    for fault in [
-        Drop(probability=1.0, start_s=20 * PERIOD_S, end_s=30 * PERIOD_S),
-        BurstLoss(loss=0.75, mean_burst=10.0, start_s=20 * PERIOD_S, end_s=60 * PERIOD_S),
-    ]:
-        link = simulated_link()
-        faulty = link.wrapped(link.one, fault)
-        streams = [reception.stream for reception in link.protected(faulty, link.other, 80)]
-        begin, end = round(fault.start_s / PERIOD_S), round(fault.end_s / PERIOD_S)
-        assert set(streams[2:begin]) == {StreamState.VALID}, fault
-        assert StreamState.INVALID in streams[begin:end], fault
-        # The jump of the counter costs the first frame, two good ones make the stream valid again.
-        assert set(streams[end + 2 :]) == {StreamState.VALID}, fault

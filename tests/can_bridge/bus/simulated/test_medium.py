@@ -87,24 +87,6 @@ def test_everything_sent_at_an_instant_takes_part_in_its_arbitration(bench):
     assert bench.order() == [0x001, 0x700]
 
 
-def test_the_short_format_wins_over_the_long_one_with_the_same_leading_bits(bench):
-    bus = bench.bus
-    ports = [bus.port() for _ in range(4)]
-    for port, sent in zip(
-        ports,
-        [
-            frame(0x123 << 18, is_extended=True),
-            frame((0x123 << 18) + 1, is_extended=True),
-            frame(0x123),
-            frame((0x122 << 18) + 0x3FFFF, is_extended=True),
-        ],
-        strict=True,
-    ):
-        port.send(sent)
-    bus.advance_to(10**7)
-    assert bench.order() == [(0x122 << 18) + 0x3FFFF, 0x123, 0x123 << 18, (0x123 << 18) + 1]
-
-
 def test_a_full_queue_refuses_and_counts(bench):
     one, two = bench.bus.port("pressure node", transmit_capacity=3), bench.bus.port()
     for value in range(3):
