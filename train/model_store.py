@@ -128,8 +128,8 @@ def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Tensors) -> None:
         if key not in tensors or key not in expected:
             raise ModelError(f"model {path}: {WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}")
         if tensors[key].shape != tuple(expected[key].shape):
-            found, needed = tuple(tensors[key].shape), tuple(expected[key].shape)
-            raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {found}, the configuration needs {needed}")
+            shape, needed = tuple(tensors[key].shape), tuple(expected[key].shape)
+            raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {shape}, the configuration needs {needed}")
     for name, network in parts.items():
         network.load_state_dict({key: torch.tensor(tensors[f"{name}.{key}"]) for key in network.state_dict()})
         network.eval()

@@ -21,7 +21,7 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimato
 from train.fitting.threads import torch_threads
 
 WIDTHS: Final = (64, 64)
-"""Of the hidden layers. With 192 the residuals are some percent smaller, and no microcontroller has room for it."""
+"""Width of the hidden layers. With 192 the residuals are slightly smaller, and no microcontroller has room for it."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
@@ -187,7 +187,7 @@ def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
     hypotheses = Hypotheses.of(sensors)
     weight, bias = network.layers[0]
-    found = np.empty((len(windows), sensors, sensors))
+    deviations = np.empty((len(windows), sensors, sensors))
     scaled = np.clip((windows - network.mean) / network.std, -REACH, REACH)
     for row, view in enumerate(views(sensors)):
         if view.exchanged:
@@ -200,8 +200,8 @@ def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
             values = np.maximum(values, 0.0) @ matrix.T + offset
         estimates = values * network.std[:-1] + network.mean[:-1]
         for j, i in np.argwhere(hypotheses.view[:sensors] == row):
-            found[:, j, i] = windows[:, -1, i] - estimates[:, i]
-    return found
+            deviations[:, j, i] = windows[:, -1, i] - estimates[:, i]
+    return deviations
 
 
 def _deviation(residuals: Sequence[Array], periods: int) -> tuple[tuple[float, ...], ...]:

@@ -19,7 +19,7 @@ WIDTH: Final = 80
 
 def config(
     prefix: Annotated[
-        str, typer.Argument(help="Only what begins like this, e.g. ecu or train.finish; also says what each one means.")
+        str, typer.Argument(help="Only what begins like this, e.g. ecu or train.finish; also explains each one.")
     ] = "",
     changed: Annotated[bool, typer.Option("--changed", help="Only what differs from the paper's settings.")] = False,
     toml: Annotated[bool, typer.Option("--toml", help="Print them as a TOML file for --config.")] = False,
@@ -28,8 +28,8 @@ def config(
 ) -> None:
     """Show the settings: values, units, and where each value comes from.
 
-    The last column says from where: the "default", the shipped "release", the "file" of --config, or the command line's
-    "--set". With a prefix, the default's own source is given too. The same --config and --set give the same settings to
+    The last column gives the source: the "default", the shipped "release", the "file" of --config, or the command
+    line's "--set". With a prefix, the default's own source is given too. The same --config and --set give the same settings to
     every other command but `export`, which begins with its model's own.
     """
     loaded = load(config_file, overrides)
@@ -40,7 +40,7 @@ def config(
         text = f"{prefix or 'all settings'}: as in the paper"
     else:
         text = "\n".join(table(listed, loaded, explain=bool(prefix)))
-    console.print(text.rstrip("\n"), markup=False, highlight=False, soft_wrap=True)
+    console.print(text.rstrip("\n"), highlight=False, soft_wrap=True)
 
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:

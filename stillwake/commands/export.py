@@ -76,24 +76,24 @@ def export(
     if model is None or output is None:
         if model is not None or c_folder is None or sensors or key is not None or dataset is not None:
             raise OutputError("no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone for the shipped bundle's")
-        check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
+        check_output(c_folder, overwrite=overwrite, folder=True, occupant="there is a C library already")
         _export_shipped(c_folder, config_file, overrides)
         return
     signing_key = None if key is None else read_private_key(key)
     config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
-    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", found=_description(output))
+    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
     if c_folder is not None:
-        check_output(c_folder, overwrite=overwrite, folder=True, found="there is a C library already")
+        check_output(c_folder, overwrite=overwrite, folder=True, occupant="there is a C library already")
 
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
     from firmware_sim.in_c.host_library import CController
     from stillwake.parts.c_release import ecu_files
 
-    say = partial(console.print, soft_wrap=True, markup=False)
+    notice = partial(console.print, soft_wrap=True)
     used = recording() if dataset is None else dataset
     library = None
     if c_folder is not None:
-        ecu = partial(ecu_files, output, config=config, notice=say)
+        ecu = partial(ecu_files, output, config=config, notice=notice)
         library = CLibrary(folder=c_folder, compiled=CController, ecu=ecu)
     with progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
@@ -116,7 +116,7 @@ def export(
     _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True)
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
@@ -126,7 +126,7 @@ def export(
         )
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
-        console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True, markup=False)
+        console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True)
 
 
 def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:
@@ -143,12 +143,12 @@ def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> No
             folder,
             release,
             config,
-            notice=partial(console.print, soft_wrap=True, markup=False),
+            notice=partial(console.print, soft_wrap=True),
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
     _show_gates(gate_figures(done))
-    console.print(f"wrote {folder}: C99, {release.manifest.name}", soft_wrap=True, markup=False)
+    console.print(f"wrote {folder}: C99, {release.manifest.name}", soft_wrap=True)
 
 
 def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
@@ -195,7 +195,7 @@ def mcu(
 ) -> None:
     """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host.
 
-    The last lines say whether a step fits into the control period of the operating point.
+    The last lines report whether a step fits into the control period of the operating point.
     """
     config = settings("mcu", config_file, overrides, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)
@@ -207,18 +207,18 @@ def mcu(
     with progress_bar("phases") as bar:
         task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
         with library_folder(library) as folder:
-            found = measure_folder(
+            measured = measure_folder(
                 folder, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun)
             )
         bar.update(task, completed=len(PHASES), note="")
     table = Table("one control step on a Cortex-M7", "")
-    for name, value in (*found.rows(), *verdicts(found.modelled_ms, period_ms(config))):
+    for name, value in (*measured.rows(), *verdicts(measured.modelled_ms, period_ms(config))):
         table.add_row(name, value)
     console.print(table)
     if json_file is not None:
         write_result(
             json_file,
-            figures=asdict(found),
+            figures=asdict(measured),
             facts={"library": "shipped" if library is None else str(library), "period_ms": period_ms(config)},
             on=date.today(),
         )

@@ -57,15 +57,15 @@ def identify(
     It takes seconds, needs no PyTorch, and is the cheapest controller for a
     microcontroller. `export` turns the folder into a bundle and a C library,
     as it does with a trained model.
-    docs/how-to/identify-a-linear-controller.md says what it is good for.
+    docs/how-to/identify-a-linear-controller.md describes its uses.
     """
-    # Whoever installed no extra is told so before the data are missed.
+    # A missing extra is reported before missing data.
     from train.linear.pipeline import PHASES, Design, Identification, identify_all
 
     config = settings("identify", config_file, overrides, uses=USES).config
     recording = shipped_recording() if dataset is None else dataset
     check_free(output)
-    check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
+    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
     check_json(json_file)
 
     how = Identification(
@@ -104,7 +104,7 @@ def identify(
             },
             on=date.today(),
         )
-    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 def _names(text: str) -> tuple[str, ...]:

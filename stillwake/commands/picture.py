@@ -116,7 +116,7 @@ def mean(
     measured = wake.surface.measure(flow)
     length = recirculation_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
-    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 def animate(
@@ -161,19 +161,19 @@ def animate(
     check_target(output)
     check_writable(output)
     config = settings("animate", config_file, overrides, uses=MOVING).config
-    told = _story(run, skip, duration) if film else None
-    if told is not None:
-        skip, duration = told.begin, told.end
+    story = _story(run, skip, duration) if film else None
+    if story is not None:
+        skip, duration = story.begin, story.end
     left_out = steps_of("--skip", skip or 0.0, config.flow.control_period, least=0)
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
     wake = _start(config, state)
     coloured = _run_sensors(run) if run is not None and not sensors else _names(sensors)
     drawn: MovingPicture = (
         WakePicture(wake, field, coloured, width or 800)
-        if told is None
-        else Film(wake, told, coloured or wake.layout.names, width or 960)
+        if story is None
+        else Film(wake, story, coloured or wake.layout.names, width or 960)
     )
-    usual = (1, 10, 0.0) if told is None else (2, 20, HOLD)
+    usual = (1, 10, 0.0) if story is None else (2, 20, HOLD)
     with progress_bar("steps") as bar:
         task = bar.add_task("animation", total=len(actions), note="")
         frames = write_animation(
@@ -181,9 +181,7 @@ def animate(
             skip=left_out, every=every or usual[0], fps=usual[1] if fps is None else fps, hold=usual[2],
             progress=lambda done, _: bar.update(task, completed=done),
         )  # fmt: skip
-    console.print(
-        f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB", soft_wrap=True, markup=False
-    )
+    console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
 
 
 def _still(output: Path, field: Field, state: Path | None, sensors: str, config: Config) -> None:
@@ -193,7 +191,7 @@ def _still(output: Path, field: Field, state: Path | None, sensors: str, config:
     check_writable(output)
     wake = _start(config, state)
     save_figure(output, WakePicture(wake, field, _names(sensors)).update())
-    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 def _names(listed: str) -> tuple[str, ...] | None:
@@ -269,7 +267,7 @@ def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
 
 
 def _story(folder: Path | None, begin: float | None, end: float | None) -> "Story":
-    """What the film of a run tells, in the times asked for or the usual ones."""
+    """What the film of a run shows, in the times asked for or the usual ones."""
     from firmware_sim.runs.film import story_of
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load

@@ -44,7 +44,7 @@ def develop(
         task = bar.add_task("developing", total=duration, note="")
         state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
     save_state(output, state)
-    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 def steady(
@@ -65,8 +65,8 @@ def steady(
 
     from stillwake.console.settling import settle_into
 
-    found, grid = settle_into(output, config)
-    figures = found.figures()
+    settled, grid = settle_into(output, config)
+    figures = settled.figures()
     if json_file is not None:
         facts = {
             "config": asdict(config.flow),
@@ -75,6 +75,4 @@ def steady(
             "versions": versions("numpy", "numba", "scipy"),
         }
         write_result(json_file, figures=figures, facts=facts, on=date.today())
-    console.print(
-        "  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}", markup=False
-    )
+    console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")

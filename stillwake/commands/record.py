@@ -191,9 +191,7 @@ def _record_forced(
         written = record_dataset(output, plans, config, **recording, **shown)
     total = sum(plan.steps for plan in plans)
     done = "wrote" if written else "already whole, nothing to record:"
-    console.print(
-        f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB", soft_wrap=True, markup=False
-    )
+    console.print(f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
 
 
 def _record_controlled(
@@ -228,14 +226,14 @@ def _record_calm(
         of_plan = {**of_plan, "bundle": release.manifest.name, "bundle_digest": release.digest}
     planned = CalmRound(**of_plan)
     if not steady.exists():
-        console.print(f"{steady} is not there: computing the steady wake", soft_wrap=True, markup=False)
+        console.print(f"{steady} is not there: computing the steady wake", soft_wrap=True)
         check_output(steady, overwrite=False)
         settle_into(steady, config)
     check_start(config, steady)
     check_steady(TruckWake(config.flow, body=config.body), load_state(steady))
     by = "" if planned.bundle is None else f" and the controller of {planned.bundle}"
-    said = f"from the steady wake under random actions{by} for {planned.role!r}"
-    _record_round(output, config, planned, policy, {**recording, "start": steady}, said)
+    how = f"from the steady wake under random actions{by} for {planned.role!r}"
+    _record_round(output, config, planned, policy, {**recording, "start": steady}, how)
 
 
 def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
@@ -257,23 +255,22 @@ def _record_round(
     planned: "ControlledRound | CalmRound",
     policy: "PolicyFactory",
     recording: Mapping[str, Any],
-    said: str,
+    how: str,
 ) -> None:
     from wake.recording.controlled_recording import record_round
 
     with _continued(output), _progress(planned.episodes) as shown:
         number = record_round(output, planned, config, policy, **recording, **shown)
     console.print(
-        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {said}, "
+        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {how}, "
         f"{output.stat().st_size / 1e6:.1f} MB in all",
         soft_wrap=True,
-        markup=False,
     )
 
 
 @contextmanager
 def _continued(output: Path) -> Iterator[None]:
-    """When the recording is stopped, say how to go on, if there is anything to go on from."""
+    """When the recording is stopped, report how to go on, if there is anything to go on from."""
     from wake.recording.parts_folder import PartsFolder
 
     try:

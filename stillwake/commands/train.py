@@ -62,7 +62,7 @@ def train(
     """
     del resume  # It was needed to continue a training; now every call does.
 
-    # Whoever installed no extra is told so before the data are missed; a vehicle has no HDF5.
+    # A missing extra is reported before missing data; a vehicle has no HDF5.
     from contract.recording.dataset import read
 
     base = quick_settings() if quick else None
@@ -71,7 +71,7 @@ def train(
     chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
     check_writable(output, folder=True)
     check_free(output)
-    check_output(output, overwrite=overwrite, folder=True, found="there is a model already")
+    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
     check_writable(unfinished.folder_of(output), folder=True)
     check_json(json_file)
     _check_recording(read(recording), recording, config, chosen)
@@ -82,12 +82,12 @@ def train(
         reached = unfinished.check(checkpoints, identity)
         if reached is not None:
             resumed = True
-            console.print(f"goes on where {checkpoints} ends: {reached}", soft_wrap=True, markup=False)
+            console.print(f"goes on where {checkpoints} ends: {reached}", soft_wrap=True)
 
     from train.pipeline import train_all
 
     watch = Stopwatch()
-    # Ten iterations of the longer unroll may take half a minute where other work runs beside.
+    # Ten iterations of the longer unroll may take half a minute while other work runs.
     with _continued(checkpoints), progress_bar("iterations", estimate_over=300.0) as bar:
         tasks: dict[Phase, TaskID] = {}
 
@@ -130,9 +130,9 @@ def train(
             on=date.today(),
         )
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
-    found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
-    console.print(f"sensors: {', '.join(trained.sensors)}   {found}")
-    console.print(f"wrote {output}", soft_wrap=True, markup=False)
+    how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
+    console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
@@ -146,7 +146,7 @@ def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: S
 
 @contextmanager
 def _continued(checkpoints: Path) -> Iterator[None]:
-    """When the training is stopped, say how to go on."""
+    """When the training is stopped, report how to go on."""
     try:
         yield
     except KeyboardInterrupt:

@@ -68,7 +68,7 @@ def vehicle(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Be the vehicle of an ECU on a bus, in real time: send pressures every control period, drive the jets as told.
+    """Be the vehicle of an ECU on a bus, in real time: send pressures every control period, obey its commands.
 
     The pressures are a recording's, and do not answer the jets: whether bus and
     ECU keep their times can be seen, but no drag reduction. With --live they
@@ -80,7 +80,7 @@ def vehicle(
     operating point (`bundle renew --set operating_point.speed=...`).
 
     Ctrl-C, SIGTERM and --periods end it well: the request for control is
-    withdrawn, and the ECU is told so. Exit status 3: no usable command came.
+    withdrawn on the bus. Exit status 3: no usable command came.
     A lost bus ends it with one line and exit status 1: it is not opened again.
     """
     check_json(json_file)
@@ -111,10 +111,10 @@ def vehicle(
     )
     with ExitStack() as stack:
         bus = stack.enter_context(PythonCanBus.open(config.bus))
-        _say_what_it_is(config, release)
+        _print_vehicle(config, release)
         pressures = _live(stack, config, start) if live else _replay(config, dataset, episode, begin)
         check_sensors(release, pressures.layout)
-        console.print(pressures.description, soft_wrap=True, markup=False, highlight=False)
+        console.print(pressures.description, soft_wrap=True, highlight=False)
         is_stopped = stack.enter_context(until_stopped())
         with progress_bar("periods") as bar:
             task = bar.add_task("vehicle", total=periods, note="")
@@ -129,12 +129,12 @@ def vehicle(
                 config,
                 course,
                 is_stopped=is_stopped,
-                tell=lambda text: bar.console.print(text, soft_wrap=True, markup=False, highlight=False),
+                tell=lambda text: bar.console.print(text, soft_wrap=True, highlight=False),
                 progress=show,
             )
             bar.update(task, completed=figures.periods, note=note_of(figures))
         was_cut_short = is_stopped() and periods is not None and figures.periods < periods
-    _print(figures)
+    _print_figures(figures)
     if json_file is not None:
         facts = {
             "bundle": release.digest,
@@ -180,13 +180,12 @@ def note_of(figures: "Figures") -> str:
     return "  ".join([part for part in parts if part] + ([f"late {late}"] if late else []))
 
 
-def _say_what_it_is(config: Config, release: Bundle) -> None:
+def _print_vehicle(config: Config, release: Bundle) -> None:
     point, bus = config.operating_point, config.bus
     console.print(
         f"vehicle at {point.speed:g} m/s, control period {config.period_ns / 1e6:g} ms, "
         f"on {bus.interface} {bus.channel}",
         soft_wrap=True,
-        markup=False,
         highlight=False,
     )
     built = release.manifest.operating_point
@@ -197,7 +196,6 @@ def _say_what_it_is(config: Config, release: Bundle) -> None:
             f"renew ... --set operating_point.speed={point.speed:g}` makes one for this vehicle",
             style="yellow",
             soft_wrap=True,
-            markup=False,
         )
 
 
@@ -231,11 +229,11 @@ def _live(stack: ExitStack, config: Config, start: Path | None) -> "Pressures":
         highlight=False,
     )
     if warning is not None:
-        console.print(warning, style="yellow", soft_wrap=True, markup=False)
+        console.print(warning, style="yellow", soft_wrap=True)
     return wake
 
 
-def _print(figures: "Figures") -> None:
+def _print_figures(figures: "Figures") -> None:
     table = Table("vehicle", "")
     modes = ", ".join(f"{mode.name} {count}" for mode, count in sorted(figures.modes.items())) or "none"
 

@@ -19,7 +19,7 @@ _NAMES: Final = ("bus.interface", "bus.channel")
 
 
 def with_bus(bus: str | None, overrides: Sequence[str]) -> list[str]:
-    """The overrides with the bus that was named; raises ConfigError for a name of another form, or one beside --set."""
+    """The overrides with the bus that was named; raises ConfigError for another form, or one in --set too."""
     if bus is None:
         return list(overrides)
     interface, colon, channel = bus.partition(":")

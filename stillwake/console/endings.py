@@ -29,7 +29,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
 LEARNING: Final = ("train", "identify", "export", "mcu")
 """Commands that need the extra `train` where a package comes with `sim` as well."""
 WITH_DATA: Final = ("sim", "train")
-"""Extras whose commands begin from stillwake-data unless they are told otherwise."""
+"""Extras whose commands begin from stillwake-data by default."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
 errors = make_console(stderr=True)

@@ -1,4 +1,4 @@
-"""Where a command writes: checked before it works, and never replaced unless the user says so."""
+"""Where a command writes: checked before it works, and never replaced unless the user asks for it."""
 
 from pathlib import Path
 from typing import Annotated, Final
@@ -23,14 +23,14 @@ def check_dataset_name(path: Path) -> None:
         raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
 
 
-def check_output(path: Path, *, overwrite: bool, folder: bool = False, found: str = "") -> None:
+def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant: str = "") -> None:
     """Refuse a place that cannot be written, or that holds something and is not to be replaced.
 
     Args:
         path: of the result.
         overwrite: whether the user asked to replace what is there.
         folder: whether the result is a folder; an empty one counts as free.
-        found: what is there, in words, for the message.
+        occupant: what is there, in words, for the message.
 
     Raises:
         OutputError: something is there.
@@ -38,7 +38,9 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, found: st
     """
     check_writable(path, folder=folder)
     if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
-        raise OutputError(f"{path}: {found or 'there is one already'}; give --overwrite to replace it, or another name")
+        raise OutputError(
+            f"{path}: {occupant or 'there is one already'}; give --overwrite to replace it, or another name"
+        )
 
 
 def check_json(path: Path | None) -> None:

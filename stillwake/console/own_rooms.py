@@ -22,15 +22,15 @@ def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] 
         if spec is None:
             continue
         places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or [])
-        found = [Path(place).resolve() for place in places if place]
-        if found and not any(path.is_relative_to(home / room) for path in found):
-            return room, found[0]
+        files = [Path(place).resolve() for place in places if place]
+        if files and not any(path.is_relative_to(home / room) for path in files):
+            return room, files[0]
     return None
 
 
-def explain(room: str, found: Path) -> str:
+def explain(room: str, file: Path) -> str:
     """One line on what to do about it."""
-    return f"{found} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
+    return f"{file} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
 
 
 if (other := hidden()) is not None:

@@ -77,7 +77,7 @@ class ProgressLines(Progress):
         self._heart.start()
 
     def stop(self) -> None:
-        """Print where each task stands, unless its last line says so."""
+        """Print where each task stands, unless its last line shows it."""
         self._ended.set()
         self._heart.join()
         with self._lock:
@@ -163,7 +163,7 @@ def span(seconds: float) -> str:
 
 
 _DAYS: Final = 100.0 * 3600.0
-"""Seconds from which on hours say little."""
+"""Seconds from which on days are shown instead of hours."""
 
 
 def _count(number: float) -> str:

@@ -29,6 +29,6 @@ def settle_into(output: Path, config: Config) -> tuple[steady.SteadyWake, tuple[
             done = min(decades, max(0.0, -log10(rate)))
             bar.update(task, completed=round(done, 2), note=f"t {t:.0f}  max |d/dt| {rate:.1e}")
 
-        found = steady.settle(wake, progress=progress)
-    save_state(output, found.state)
-    return found, wake.grid.shape
+        settled = steady.settle(wake, progress=progress)
+    save_state(output, settled.state)
+    return settled, wake.grid.shape

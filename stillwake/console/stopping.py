@@ -17,8 +17,8 @@ _asked: list[str] = []
 _advice: list[str] = []
 _is_left_to_work = False
 """Within `until_stopped`, which nothing interrupts."""
-_said_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
-"""What a callback's exception was told to."""
+_hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
+"""The hook that took a callback's exception before ours."""
 
 
 def ends_like_ctrl_c() -> None:
@@ -39,19 +39,19 @@ def ends_like_ctrl_c() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
-    global _said_before
-    if sys.unraisablehook is not _said:
-        _said_before, sys.unraisablehook = sys.unraisablehook, _said
+    global _hook_before
+    if sys.unraisablehook is not _report_lost:
+        _hook_before, sys.unraisablehook = sys.unraisablehook, _report_lost
 
 
-def _said(lost: "sys.UnraisableHookArgs") -> None:
+def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
     if not (_asked and lost.exc_type is KeyboardInterrupt):
-        _said_before(lost)
+        _hook_before(lost)
 
 
 @contextmanager
 def until_stopped() -> Iterator[Callable[[], bool]]:
-    """Work that a stop ends well: yields what says whether Ctrl-C or SIGTERM came. A second one stops at once.
+    """Work that a stop ends well: yields whether Ctrl-C or SIGTERM came, as a function. A second one stops at once.
 
     Nothing is interrupted, so that whatever is being written is written to its end. Outside the main thread, which
     alone may take signals, nothing ever stops it.
@@ -68,7 +68,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # For the exit status, if the work was not done and its command says so by raising KeyboardInterrupt.
+        # For the exit status, if the work was not done and its command raises KeyboardInterrupt.
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
@@ -92,7 +92,7 @@ def still_wanted() -> None:
 
 @contextmanager
 def go_on_with(line: str) -> Iterator[None]:
-    """Work that can be continued: when it is stopped, `line` says how."""
+    """Work that can be continued: when it is stopped, `line` describes how."""
     try:
         yield
     except KeyboardInterrupt:

@@ -49,7 +49,7 @@ JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Also write the figures and their settings here.", metavar="FILE")
 ]
 Threads = Annotated[
-    int, typer.Option("--threads", help="Of torch. More are slower where other work runs beside.", min=1)
+    int, typer.Option("--threads", help="Threads of torch. More are slower while other work runs.", min=1)
 ]
 Overrides = Annotated[
     list[str],

@@ -39,9 +39,9 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
     try:
         release = load(bundle)
         used = _without_check(release, config, notice)
-        found = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
-        found |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
-        return found | {PLAYED: played_pressures(rows, used)}
+        sources = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
+        sources |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
+        return sources | {PLAYED: played_pressures(rows, used)}
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")
         return {}

@@ -24,7 +24,7 @@ _CHUNK = 1024
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Latents of every full window, (n, N_z) beside the rows; NaN where an episode has no L rows yet."""
+    """Latents of every full window, (n, N_z), one for each row; NaN where an episode has no L rows yet."""
     window = encoder.window
     with torch.no_grad():
         parts = []

@@ -63,14 +63,14 @@ def distil_predictor(
                 value.transpose(0, 1) for value in (lesson.latents, lesson.forces, lesson.by_force)
             )
             actions = lesson.actions.requires_grad_(True)
-            found = predict(student, latents[0], actions)
+            predicted = predict(student, latents[0], actions)
             terms = {
-                "prediction": prediction_loss(found.latents[1:], latents[1:]),
-                "force": nn.functional.smooth_l1_loss(found.forces, forces),
+                "prediction": prediction_loss(predicted.latents[1:], latents[1:]),
+                "force": nn.functional.smooth_l1_loss(predicted.forces, forces),
             }
             total = terms["prediction"] + terms["force"]
             if settings.slope_weight:
-                slope = plan_slope(found, actions, by_force, differentiable=True)
+                slope = plan_slope(predicted, actions, by_force, differentiable=True)
                 terms["slope"] = (slope - lesson.slope).square().mean() / lesson.slope.square().mean()
                 total = total + settings.slope_weight * terms["slope"]
             return {"total": total, **terms}

@@ -117,7 +117,7 @@ def evaluate(
 def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Figures of latents (n, N_z) that stand beside the rows, NaN where an episode has no window yet.
+    """Figures of latents (n, N_z), one for each row, NaN where an episode has no window yet.
 
     Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it.
 

@@ -24,7 +24,7 @@ _TOGETHER = 256
 _STEPS_DOWN = 16
 """Lessons of one plan on its way down."""
 _LONGEST_STEP = 4e-3
-"""Of a plan on its way down, in U_inf W: `_STEPS_DOWN` of half of it reach across the actions' range."""
+"""Step of a plan on its way down, in U_inf W: `_STEPS_DOWN` of half of it reach across the actions' range."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ def teach(
     """About `config.train.predictor_lessons` lessons, the same for the same seed.
 
     Args:
-        latents: (n, N_z) beside the rows, of the encoder that serves on the vehicle.
+        latents: (n, N_z), one for each row, of the encoder that serves on the vehicle.
         scaling: of the rows.
 
     Raises:
@@ -106,13 +106,13 @@ def teach(
 def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scaling, config: Config) -> Lessons:
     with torch.enable_grad():
         leaf = actions.detach().requires_grad_(True)
-        found = predict(teacher, latent, leaf)
-        by_force = force_slope(found.forces[1:], config.mpc.weights, scaling)
-        slope = plan_slope(found, leaf, by_force)
+        predicted = predict(teacher, latent, leaf)
+        by_force = force_slope(predicted.forces[1:], config.mpc.weights, scaling)
+        slope = plan_slope(predicted, leaf, by_force)
     return Lessons(
         actions=actions,
-        latents=found.latents.detach().transpose(0, 1),
-        forces=found.forces.detach().transpose(0, 1),
+        latents=predicted.latents.detach().transpose(0, 1),
+        forces=predicted.forces.detach().transpose(0, 1),
         by_force=by_force.transpose(0, 1),
         slope=slope,
     )

@@ -25,7 +25,7 @@ def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
         "dataset_sha256": identity.dataset_sha256,
         "state": dict(state),
     }
-    # Packed in memory: torch does not say of a full disk what it is.
+    # Packed in memory: torch does not report a full disk as one.
     image = io.BytesIO()
     torch.save(body, image)
     with replacing(path) as temporary, temporary.open("wb") as file:

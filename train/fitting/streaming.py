@@ -25,7 +25,7 @@ _MORE = 8
 
 
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:
-    """Latents with the state carried through each episode, (n, N_z) beside the rows.
+    """Latents with the state carried through each episode, (n, N_z), one for each row.
 
     The first L - 1 of an episode are NaN, as in `train.distillation.distil.encode_all`: the state has settled by then.
     """

@@ -37,7 +37,7 @@ class Identity:
     def of(
         cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
     ) -> "Identity":
-        """Of a training with these settings.
+        """The identity of a training with these settings.
 
         Args:
             device: "cpu" or "cuda".
@@ -110,18 +110,18 @@ def note(folder: Path, identity: Identity, reached: Reached) -> None:
 
 def reached(folder: Path) -> Reached | None:
     """As it was kept last; None if nothing was."""
-    found = (_label(folder) or {}).get("reached", {})
+    noted = (_label(folder) or {}).get("reached", {})
     try:
-        phase = next(phase for phase in Phase if phase == found["phase"])
-        return Reached(phase=phase, step=int(found["step"]), total=int(found["total"]))
+        phase = next(phase for phase in Phase if phase == noted["phase"])
+        return Reached(phase=phase, step=int(noted["step"]), total=int(noted["total"]))
     except (TypeError, ValueError, KeyError, StopIteration):
         return None
 
 
 def threads(folder: Path) -> tuple[int, ...]:
     """Every number of threads that torch has had in this training; empty if that was not kept."""
-    found = (_label(folder) or {}).get("threads")
-    return tuple(found) if isinstance(found, list) and all(isinstance(item, int) for item in found) else ()
+    noted = (_label(folder) or {}).get("threads")
+    return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 
 
 def has_checkpoints(folder: Path) -> bool:
@@ -136,10 +136,10 @@ def clear(folder: Path) -> None:
 
 def _label(folder: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads((folder / _LABEL).read_text(encoding="utf-8"))
+        label = json.loads((folder / _LABEL).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    return label if isinstance(label, dict) else None
 
 
 def _differences(there: Any, here: Any, name: str = "") -> Iterator[str]:

@@ -28,7 +28,7 @@ class Series:
 
     Attributes:
         rows: (n, p + 1), row k is (y_k, a_k): p differences in Cp, and the action in U_inf W from t_k on.
-        responses: (n, q) of what is predicted beside the differences, all odd in the mirror image.
+        responses: (n, q) of what is predicted with the differences, all odd in the mirror image.
     """
 
     rows: Array
@@ -48,11 +48,11 @@ def chosen_episodes(episodes: Sequence[Episode], patterns: Sequence[str]) -> tup
     Raises:
         DatasetError: none does; the message names those that there are.
     """
-    found = tuple(item for item in episodes if any(fnmatchcase(item.name, pattern) for pattern in patterns))
-    if not found:
+    chosen = tuple(item for item in episodes if any(fnmatchcase(item.name, pattern) for pattern in patterns))
+    if not chosen:
         names = ", ".join(item.name for item in episodes)
         raise DatasetError(f"no episode is called {' or '.join(patterns)}: there are {names}")
-    return found
+    return chosen
 
 
 def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:

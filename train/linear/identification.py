@@ -137,16 +137,16 @@ def roll_out_r2(model: Arx, series: Sequence[Series], horizons: Sequence[int] = 
         if not len(starts):
             continue
         history = np.stack([item.rows[starts - back] for back in reversed(range(model.window))], axis=1)
-        found, truth = [], []
+        estimates, truth = [], []
         for step in range(1, ahead + 1):
             values = history.reshape(len(starts), -1) @ model.flat.T
-            found.append(values)
+            estimates.append(values)
             after = starts + step
             truth.append(np.column_stack([item.rows[after, :-1], item.responses[after]]))
-            # The action that was recorded, beside the differences that were predicted.
+            # The action that was recorded, next to the differences that were predicted.
             row = np.column_stack([values[:, : model.differences], item.rows[after, -1]])
             history = np.concatenate([history[:, 1:], row[:, None]], axis=1)
-        predicted.append(np.stack(found))
+        predicted.append(np.stack(estimates))
         recorded.append(np.stack(truth))
     if not predicted:
         raise IdentificationError(
@@ -154,8 +154,8 @@ def roll_out_r2(model: Arx, series: Sequence[Series], horizons: Sequence[int] = 
             f"need {model.window + ahead}; take longer episodes, or hold out more of them"
         )
     rows = [horizon - 1 for horizon in horizons]
-    found_, truth_ = np.concatenate(predicted, axis=1)[rows], np.concatenate(recorded, axis=1)[rows]
-    squares = ((found_ - truth_) ** 2).sum(axis=1)
+    estimates_, truth_ = np.concatenate(predicted, axis=1)[rows], np.concatenate(recorded, axis=1)[rows]
+    squares = ((estimates_ - truth_) ** 2).sum(axis=1)
     spread = ((truth_ - truth_.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
     return np.asarray(1.0 - squares / spread)
 

@@ -52,7 +52,7 @@ def design(model: Arx, weights: Sequence[float], action_weight: float) -> Regula
     outputs = model.flat
     by_state, by_action = outputs[:, :-1], outputs[:, -1:]
     Q = np.diag(np.asarray(weights, dtype=np.float64))
-    # A weight of 1e308 overflows here; the equation says so below.
+    # A weight of 1e308 overflows here; the equation fails below.
     with np.errstate(over="ignore", invalid="ignore"):
         state = by_state.T @ Q @ by_state + REGULARISATION * np.eye(len(A))
         cross = by_state.T @ Q @ by_action

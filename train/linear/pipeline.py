@@ -25,7 +25,7 @@ from train.linear.lqr import design
 from train.samples.scaling import fit_scaling
 
 PHASES: Final = ("read", "judge", "identify", "design", "write")
-"""Of an identification, in order."""
+"""Phases of an identification, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,12 +142,12 @@ def identify_all(
     """
     linear_model_folder.check_free(output)
     phase("read")
-    found = dataset.read(recording)
-    settings = _settings(agreeing(found, config), how)
-    check_pairs(found.layout, how.sensors)
-    episodes = chosen_episodes(found.episodes, how.episodes)
+    recorded = dataset.read(recording)
+    settings = _settings(agreeing(recorded, config), how)
+    check_pairs(recorded.layout, how.sensors)
+    episodes = chosen_episodes(recorded.episodes, how.episodes)
     responses = ("Cl", PROBE) if weights.probe else ("Cl",)
-    series = [series_of(item, found.layout, how.sensors, responses, how.leave_out) for item in episodes]
+    series = [series_of(item, recorded.layout, how.sensors, responses, how.leave_out) for item in episodes]
     names = _row_names(how.sensors, responses)
 
     phase("judge")
@@ -172,12 +172,12 @@ def identify_all(
         versions={"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
     )
     phase("write")
-    columns = found.layout.indices(how.sensors)
+    columns = recorded.layout.indices(how.sensors)
     description = LinearDescription(
         config=settings,
         sensors=how.sensors,
-        positions=tuple((float(x), float(y)) for x, y in found.layout.positions[columns]),
-        scaling=_scaling(episodes, found.layout, how),
+        positions=tuple((float(x), float(y)) for x, y in recorded.layout.positions[columns]),
+        scaling=_scaling(episodes, recorded.layout, how),
         identification=asdict(how),
         design=asdict(weights),
         metrics=done.as_metrics(),

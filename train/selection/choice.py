@@ -39,7 +39,7 @@ class SensorChoice:
 
     @classmethod
     def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
-        """By the paper's method."""
+        """The choice by the paper's method."""
         # The set of all sensors is always stable.
         sizes = [count for count in STABILITY_SETS if count < len(ranking.names)]
         return cls(

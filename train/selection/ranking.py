@@ -57,8 +57,8 @@ class Ranking:
         In the sensors' order; empty if the set is stable.
         """
         repeats = len(self.scores)
-        found = Counter(name for names in self.top_sets(count) for name in names)
-        return {name: found[name] / repeats for name in self.names if 0 < found[name] < repeats}
+        counts = Counter(name for names in self.top_sets(count) for name in names)
+        return {name: counts[name] / repeats for name in self.names if 0 < counts[name] < repeats}
 
     def _names(self, chosen: Sequence[int] | Index) -> tuple[str, ...]:
         return tuple(self.names[index] for index in chosen)
