@@ -56,7 +56,8 @@ def train_all(
 
     Episodes and their mirror images are learned from, where the recording's sensors have such; else the episodes alone.
 
-    State is kept in `<output>.checkpoints` while the run lasts, and removed when the model is stored. A model that is at `output` is replaced when the new one is whole.
+    State is kept in `<output>.checkpoints` while the run lasts, and removed when the model is stored. A
+    model that is at `output` is replaced when the new one is whole.
 
     Args:
         progress: called from every phase; see `train.fitting.progress.Progress`.

@@ -29,8 +29,8 @@ def config(
     """Show the settings: values, units, and where each value comes from.
 
     The last column gives the source: the "default", the shipped "release", the "file" of --config, or the command
-    line's "--set". With a prefix, the default's own source is given too. The same --config and --set give the same settings to
-    every other command but `export`, which begins with its model's own.
+    line's "--set". With a prefix, the default's own source is given too. The same --config and --set give the same
+    settings to every other command but `export`, which begins with its model's own.
     """
     loaded = load(config_file, overrides)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)
