@@ -29,7 +29,7 @@ class Measurement:
     Attributes:
         module: where its `main` is; imported only when it runs, because each needs other packages.
         text: what it measures.
-        takes: rough duration on two cores; empty where nobody has written it down.
+        takes: rough duration on two cores; empty where it is not known.
     """
 
     module: str
@@ -45,7 +45,7 @@ MEASUREMENTS: Final = {
     "steady-response": Measurement(
         "wake.steady_response", "how a pulse grows on the steady wake, and what undoing it takes", "minutes"
     ),
-    "square": Measurement("wake.square", "a square cylinder in the same solver, beside the literature", "minutes"),
+    "square": Measurement("wake.square", "a square cylinder in the same solver, and the literature", "minutes"),
     "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
@@ -55,7 +55,7 @@ MEASUREMENTS: Final = {
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
-    "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, beside can-isotp", "seconds"),
+    "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, and by can-isotp", "seconds"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"

@@ -25,9 +25,10 @@ CAN FD. Identifiers differ between the sets, so a node of another set is seen an
 {comment}
 
 Bits are given as start and length; the start is the least significant bit of a little-endian signal, and the most
-significant one where it says big-endian. Every message is sent once in a control period, 20 ms for the default vehicle.
+significant one where the table has big-endian. Every message is sent once in a control period,
+20 ms for the default vehicle.
 The E2E data ID is not sent, it is mixed into the CRC; profile 2 takes it for all 16 entries of its list.
-[Protection](../explanation/protection.md) says what the header and the authentication code are good for."""
+[Protection](../explanation/protection.md) explains what the header and the authentication code are good for."""
 
 
 def page() -> str:

@@ -1,4 +1,4 @@
-"""Write `docs/reference/command-line.md` from the commands and what each says of itself: `make generated`."""
+"""Write `docs/reference/command-line.md` from the commands and their help: `make generated`."""
 
 import re
 import sys
@@ -25,7 +25,7 @@ _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a
 _HEAD: Final = f"""# Command line
 
 For everyone who types a command: every verb of `stillwake` with its arguments, its options and their defaults. At the
-end of this page you can write the call that you need. In a terminal `--help` after any of them says the same.
+end of this page you can write the call that you need. In a terminal `--help` after any of them prints the same.
 `make generated` writes this page from `stillwake/commands/`.
 
 {EPILOG}

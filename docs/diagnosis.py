@@ -40,7 +40,7 @@ SERVICE_NAMES: Final[Mapping[Service, str]] = {
 """As the standard has them."""
 SERVICE_TEXTS: Final[Mapping[Service, str]] = {
     Service.SESSION: "change the session; to `02` only while the jets are shut and the vehicle asks for no control",
-    Service.RESET: "`01`: boot anew, under the conditions of that session; after an image was announced always, "
+    Service.RESET: "`01`: boot again, under the conditions of that session; after an image was announced always, "
     "and by the session's end, too",
     Service.READ: f"read up to {MAX_DIDS} identifiers; those that are not there are left out of the answer",
     Service.SECURITY: "ask for a level's seed, and answer it",
@@ -145,7 +145,7 @@ count outlives a reset."""),
                     ((f"`{one:04X}`", _words(one.name), DID_TEXTS[one], *_writer(one)) for one in sorted(Did)),
                 ),
                 _wrapped("""Reading needs neither session nor level. Numbers are big-endian. A calibration is
-little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) says."""),
+little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) describes."""),
                 "## Routines",
                 _table(
                     ("number", "routine", "does", "sessions", "level"),
@@ -183,7 +183,7 @@ def _head() -> str:
 
 For ECU engineers with a tester or a calibration tool of their own: what an ECU that runs with `--slots` understands.
 [Flash an ECU](../how-to/flash-an-ecu.md) and [calibrate](../how-to/calibrate.md) have the commands that use it, and
-[the threat model](../explanation/threat-model.md) says what the keys protect. `make generated` writes this page
+[the threat model](../explanation/threat-model.md) explains what the keys protect. `make generated` writes this page
 from `can_bridge/uds/` and `can_bridge/calibration/`.
 
 | identifier on the bus | carries |
@@ -196,7 +196,7 @@ from `can_bridge/uds/` and `can_bridge/calibration/`.
 
 def _timing() -> str:
     return _wrapped(f"""All four have 11 bits. Of each two the ECU reads the first and sends the second.
-There is no functional address. The ECU answers within {services.P2_MS} ms, or says
+There is no functional address. The ECU answers within {services.P2_MS} ms, or reports
 that the answer is pending, and then again within {services.P2_EXTENDED_MS / 1000:g}
 s each. A request has at most {services.MAX_REQUEST} bytes. Frames of diagnosis carry
 no authentication, also where `bus.key` is set.""")

@@ -118,7 +118,7 @@ def _server() -> Iterator[str]:
 
 
 def note(pictures: Iterable[Path]) -> None:
-    """Add pictures to what the other pictures of the release have said of themselves."""
+    """Add pictures to the record of the release's other pictures."""
     content = json.loads(PROVENANCE.read_text(encoding="utf-8"))
     shipped = bundle.load(BUNDLE).digest
     if content["bundle"] != shipped:

@@ -2,7 +2,7 @@
 
     python docs/release_pictures.py RUN_FOLDER
 
-`docs/pictures/provenance.json` says of which bundle and of which run they are; a test fails when another bundle is
+`docs/pictures/provenance.json` names their bundle and their run; a test fails when another bundle is
 shipped.
 """
 
@@ -46,7 +46,7 @@ def main(folder: RunFolder) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Of a file, in hex."""
+    """SHA-256 of a file, in hex."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

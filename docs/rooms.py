@@ -38,7 +38,7 @@ WIDTH, MARGIN, GAP, FLOOR = 960, 20, 44, 60
 CHANNEL, APART = 34, 26
 """What a box leaves of its outer columns for arrows that pass it; least distance between two arrows."""
 FILL: Final = ("#e6edf6", "#eef4e8", "#fdf2df", "#f2ecf7", "#f7e9e9")
-"""Of the floors, lowest first."""
+"""Colours of the floors, lowest first."""
 LETTER = 8.2
 """Width of a letter that no usual font exceeds on average, at 14 px."""
 INK, LINE = "#17202b", "#5b6b7d"

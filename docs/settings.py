@@ -22,8 +22,8 @@ _HEAD: Final = """# Settings
 For everyone who sets something: every setting of the tree, by the name that `--set NAME=VALUE` and a TOML file
 (`--config FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
 `stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one, and
-its source says where: a section, table, equation or appendix. "Ours" is what the paper does not give, with the reason
-or the page that has it. The release's value is given where it differs; [training](../explanation/training.md),
+its source names the place: a section, table, equation or appendix. "Ours" is what the paper does not give, with the
+reason or the page that has it. The release's value is given where it differs; [training](../explanation/training.md),
 [the cost](../explanation/cost.md) and [small networks](../explanation/small-networks.md) have its reasons. Lengths are
 in W, times in t_c, actions a = jet flow rate in U_inf W. A number without a unit is a ratio, or counts what its name
 says. A value outside its bounds is refused by name.
@@ -55,7 +55,7 @@ def _row(one: Setting) -> str:
 
 
 def _source(source: Source) -> str:
-    """Where a default comes from; the reason leads to the page that says more."""
+    """Where a default comes from; the reason leads to the page that explains it."""
     note = f"[{source.note}]({os.path.relpath(source.page, PAGE.parent.name)})" if source.page else source.note
     return f"{source.name}: {note}" if note else source.name
 

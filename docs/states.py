@@ -99,7 +99,7 @@ without an answer, takes its row in the same period. With 1 in the last column t
 period that has the cause; otherwise the cause has to last for so many. Names in code style are settings of the section
 `ecu`. The request is the last one heard of the vehicle; at power-on and when a fault begins it is taken to stand, so
 that it must be seen low before a rise counts. With `ecu.plan_ahead` the jets follow a command in the period after, so
-one period later than the column says.
+one period later than the column states.
 
 | row | from | when | to | Reason on the wire | within periods |
 |---|---|---|---|---|---|"""

@@ -1,4 +1,4 @@
-"""What it costs to receive and to send a block over ISO-TP, beside the library can-isotp.
+"""What it costs to receive and to send a block over ISO-TP, compared with the library can-isotp.
 
     python -m benchmarks isotp --json results/isotp.json
 
@@ -134,7 +134,7 @@ def _seconds(measured: Endpoint | _Library, other: Endpoint, *, measured_sends: 
 def main(
     repeats: Annotated[int, typer.Option(min=1, help="Blocks of each kind.")] = 101, json_file: JsonFile = None
 ) -> None:
-    """What it costs to receive and to send a block over ISO-TP, beside can-isotp."""
+    """What it costs to receive and to send a block over ISO-TP, compared with can-isotp."""
     figures = measure(repeats=repeats)
     shown = Table("frames", "direction", "frames of a block", "stillwake, us", "can-isotp, us", "times as fast")
     for row in figures["rows"]:

@@ -8,7 +8,7 @@ from benchmarks.common.markdown import read, table
 SETS: Final = ("fd", "classic")
 HEADS: Final = (
     *("message", "bytes", "frame, ms", "jitter, ms", "response, ms", "deadline, ms"),
-    *("jitter beside others", "response beside others", "in time"),
+    *("jitter with others", "response with others", "in time"),
 )
 
 
@@ -21,8 +21,8 @@ def can_load(results: Path) -> str:
     """A row for each of our messages, and below it what the bus carries in all."""
     rows, lines = [], []
     for name in SETS:
-        alone, beside = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))
-        others = _ours(beside)
+        alone, loaded = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))
+        others = _ours(loaded)
         for message in _ours(alone).values():
             crowded = others[message["name"]]
             rows.append(
@@ -35,7 +35,7 @@ def can_load(results: Path) -> str:
             )
         lines.append(
             f"{'CAN FD' if name == 'fd' else 'Classic CAN'}: our messages load the bus by {_load(alone)}, "
-            f"with {len(beside['figures']['messages']) - len(others)} others by {_load(beside)}."
+            f"with {len(loaded['figures']['messages']) - len(others)} others by {_load(loaded)}."
         )
     return table(HEADS, rows) + "\n\n" + "\n".join(lines)
 

@@ -111,7 +111,7 @@ Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,
 
 
 def isotp(results: Path) -> str:
-    """What a block of a transfer costs, beside the library that the tester uses."""
+    """What a block of a transfer costs, compared with the library that the tester uses."""
     found = read(results / "isotp.json")
     figures = found["figures"]
     rows = [

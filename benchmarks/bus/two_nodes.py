@@ -45,7 +45,7 @@ LAST_ANSWERS_S: Final = 2.0
 _POLL_S: Final = 0.02
 
 UDP_PORT: Final = 43113
-"""Of python-can's udp_multicast."""
+"""The channel of python-can's udp_multicast."""
 
 Counts = dict[str, Any]
 
@@ -185,7 +185,7 @@ class _Vehicle:
 
 
 def _answer(config: BusConfig, settle_s: float, parent: Connection) -> None:
-    """The other process: answer each good frame of pressures until told to stop."""
+    """The other process: answer each good frame of pressures until it is stopped."""
     # Ctrl-C reaches the whole group of a terminal; the parent ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     used = message_set(config)
@@ -227,7 +227,7 @@ def _answering(config: BusConfig, settle_s: float) -> Iterator[Connection]:
     theirs.close()
     try:
         if _received(ours) != "ready":
-            raise BusError("the answering process said something else than that it is ready")
+            raise BusError("the answering process did not report that it is ready")
         yield ours
         process.join(PATIENCE_S)
     finally:
@@ -237,9 +237,9 @@ def _answering(config: BusConfig, settle_s: float) -> Iterator[Connection]:
 
 
 def _received(connection: Connection) -> Any:
-    """What the other process says; raises what it raised."""
+    """What the other process reports; raises what it raised."""
     try:
-        found = connection.recv() if connection.poll(PATIENCE_S) else BusError("the answering process says nothing")
+        found = connection.recv() if connection.poll(PATIENCE_S) else BusError("the answering process reports nothing")
     except EOFError:
         found = BusError("the answering process ended")
     if isinstance(found, BusError):

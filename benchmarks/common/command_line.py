@@ -26,7 +26,7 @@ Dataset = Annotated[Path, typer.Option("--dataset", help="Recording to take wind
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
 
 MODEL: Final = SHIPPED
-"""Of the shipped bundle."""
+"""The model of the shipped bundle."""
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:

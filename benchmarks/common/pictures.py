@@ -1,4 +1,4 @@
-"""Where the documents' pictures lie, how they are written, and how one tells that they are stale."""
+"""Where the documents' pictures lie, how they are written, and how a test sees that they are stale."""
 
 import hashlib
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from contract.atomic import replacing
 
 PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
-"""Name of the text in a PNG that says what it was drawn from."""
+"""Name of the text in a PNG that names what it was drawn from."""
 
 
 def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
@@ -23,6 +23,6 @@ def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -
 
 
 def source_text(source: Path) -> str:
-    """What a picture says of the file it was drawn from: its place in the project and its SHA-256."""
+    """What a picture states of the file it was drawn from: its place in the project and its SHA-256."""
     place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
     return f"{place} {hashlib.sha256(source.read_bytes()).hexdigest()}"

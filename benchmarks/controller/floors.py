@@ -7,7 +7,7 @@ Two limits are measured by loops that do nothing else, on one thread:
 * bytes a second that one core reads from an array of the networks' size, again and again, as a roll-out does.
 
 No product of a step can be left out, and no roll-out step can begin before the one in front of it has ended, so each
-reads the dynamics' weights anew. The decoder works on the whole horizon at once and reads its weights once a pass, the
+reads the dynamics' weights again. The decoder works on the whole horizon at once and reads its weights once a pass, the
 encoder reads the LSTM's for each row of the window. The floor is the larger of both times. Everything else of a step
 (norms, ELU, cost, Adam, calls) is above it.
 """
@@ -63,7 +63,7 @@ _IN_FIRST_LEVEL: Final = 4096
 _BLOCK: Final = 128
 _SQUARE: Final = 256
 _SECONDS: Final = 1e-3
-"""Of a loop: short enough that many of them end before a scheduler takes the core away."""
+"""Time of a loop: short enough that many of them end before a scheduler takes the core away."""
 _REPEATS: Final = 200
 
 

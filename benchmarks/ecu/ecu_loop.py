@@ -44,8 +44,8 @@ from stillwake.parts.releases import open_release
 from wake.plants import open_plant
 
 ECUS: Final = (CORTEX_M7, C, "python")
-BESIDE: Final = (*COMMON, "-march=native")
-"""Flags of the ECU beside the core: contraction as there, which needs a machine with fused products."""
+COMPARED: Final = (*COMMON, "-march=native")
+"""Flags of the ECU that is compared with the core: contraction as there, which needs a machine with fused products."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -78,14 +78,14 @@ def main(
 
     def driven_by(kind: str) -> dict[str, Any]:
         ecu = None if kind == "python" else loop_ecu(kind, sources, clock_mhz=clock_mhz)
-        beside = None
+        lockstep = None
         if ecu is not None and kind == CORTEX_M7:
-            beside = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=BESIDE))
-            ecu = replace(ecu, ecu=beside)
+            lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
+            ecu = replace(ecu, ecu=lockstep)
         log = driven(release, config, spans, kind, ecu)
         # A step that was left out is null: JSON has no NaN.
         commands = [value if np.isfinite(value) else None for value in log.series["command"].tolist()]
-        return {"row": figures_of(kind, log, beside), "commands": commands}
+        return {"row": figures_of(kind, log, lockstep), "commands": commands}
 
     found = {kind: part(folder / f"{kind}.json", partial(driven_by, kind)) for kind in ECUS}
     commands = {kind: np.array(one["commands"], dtype=np.float64) for kind, one in found.items()}
@@ -99,7 +99,7 @@ def main(
         "spans": {"lead_in": lead_in, "controlled": controlled, "settle": settle},
         "period_ms": config.period_ns / 1e6,
         "compute_time_ms": config.ecu.compute_time_ms,
-        "compared_with": " ".join(BESIDE),
+        "compared_with": " ".join(COMPARED),
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba", "ziglang", "unicorn", "capstone"),
     }
     save(json_file, figures=rows, facts=facts)
@@ -120,23 +120,23 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
         )
 
 
-def figures_of(kind: str, log: RunLog, beside: Lockstep | None) -> dict[str, Any]:
+def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
     """What is kept of a run, and of what was compared in it."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
-    if beside is None:
+    if lockstep is None:
         return row
     return row | {
-        "steps_compared": beside.steps,
-        "frames_compared": beside.frames,
-        "differing_frames": beside.differing_frames,
-        "differing_states": beside.differing_states,
-        "differences": beside.told,
+        "steps_compared": lockstep.steps,
+        "frames_compared": lockstep.frames,
+        "differing_frames": lockstep.differing_frames,
+        "differing_states": lockstep.differing_states,
+        "differences": lockstep.told,
     }
 
 
 def largest_difference(one: Any, other: Any) -> float:
-    """Of two series of commands, in U_inf W; steps that were skipped in one of them are left out."""
+    """The difference of two series of commands, in U_inf W; steps that were skipped in one of them are left out."""
     apart = np.abs(np.asarray(one) - np.asarray(other))
     return float(np.max(apart[np.isfinite(apart)], initial=0.0))
 
@@ -156,7 +156,7 @@ def _print(rows: list[dict[str, Any]], config: Config) -> None:
     console.print(table)
     core = rows[0]
     console.print(
-        f"the emulated core beside this machine: {core['differing_frames']} of {core['frames_compared']} frames and "
+        f"the emulated core against this machine: {core['differing_frames']} of {core['frames_compared']} frames and "
         f"{core['differing_states']} of {core['steps_compared']} states differ; the period is "
         f"{config.period_ns / 1e6:g} ms",
         soft_wrap=True,

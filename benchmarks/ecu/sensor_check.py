@@ -4,8 +4,8 @@
 
 The shipped bundle's check reads the recording as the ECU would, rounded to the wire's steps. First with sound sensors,
 also with noise and with frames lost: each sensor set aside, and each doubt that would shut the jets, is a false alarm,
-after which the check starts anew. Then with faults that begin at many places of the recording. The flow does not answer
-here as it does in the loop, where a liar moves the jets.
+after which the check starts again. Then with faults that begin at many places of the recording. The flow does not
+answer here as it does in the loop, where a liar moves the jets.
 
 The estimates of a whole episode are computed at once, by NumPy with the graph's own constants, and the first ones are
 compared with ONNX Runtime's; all else is the ECU's code, period by period.
@@ -44,7 +44,7 @@ from stillwake.parts.releases import open_release
 LONGEST: Final = 250
 """Periods after a fault's begin in which it is to be found: ten shedding cycles."""
 FIRST: Final = 200
-"""Of an episode, from which on faults begin."""
+"""Steps of an episode before faults begin."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
 """What sound sensors are read through, besides the wire: noise in global deviations, frames lost at random."""
@@ -75,7 +75,7 @@ class Moment(NamedTuple):
 
 
 class Ahead:
-    """Estimates that are computed beforehand; `at` says for which step they are asked."""
+    """Estimates that are computed beforehand; `at` is the step that is asked for."""
 
     def __init__(self, found: Array) -> None:
         self._found = found

@@ -66,7 +66,7 @@ def loops(path: Path) -> str:
     states = f"{core['differing_states']} of {core['steps_compared']} states"
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]}. The emulated core beside this machine, with the same contraction:
+Measured on {found["date"]}. The emulated core against this machine, with the same contraction:
 {frames} and {states} differ."""
 
 

@@ -1,4 +1,4 @@
-"""One training step, ours beside the straightforward one, and the arithmetic below which neither can go.
+"""One training step, ours and the straightforward one, and the arithmetic below which neither can go.
 
     python -m benchmarks training [--json FILE] [--threads 1]
 
@@ -93,7 +93,7 @@ def _figures(ms: dict[str, float], config: Config) -> dict[str, float]:
 
 
 def _multiply_accumulates(config: Config) -> dict[str, float]:
-    """Of one forward pass over a batch; the backward pass has twice as many."""
+    """The arithmetic of one forward pass over a batch; the backward pass has twice as many."""
     shape, settings = config.model, config.train
     segments = settings.batch_size // settings.segment
     windows = segments * (settings.segment + settings.unroll)

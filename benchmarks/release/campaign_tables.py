@@ -49,7 +49,7 @@ the most of the phases. {facts["controlled"]:g} t_c with control, averages over 
 
 
 def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
-    """Delay beside the paper's own figures."""
+    """Delay, and the paper's own figures."""
     by_name = {row["name"]: row for row in figures}
     rows = []
     for delay in (0, 2, 4, 8, 12):

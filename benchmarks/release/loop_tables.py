@@ -1,4 +1,4 @@
-"""The tables of the shipped release from several phases, and of what a search found beside it."""
+"""The tables of the shipped release from several phases, and of what a search found."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -39,7 +39,7 @@ is {before:.4f} without and {under:.4f} with control.
 
 
 def tune(results: Path) -> str:
-    """The winner of a search beside the present settings."""
+    """The winner of a search and the present settings."""
     found = read(results / "tune.json")
     figures, facts = found["figures"], found["facts"]
     given_up = sum(trial["given_up"] for trial in figures["trials"])

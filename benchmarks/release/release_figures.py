@@ -39,7 +39,7 @@ from wake.truck.recirculation import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 BINS: Final = 40
-"""Of a histogram, over the range of both cases."""
+"""Bins of a histogram, over the range of both cases."""
 _QUANTILES: Final = (0.1, 0.9)
 CASES: Final = ("uncontrolled", "controlled")
 
@@ -190,7 +190,7 @@ def _distribution(values: list[Array]) -> dict[str, Any]:
 
 
 def _mean(wake: TruckWake, flow: Flow) -> dict[str, Any]:
-    """Of a mean flow: its bubble, its forces, and Cp at all sensors."""
+    """Figures of a mean flow: its bubble, its forces, and Cp at all sensors."""
     seen = wake.surface.measure(flow)
     return {
         "recirculation_length": recirculation_length(wake.grid, flow),

@@ -42,7 +42,7 @@ FIGURES: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "Cd_net_uncontrolled", "Cd_net_controlled"),
     *("net_reduction_percent", "net_of_power_percent"),
 )
-"""Of a phase, and of their mean and spread."""
+"""The figures of a phase, and of the mean and spread of all."""
 
 
 def main(

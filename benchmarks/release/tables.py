@@ -47,7 +47,7 @@ Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the la
 
 
 def release_distributions(results: Path) -> str:
-    """Base pressure, velocity at the probe and the bubble, beside the paper's."""
+    """Base pressure, velocity at the probe and the bubble, ours and the paper's."""
     figures = read(results / "release_figures.json")["figures"]
     base, probe, mean = figures["base_Cp"], figures["Uy"], figures["mean"]
     cases = ("uncontrolled", "controlled")
@@ -74,7 +74,7 @@ def bundle_fuzz(results: Path) -> str:
 Measured on {found["date"]}: {figures["cases"]} cases of seed {found["facts"]["seed"]}, at most
 {figures["max_rss_mb"]:.0f} MB of memory, {figures["max_rss_before_mb"]:.0f} MB of them before the first case. Accepted
 zips, folders and bytes of a manifest have the sound bundle's content: the damage is where nothing is read. The others
-that are accepted are sound bundles of another content, which nobody signed.
+that are accepted are sound bundles of another content, which no one signed.
 """
 
 
@@ -202,7 +202,7 @@ plans; {late:g} ms after it, which the controller's model leaves out; or at the 
 
 
 def steady(results: Path) -> str:
-    """The wake held symmetric beside the shedding one, and the bound that follows."""
+    """The wake held symmetric, the shedding one, and the bound that follows."""
     found = read(results / "steady.json")
     held, shedding = found["figures"], read(results / "demo.json")["figures"]
     rows = [

@@ -216,6 +216,6 @@ def controller_of(formula: Formula, constants: Constants, config: Config, releas
 
 
 def bundle_for(formula: Formula, release: Bundle) -> Bundle:
-    """Of the vehicle that it reads: without the check of the sensors, which knows the release's flows alone."""
+    """Settings of the vehicle that is read: without the check of the sensors, which knows the release's flows alone."""
     sensors = release.manifest.sensors if formula.own_sensors else MIRROR_SENSORS
     return mounted(release, sensors, formula.window)

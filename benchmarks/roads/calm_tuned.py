@@ -37,7 +37,7 @@ from wake.recording.feedback import NoFeedback
 from wake.truck.state import State
 
 _BESIDE: Final = "training_3"
-"""Of the forced episodes one, so that strong forcing is not forgotten."""
+"""One of the forced episodes, so that strong forcing is not forgotten."""
 
 
 class _Reference:
@@ -56,8 +56,8 @@ class _Reference:
 
 
 def rounds(release: Bundle) -> tuple[CalmRound | ControlledRound, ...]:
-    """What is recorded beside the shipped episodes: the way up from the steady wake, alone and under the release, and
-    the way down to the plateau."""
+    """What is recorded in addition to the shipped episodes: the way up from the steady wake, alone and under the
+    release, and the way down to the plateau."""
     name, digest = release.manifest.name, release.digest
     return (
         CalmRound(),

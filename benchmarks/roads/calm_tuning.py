@@ -2,7 +2,7 @@
 
 Encoder, dynamics and decoder of the vehicle learn together from the four sensors, on the joint loss of the training
 (`train.networks.loss`), with what the training has not: every window weighs by 1 / (0.1 + mean |Cl| of the steps that
-are predicted from it), in deviations of Cl, so that small signals are heard beside shedding.
+are predicted from it), in deviations of Cl, so that shedding does not drown small signals.
 """
 
 from collections.abc import Iterable, Sequence
@@ -46,7 +46,7 @@ def weights_of(forces: Tensor) -> Tensor:
 
 
 def tuning_loss(model: WakeModel, batch: Batch, tuning: Tuning) -> Tensor:
-    """Of a batch whose segments hold W - k samples of k = `tuning.unroll` steps each."""
+    """The loss of a batch whose segments hold W - k samples of k = `tuning.unroll` steps each."""
     steps = tuning.unroll
     encoded = model.encoder.encode_segments(batch.inputs)
     samples = encoded.shape[1] - steps

@@ -1,6 +1,6 @@
 """A coarser mesh for what needs many runs of the flow: the cheapest on which the release does as on its own.
 
-On meshes coarser still it fails (results/live_speed.json), so a comparison there would say nothing.
+On meshes coarser still it fails (results/live_speed.json), so a comparison there would mean nothing.
 """
 
 from dataclasses import replace

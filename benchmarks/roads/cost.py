@@ -30,9 +30,9 @@ def median_step_ms(
 
 
 def m7_ms(products: int) -> float:
-    """Of a step of so many multiply-accumulates at 480 MHz: what one takes in an iteration of the release's optimiser.
+    """ms of a step of so many products at 480 MHz: what one takes in an iteration of the release's optimiser.
 
-    A step of few products is dominated by what is beside them: an estimate from below.
+    A step of few products is dominated by everything else: an estimate from below.
     """
     found = read(ROOT / "results" / "operations.json")
     adam = {row["iterations"]: row for row in found["figures"]["roads"] if row["name"] == "Adam"}

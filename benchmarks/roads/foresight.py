@@ -42,7 +42,7 @@ HORIZONS: Final = {"foresight-25": 25, "foresight-50": 50, "foresight-100": 100}
 EVERY: Final = 5
 """Periods from one choice to the next."""
 LIFT_PRICE: Final = 0.02
-"""Of mean |Cl| beside mean Cd in a forecast, so that no drag is bought with a deflected wake."""
+"""Weight of mean |Cl| against mean Cd in a forecast, so that no drag is bought with a deflected wake."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,7 +81,7 @@ class Opposition:
 class PhaseControl:
     """A sine locked to the shedding: a = A sin(phase of the difference + shift).
 
-    The phase at the window's end is that of the best sine of one frequency in the least squares, beside a mean.
+    The phase at the window's end is that of the best sine of one frequency in the least squares, with a mean.
 
     Attributes:
         frequency: of the estimator, cycles per t_c.
@@ -99,7 +99,7 @@ class PhaseControl:
         return float(self.amplitude * np.sin(self.phase(signal) + self.shift))
 
     def phase(self, signal: Array) -> float:
-        """Of the last value of (n,), rad: 0 where the sine crosses zero upwards."""
+        """The phase of the last value of (n,), rad: 0 where the sine crosses zero upwards."""
         angle = 2.0 * np.pi * self.frequency * self.period * np.arange(1 - len(signal), 1)
         basis = np.stack([np.sin(angle), np.cos(angle), np.ones_like(angle)], axis=1)
         of_sine, of_cosine, _ = np.linalg.lstsq(basis, signal, rcond=None)[0]

@@ -38,7 +38,7 @@ HOW: Final = {
 }
 WEIGHTS: Final = Design()
 STEPS: Final = 2000
-"""Of the episode under the release, 400 t_c, with the usual exploration."""
+"""Steps of the episode under the release, 400 t_c, with the usual exploration."""
 
 
 def measure(road: str, setting: Setting) -> Row:

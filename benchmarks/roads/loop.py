@@ -27,7 +27,7 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=25.0, controlled=100.0, settle=40.0)
-"""Of every row: the last 60 t_c count."""
+"""Spans of every row: the last 60 t_c count."""
 MIRROR_SENSORS: Final = ("upper_39", "lower_39", "base_0", "base_9")
 """Two pairs that the axis mirrors, so that differences within them vanish in a symmetric flow."""
 
@@ -49,7 +49,7 @@ class Setting:
     budget: float = 1.0
 
     def starts(self) -> Sequence[State]:
-        """Developed wakes in these phases, kept beside the roads' folders."""
+        """Developed wakes in these phases, kept next to the roads' folders."""
         if self.config.flow.refinement != 1.0:
             return coarse_starts(self.folder.parent, self.config, self.phases)
         kept = CampaignFolder(self.folder.parent / f"starts_{self.phases}")

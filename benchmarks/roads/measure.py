@@ -4,7 +4,7 @@
 
 Makes the rows of the named roads, all of them without a name; rows of other roads that are in the file already stay.
 Without control for 25 t_c, then 100 with it, of which the last 60 count, averaged over whole shedding cycles. What a
-road tunes or learns is kept in a folder of its own, so that a stopped measurement goes on; to make a road anew, delete
+road tunes or learns is kept in a folder of its own, so that a stopped measurement goes on; to make a road again, delete
 its folder.
 """
 

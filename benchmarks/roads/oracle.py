@@ -21,7 +21,7 @@ from wake.plant.sample import Sample
 from wake.truck.state import State
 
 Cost = Callable[[Array], float]
-"""Of the values at the knots, (n,)."""
+"""The cost of the values at the knots, (n,)."""
 
 
 class Model(Protocol):
@@ -74,7 +74,7 @@ class Oracle:
         return np.asarray(np.interp(np.array(self.knots) + self.every, (0, *self.knots), (now, *values)))
 
     def cost(self, plant: Model, start: State, values: Array) -> float:
-        """Of a plan from that state; the plant is left somewhere."""
+        """The cost of a plan from that state; the plant is left somewhere."""
         plant.reset(start)
         actions = self.actions(values, start.action)
         samples = [plant.advance(float(action)) for action in actions]

@@ -31,7 +31,7 @@ KNOTS: Final = {
     "oracle-50": (5, 10, 15, 20, 30, 40, 50),
     "oracle-100": (5, 10, 15, 20, 30, 40, 60, 80, 100),
 }
-"""A shedding cycle has 25 periods; further away a plan is coarser, since it will be made anew before it acts."""
+"""A shedding cycle has 25 periods; further away a plan is coarser, since it will be made again before it acts."""
 _SERIES: Final = tuple(item.name for item in fields(Sample) if item.name != "Cp")
 
 
@@ -54,7 +54,7 @@ def measure(road: str, setting: Setting) -> Row:
         mesh=replace(setting, config=config).mesh,
         interactions=plannings * oracle.rollouts * oracle.horizon,
         note=(
-            f"reads the whole flow; planned anew every {oracle.every} periods, {oracle.rollouts} roll-outs, "
+            f"reads the whole flow; planned again every {oracle.every} periods, {oracle.rollouts} roll-outs, "
             f"{len(oracle.knots)} knots, the release's cost, no delay; the last {SPANS.controlled - SPANS.settle:g} of "
             f"{SPANS.controlled:g} t_c count"
         ),

@@ -44,7 +44,7 @@ def _outcomes() -> tuple[Outcome, ...]:
     if spans != (SPANS.lead_in, SPANS.controlled, SPANS.settle):
         raise StillwakeError(
             f"{LOOP.name}: is over {spans} t_c, the table over {SPANS.lead_in, SPANS.controlled, SPANS.settle}: "
-            f"`python -m benchmarks release-loop --json results/{LOOP.name}` makes it anew"
+            f"`python -m benchmarks release-loop --json results/{LOOP.name}` makes it again"
         )
     return tuple(
         Outcome(

@@ -21,7 +21,7 @@ LIFT_PRICE: Final = 0.2
 
 
 def reward(ledger: Mapping[str, float]) -> float:
-    """Of a control period, by the ledger at its end."""
+    """The reward of a control period, by the ledger at its end."""
     return UNCONTROLLED - ledger["Cd_net"] - ledger["jet_power"] - LIFT_PRICE * abs(ledger["Cl"])
 
 

@@ -49,17 +49,17 @@ class Outcome:
 
     @property
     def reduction_percent(self) -> float:
-        """Of the wall's mean drag."""
+        """The reduction of the wall's mean drag."""
         return 100.0 * (1.0 - self.Cd / self.Cd_uncontrolled)
 
     @property
     def net_reduction_percent(self) -> float:
-        """Of `Cd_net`: wall, slots and the jets' momentum together. The jets' power is not in it."""
+        """The reduction of `Cd_net`: wall, slots and the jets' momentum together. The jets' power is not in it."""
         return 100.0 * (1.0 - self.Cd_net / self.Cd_net_uncontrolled)
 
 
 def outcome_of_series(series: Mapping[str, Array], enabled_at: int, settle: float) -> Outcome:
-    """Of a run's series by the names of a sample's members, (n,) each.
+    """The outcome of a run's series by the names of a sample's members, (n,) each.
 
     Args:
         enabled_at: index of the sample at which control was requested.
@@ -86,13 +86,13 @@ def outcome_of_series(series: Mapping[str, Array], enabled_at: int, settle: floa
 
 
 def outcome_of_log(log: RunLog) -> Outcome:
-    """Of a run through bus and ECU; raises PlantError if a part of it holds no whole cycle."""
+    """The outcome of a run through bus and ECU; raises PlantError if a part of it holds no whole cycle."""
     found = outcome_of_series(log.series, log.enabled_at, log.metadata.settle)
     return Outcome(**{**asdict(found), "trouble": trouble(log)})
 
 
 def outcome_of_samples(samples: Sequence[Sample], enabled_at: int, settle: float) -> Outcome:
-    """Of a run on the plant, a sample a control period; as `outcome_of_series`."""
+    """The outcome of a run on the plant, a sample a control period; as `outcome_of_series`."""
     names = [item.name for item in fields(Sample) if item.name != "Cp"]
     series = {name: np.array([getattr(sample, name) for sample in samples]) for name in names}
     return outcome_of_series(series, enabled_at, settle)

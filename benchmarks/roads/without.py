@@ -71,5 +71,5 @@ def _check(found: tuple[int, ...], wanted: tuple[int, int]) -> None:
     if found != wanted:
         raise StillwakeError(
             f"{STEADY.name}: is of a grid of {found[0]} x {found[1]} cells, the table is of {wanted[0]} x {wanted[1]}: "
-            f"`stillwake steady runs/steady.npz --json results/{STEADY.name}` makes it anew"
+            f"`stillwake steady runs/steady.npz --json results/{STEADY.name}` makes it again"
         )

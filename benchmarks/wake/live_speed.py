@@ -4,7 +4,7 @@
 
 Each case moves the shipped wake to its grid, averages it without control, and closes the loop in virtual time. Then all
 cases are timed in turn, a control period of each at a time, because machines are noisy. Finished cases stay in
-`runs/live_speed`, so that an interrupted study continues; times are measured anew.
+`runs/live_speed`, so that an interrupted study continues; times are measured again.
 """
 
 import tempfile
@@ -40,7 +40,7 @@ from wake.truck.truck_wake import TruckWake
 CASES: Final = ("1.0:30", "0.75:23", "0.75:15", "0.7:14", "0.65:20", "0.65:14", "0.5:15", "0.4:12")
 """Refinement and time steps a control period."""
 LEAD_IN, CONTROLLED, SETTLE = 25.0, 100.0, 40.0
-"""Of the closed loop, t_c; as `stillwake run` has them."""
+"""Spans of the closed loop, t_c; as `stillwake run` has them."""
 _COLUMNS: Final = (
     "cells",
     "period_ms",

@@ -27,7 +27,7 @@ _HEAD: Final = """API
 ===
 
 For whoever calls stillwake from Python: every public module, class and function, by package. :doc:`/architecture`
-says which package may import which.
+states which package may import which.
 """
 
 

@@ -1,4 +1,4 @@
-"""The captions of the navigation say at which level they are headings, which Sphinx leaves out."""
+"""Give the captions of the navigation the level at which they are headings, which Sphinx leaves out."""
 
 from typing import Any
 

@@ -105,7 +105,7 @@ def has_gallery() -> bool:
 
 
 STORIES: Final = ("recording_to_sensors.py", "fault_in_the_loop.py", "bundle_to_cortex_m7.py")
-"""Of the gallery, in the order in which they are told."""
+"""The stories of the gallery, in their order."""
 
 
 def place_in_gallery(name: str) -> tuple[int, str]:

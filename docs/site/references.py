@@ -31,7 +31,7 @@ class ExactNames(SphinxPostTransform):
         for node in list(self.document.findall(addnodes.pending_xref)):
             if node.get("refdomain") == "py":
                 name, content = node["reftarget"], list(node.children)
-                # What a docstring says is raised stands in its module, or among the errors of all.
+                # The errors that a docstring names stand in its module, or among the errors of all.
                 full = (name, f"{node.get('py:module')}.{name}", f"contract.errors.{name}")
                 known = next((one for one in full if one in domain.objects), None)
                 node.replace_self(content if known is None else [_reference(self, domain, known, content)])
@@ -48,7 +48,7 @@ class NamesInText(SphinxPostTransform):
         for node in list(self.document.findall(nodes.literal)):
             text = node.astext()
             name = text.removesuffix(".py").replace("/", ".") if text.endswith(".py") else text
-            # A module's own file stands above what it says.
+            # A module's own file stands above its text.
             is_plain = not isinstance(node.parent, nodes.reference | nodes.title) and "file" not in node["classes"]
             if is_plain and is_ours(name) and name in domain.objects:
                 node.replace_self([_reference(self, domain, name, [node.deepcopy()])])

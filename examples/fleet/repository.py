@@ -5,9 +5,9 @@
     python examples/fleet/repository.py roll-out repo keys truck-wake-4.1 10
     python examples/fleet/repository.py renew repo keys
 
-Two roles must agree on what a vehicle gets, as in Uptane. `releases` says which bundles there are; its key stays
-offline, and so does the one that signs the bundles themselves. `rollout` says which of them each hundredth of the fleet
-is to run; its key is used every time a share grows. Neither can do the other's work.
+Two roles must agree on what a vehicle gets, as in Uptane. `releases` lists the bundles; its key stays
+offline, and so does the one that signs the bundles themselves. `rollout` states which of them each hundredth of the
+fleet is to run; its key is used every time a share grows. Neither can do the other's work.
 """
 
 import argparse
@@ -54,7 +54,7 @@ LIFETIME: Final[Mapping[str, timedelta]] = {
     "snapshot": timedelta(days=30),
     "timestamp": timedelta(days=2),
 }
-"""How old each role's word may be. A server that stops telling news is found out when the timestamp expires."""
+"""How old each role's statement may be. A server that withholds news is detected when the timestamp expires."""
 ROOT_KEYS: Final = ("root-1", "root-2", "root-3")
 ROOT_THRESHOLD: Final = 2
 T = TypeVar("T", Root, Snapshot, Targets, Timestamp)
@@ -136,7 +136,7 @@ class Repository:
         return manifest.name
 
     def roll_out(self, name: str, percent: int) -> None:
-        """Let the first hundredths of the fleet run a release; the others keep what they were told before."""
+        """Let the first hundredths of the fleet run a release; the others keep what they had before."""
         if not 1 <= percent <= BINS:
             raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
         place = f"{RELEASES}/{name}.zip"
@@ -149,7 +149,7 @@ class Repository:
         self._change(ROLLOUT, rollout)
 
     def renew(self) -> None:
-        """Say again what was said last, for as long as a timestamp lives: to be called once a day."""
+        """Sign the last statement again, for as long as a timestamp lives: to be called once a day."""
         self._tell(self._read("timestamp", Timestamp), self._read("snapshot", Snapshot).signed.version)
 
     def _store(self, place: str, content: bytes) -> TargetFile:
@@ -160,7 +160,7 @@ class Repository:
         return target
 
     def _change(self, role: str, metadata: Metadata[Targets]) -> None:
-        """Sign a delegated role anew, and let the snapshot and the timestamp know of it."""
+        """Sign a delegated role again, and record it in the snapshot and the timestamp."""
         self._sign(role, metadata, (role,))
         snapshot = self._read("snapshot", Snapshot)
         snapshot.signed.meta[f"{role}.json"] = MetaFile(version=metadata.signed.version)
@@ -209,7 +209,7 @@ def main(arguments: Sequence[str]) -> None:
         ("create", "make keys and an empty repository"),
         ("publish", "add a bundle to the releases"),
         ("roll-out", "let a share of the fleet run a release"),
-        ("renew", "sign the timestamp anew, once a day"),
+        ("renew", "sign the timestamp again, once a day"),
     ):
         one = calls.add_parser(call, help=words)
         one.add_argument("repository", type=Path)

@@ -46,7 +46,7 @@ class FolderFetcher(FetcherInterface):
 
 
 def bin_of(vehicle: str) -> int:
-    """The hundredth of the fleet that a vehicle is in; it stays there, so that a growing share loses nobody."""
+    """The hundredth of the fleet that a vehicle is in; it stays there, so that a growing share loses no vehicle."""
     return int.from_bytes(hashlib.sha256(vehicle.encode()).digest()[:8], "big") * BINS >> 64
 
 
@@ -122,7 +122,7 @@ def _custom(target: TargetFile) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Fetch, and say what was fetched."""
+    """Fetch, and print what was fetched."""
     parser = argparse.ArgumentParser(description="Fetch the release that a vehicle is to run.")
     parser.add_argument("repository", help="URL or folder")
     parser.add_argument("state", type=Path, help="folder that outlives a restart")

@@ -6,7 +6,7 @@ For ECU engineers who want to know what a release costs on a microcontroller bef
 have the C sources of the shipped release, their memory and the modelled time of a control step, and see which part of
 it takes how long.
 
-The core is emulated, and its time is a model. The last section says what that means.
+The core is emulated, and its time is a model. The last section explains what that means.
 """
 
 # sphinx_gallery_thumbnail_number = 2
@@ -109,7 +109,7 @@ print(f"stack: {stack} B")
 # %%
 # Time
 # ----
-# Each basic block that ran is counted, and a model of the core's dual-issue pipeline says how many cycles it takes.
+# Each basic block that ran is counted, and a model of the core's dual-issue pipeline gives the cycles that it takes.
 # The control period is 20 ms at the default operating point.
 
 from bisect import bisect_right

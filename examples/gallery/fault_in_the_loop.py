@@ -7,7 +7,7 @@ its table of states. At its end you have run the closed loop twice, healthy and 
 in the place of these.
 
 The flow is computed while the page is made, on a coarser mesh than the default one and for a short time. The last
-section says what that costs.
+section shows what that costs.
 """
 
 # %%
@@ -139,7 +139,7 @@ print(f"sensor set aside: {'never' if noticed is None else f'at {noticed:.2f} s,
 # What the ECU did
 # ----------------
 # - **The dead sensor.** Each pressure is estimated from the others, and the one that contradicts them is set aside: the
-#   controller gets the estimate in its place, and goes on. ``EcuStatus`` says which one. The state stays CONTROL.
+#   controller gets the estimate in its place, and goes on. ``EcuStatus`` names it. The state stays CONTROL.
 # - **The lost frames.** One missing pressure: the last command is held (HOLD). Two or three in a row: it is halved each
 #   period (DECAY). Four in a row, or too many in a second: the jets are shut, and the state is FAULT.
 # - **It stays shut.** FAULT is latched. Good frames alone do not end it: the vehicle must take its request back and

@@ -7,7 +7,7 @@ At its end you have ranked the truck's 90 sensors in two ways, seen where on the
 call to replace in order to rank your own.
 
 The model is the shipped one, and few windows are drawn, so that this page is made in half a minute. The last section
-says what the full procedure does beyond it.
+explains what the full procedure does beyond it.
 """
 
 # sphinx_gallery_thumbnail_number = 2
@@ -141,7 +141,7 @@ for name, chosen in choices.items():
 # %%
 # Greedy selection has the smallest error because it was made to: it chose by this very student, which is also how the
 # release's four were found, from other episodes. Whether a choice is the best one for a controller is another matter,
-# and only the closed loop can tell.
+# and only the closed loop shows it.
 #
 # The full procedure
 # ------------------

@@ -88,7 +88,7 @@ class ControllerProgram:
 
     @property
     def sizes(self) -> Sizes:
-        """Of the inputs and outputs of a control step."""
+        """The sizes of the inputs and outputs of a control step."""
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
 

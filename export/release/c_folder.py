@@ -1,4 +1,4 @@
-"""Write a gated C library as a folder, with recorded rows beside it for its example program."""
+"""Write a gated C library as a folder, with recorded rows for its example program."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ def write_c_release(
 
     Args:
         gated: lowerings with a library.
-        windows: consecutive recorded windows (L, S+1), whose rows go beside it.
+        windows: consecutive recorded windows (L, S+1), whose rows go into the folder.
         ecu: files of the ECU around the control step, if it gets one.
 
     Raises:

@@ -28,7 +28,7 @@ def estimator_files(content: bytes) -> dict[str, bytes]:
     """The generated files by name, of a verified bundle's `sensors.onnx`.
 
     Raises:
-        ExportError: a network that the C sources cannot run; the message says what they can.
+        ExportError: a network that the C sources cannot run; the message names what they can.
     """
     rounded = read_estimator(content)
     _check(rounded)

@@ -1,4 +1,4 @@
-"""What stands in a C library's folder beside the library: documents, and the answers that its example must give."""
+"""The other files of a C library's folder: documents, and the answers that its example must give."""
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files

@@ -230,7 +230,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, or coarser."""
+    """The step of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, or coarser."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

@@ -37,7 +37,7 @@ XHAT_QMAX: Final = 32767
 """The integer of a normed value at its bound, sqrt(n) in a layer of width n."""
 
 POINTS_PER_UNIT: Final = 32
-"""Of the tables; between the points they are straight lines."""
+"""Points of the tables; between them the function is a straight line."""
 
 ELU_ONE: Final = 4096
 """ELU outputs are integers of 1 / 4096 up to `ELU_RANGE`, whatever the layer, so that one table serves all."""

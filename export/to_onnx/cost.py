@@ -60,7 +60,7 @@ class Cost:
     def gradient(self, graph: Graph, signed_forces: str, plan: str) -> CostGradientNames:
         """As `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1, H).
 
-        With -Cd beside Cd, the largest value of a column is both ends of the drag's fluctuation,
+        With both Cd and -Cd, the largest value of a column is both ends of the drag's fluctuation,
         max Cd - min Cd = max Cd + max(-Cd), and all columns take the same nodes.
         """
         share = _share_of_maximum(graph, signed_forces)

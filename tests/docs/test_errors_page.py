@@ -1,4 +1,4 @@
-"""The page of error messages quotes what the sources say."""
+"""The page of error messages quotes the sources."""
 
 import ast
 import re

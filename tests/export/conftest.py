@@ -1,4 +1,4 @@
-"""What a trained model carries beside its networks, as small as it may be."""
+"""What a trained model carries with its networks, as small as it may be."""
 
 import pytest
 

@@ -20,7 +20,7 @@ PERIODS = 600
 PERIOD_S = 0.005
 """A quarter of the design's, to be short."""
 GROUP = f"239.75.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
-"""Of this process alone."""
+"""A group of this process alone."""
 
 
 def exchanged(config: BusConfig, garbage: int = 0) -> Counts:

@@ -1,4 +1,4 @@
-"""The measurement compares what it says it compares, and tells a difference."""
+"""The measurement compares what it claims to compare, and reports a difference."""
 
 import numpy as np
 

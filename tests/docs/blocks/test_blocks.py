@@ -1,4 +1,4 @@
-"""Every block of code of every page runs as `plan.toml` says, or is listed there with a reason."""
+"""Every block of code of every page runs as `plan.toml` states, or is listed there with a reason."""
 
 import configparser
 import json
@@ -108,7 +108,7 @@ def test_c_compiles_without_a_warning(tmp_path, tmp_path_factory, shared_builds)
 
 
 def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
-    """What the prose of a page says is there already."""
+    """What the prose of a page takes for granted."""
     match Path(page).stem:
         case "bus-faults":
             return {"bus": SimulatedBus(Config().bus), "config": Config(), "SimulatedBus": SimulatedBus}

@@ -1,4 +1,4 @@
-"""Int8 weights: error at most half a step of each row, and an effective program that says what was kept."""
+"""Int8 weights: error at most half a step of each row, and an effective program that shows what was kept."""
 
 import numpy as np
 import pytest

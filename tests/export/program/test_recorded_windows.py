@@ -1,4 +1,4 @@
-"""Windows cut from a recording: the right columns, the right action beside each row, the right end."""
+"""Windows cut from a recording: the right columns, the right action with each row, the right end."""
 
 from itertools import pairwise
 

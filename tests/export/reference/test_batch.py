@@ -42,7 +42,7 @@ def draw(seed: int, shape: tuple[int, ...]):
     )
 
 
-@examples(12)
+@examples(8)
 @given(shape=leading, seed=st.integers(0, 5))
 def test_every_function_acts_on_the_last_axes(shape, seed):
     program, (z, plan, before) = small(seed), draw(seed, shape)

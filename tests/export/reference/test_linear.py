@@ -1,4 +1,4 @@
-"""The specification of a linear control step, beside the closed loop written out by hand."""
+"""The specification of a linear control step against the closed loop written out by hand."""
 
 from dataclasses import replace
 
@@ -82,7 +82,7 @@ def test_the_weights_change_the_cost_and_no_action():
 
 
 def test_a_program_that_contradicts_itself_is_refused():
-    for change, said in (
+    for change, message in (
         ({"sensors": ("upper_39", "lower_39", "base_0")}, "must be pairs"),
         ({"gain": np.zeros((5, 3))}, "must be"),
         ({"gain": np.ones((4, 3))}, "on the action that it decides: must be 0"),
@@ -90,7 +90,7 @@ def test_a_program_that_contradicts_itself_is_refused():
         ({"model": np.ones((3, 1, 3)), "gain": np.zeros((1, 3))}, "at least 2 rows of memory"),
         ({"action_limit": 0.0}, "action_limit = 0.0"),
     ):
-        with pytest.raises(ExportError, match=said):
+        with pytest.raises(ExportError, match=message):
             replace(PROGRAM, **change)
 
 

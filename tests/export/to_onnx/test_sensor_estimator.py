@@ -28,7 +28,7 @@ def test_onnx_runtime_and_numpy_estimate_the_same() -> None:
     estimator = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES)
     for seed in range(20):
         window = np.random.default_rng(seed).normal(size=(5, 5))
-        # float32 beside float64: sums of some tens of terms of order one.
+        # float32 against float64: sums of some tens of terms of order one.
         np.testing.assert_allclose(estimator.estimates(window), network.estimates(window), atol=5e-6)
 
 
@@ -89,5 +89,5 @@ def test_a_graph_of_another_make_is_not_read() -> None:
     for node in model.graph.node:
         if node.op_type == "DequantizeLinear":
             node.op_type = "Cast"
-    with pytest.raises(ExportError, match=r"sensors\.onnx: has no int8 weights: fit it anew"):
+    with pytest.raises(ExportError, match=r"sensors\.onnx: has no int8 weights: fit it again"):
         read_estimator(model.SerializeToString())

@@ -1,4 +1,4 @@
-"""What it costs to write and read a message, beside cantools with the same DBC.
+"""What it costs to write and read a message, compared with cantools and the same DBC.
 
 Values to bytes and back without the E2E header, which cantools does not know either. Both sides get the same values,
 and their bytes are compared before anything is timed. cantools is given what makes it fastest: the message at hand,

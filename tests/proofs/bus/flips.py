@@ -30,7 +30,7 @@ from tests.proofs.command_line import spread
 CHUNK: Final = 10_000
 """Frames drawn at a time."""
 PROFILE_5_BITS: Final = 16
-"""Of its CRC."""
+"""Bits of its CRC."""
 EVERY: Final = 5
 """In a genuine stream, one frame of so many is replaced by random bytes: the default window bears that."""
 
@@ -52,7 +52,7 @@ class Plan:
     among_genuine: int = 100_000
 
     def three_bit_of(self, spec: MessageSpec) -> int:
-        """Of one message."""
+        """Errors of three bits of one message."""
         return min(self.three_bit, comb(8 * spec.length, 3))
 
 

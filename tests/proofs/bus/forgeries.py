@@ -63,7 +63,7 @@ class _Scene:
         return protected_frame(counter, self.rng.bytes(spec.protected), spec=spec, now_ns=0)
 
     def recorded(self, name: str) -> bytes:
-        """Of any genuine frame so far."""
+        """The data of any genuine frame so far."""
         frames = self.sent[name]
         return frames[self.rng.integers(len(frames))].data
 
@@ -186,7 +186,7 @@ def measure(count: int = 300_000, *, seed: int = 0, progress: Progress = lambda 
 
 
 def cost(frames: int = 5000) -> dict[str, Any]:
-    """Of authentication: time for a frame at either end beside E2E alone, on this machine; bytes; load of the bus.
+    """What authentication costs: time for a frame at either end next to E2E, on this machine; bytes; load of the bus.
 
     `secure_us` comes on top of `e2e_protect_us`, `verify_us` on top of `e2e_check_us`.
 
@@ -216,7 +216,7 @@ def cost(frames: int = 5000) -> dict[str, Any]:
 
 
 def bus_load_percent(messages: MessageSet) -> float:
-    """Of a set's three messages in each control period, at the default bit rates and with the most stuff bits."""
+    """Load of a set's three messages in each control period, at the default bit rates and with the most stuff bits."""
     config = Config()
     rates = {"nominal_bitrate": config.bus.nominal_bitrate, "data_bitrate": config.bus.data_bitrate}
     busy = sum(
@@ -227,7 +227,7 @@ def bus_load_percent(messages: MessageSet) -> float:
 
 
 def _microseconds(call: Callable[[], object], count: int) -> float:
-    """Of one call: the fastest of several timings, since whatever else the machine does adds to them."""
+    """Time of one call: the fastest of several timings, since whatever else the machine does adds to them."""
     times = []
     for _ in range(REPEATS):
         began = perf_counter()

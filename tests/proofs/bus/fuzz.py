@@ -37,7 +37,7 @@ def measure(
         `fuzz_frames`, receptions as the buses counted them (noise on a serial line may hold several); `accepted` frames
         and `rejected` by reason; `genuine` frames sent between them and `genuine_lost`; `exceptions`, each of which is
         also in `failures` with its kind; `authentic` secured frames, among which `authentic_made_up` were sent by
-        nobody; `max_rss_growth_kib` after the first tenth.
+        no one; `max_rss_growth_kib` after the first tenth.
     """
     rng = Random(seed)
     path = ReceivePath()

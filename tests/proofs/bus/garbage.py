@@ -1,4 +1,4 @@
-"""What nobody should put on a bus: datagrams, serial lines and messages, each from a generator of random numbers."""
+"""What no node should put on a bus: datagrams, serial lines and messages, each from a generator of random numbers."""
 
 from random import Random
 from typing import Any, Final
@@ -33,7 +33,7 @@ _FIELDS: Final = (
 
 
 def odd_value(rng: Random) -> Any:
-    """Of any type that a datagram can hold."""
+    """A value of any type that a datagram can hold."""
     return rng.choice(
         (
             None,

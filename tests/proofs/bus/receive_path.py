@@ -25,7 +25,7 @@ _SENDER: Final = ("127.0.0.1", 1)
 _E2E: Final = E2eConfig()
 MESSAGES: Final = [message for used in (FD, CLASSIC, SECURED) for message in (used.pressure, used.command, used.status)]
 KEY: Final = Key(bytes(range(KEY_LENGTH)))
-"""Of the secured messages."""
+"""The key of the secured messages."""
 
 
 class ReceivePath:
@@ -51,7 +51,7 @@ class ReceivePath:
 
     @property
     def buses(self) -> tuple[PythonCanBus, PythonCanBus, PythonCanBus]:
-        """Of the three backends: datagrams, lines, messages."""
+        """The buses of the three backends: datagrams, lines, messages."""
         return self.udp, self.slcan, self.driver
 
     def datagrams(self, contents: Iterable[bytes]) -> list[Frame]:

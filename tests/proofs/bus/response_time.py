@@ -26,7 +26,7 @@ SETS: Final = 1000
 MESSAGES: Final = (2, 12)
 """Fewest and most in a set."""
 LOADS: Final = (0.3, 0.98)
-"""Of the bus by a set, at worst."""
+"""Load of the bus by a set, at worst."""
 LEVELS: Final = 4
 """Messages of a set that are played at their critical instants, the last one among them."""
 LONGEST: Final = 400
@@ -63,10 +63,10 @@ def measure(
     """Play random sets of messages.
 
     Returns:
-        response_time_violations: messages that were later than the analysis says, a play each.
+        response_time_violations: messages that were later than the analysis allows, a play each.
         message_sets, messages, frames: how many were played.
         largest_ratio: of a response to its bound; with_true_lengths: with constant contents, the bound being made of
-            their lengths: 1 says that it is reached.
+            their lengths: 1 means that it is reached.
         reached_percent: of the critical instants, in which the response is the bound to the bit.
         median_ratio: of all messages at random, to the bound for any content.
     """

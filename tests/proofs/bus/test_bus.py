@@ -61,7 +61,7 @@ def test_random_bytes_pass_eight_bits_of_crc_as_often_as_they_should(monkeypatch
 
 
 def test_a_weaker_code_is_found(monkeypatch):
-    """Of profile 2's CRC the lowest bit alone: half of the single flips pass, at least."""
+    """With the lowest bit of profile 2's CRC alone, half of the single flips pass, at least."""
     real = profiles.PROFILES[2]
 
     def weak(data: bytes, *, data_id: int) -> bool:
@@ -109,7 +109,7 @@ def test_without_the_freshness_replays_pass(monkeypatch):
 
 
 def test_load_of_the_bus_is_that_of_the_bit_times():
-    """Of classic CAN by hand: three frames of eight bytes, 135 bits each with most stuff bits (Davis et al., 2007)."""
+    """Classic CAN by hand: three frames of eight bytes, 135 bits each with most stuff bits (Davis et al., 2007)."""
     assert 0 < forgeries.bus_load_percent(FD) < forgeries.bus_load_percent(SECURED) < 5
     assert forgeries.bus_load_percent(CLASSIC) == pytest.approx(100 * 3 * 135 / 500e3 / 20e-3)
 
