@@ -1,4 +1,4 @@
-"""Damaged bundles and C headers, made from sound ones: what `bundle_fuzz` feeds to those who read them.
+"""Damaged bundles and C headers, made from sound ones: what the fuzz feeds to those who read them.
 
 Everything follows from a random generator and what is given, so that a case that is refused wrongly can be made again.
 """

@@ -1,6 +1,6 @@
 """Damaged bundles, manifests, graphs and C headers by the thousand: each is refused by its name, or does no harm.
 
-    python -m benchmarks bundle-fuzz --cases 100000 --json results/bundle_fuzz.json
+    python -m tests.proofs.release --cases 100000 --json results/bundle_fuzz.json
 
 Every case is made from a small sound release and a seed. It may end in two ways: in an error of the project's own, in
 one printable line; or accepted. What is accepted without a manifest of its own (zip, folder) must have the content that
@@ -15,8 +15,7 @@ import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
-from itertools import repeat
+from functools import cache, partial
 from pathlib import Path
 from random import Random
 from time import perf_counter
@@ -25,9 +24,6 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
-from benchmarks.common.workers import process_pool
-from benchmarks.release import damage
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import SETTINGS, Settings
@@ -41,6 +37,8 @@ from contract.shipped import BUNDLE
 from export.program.random_program import random_program
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
+from tests.proofs.command_line import JsonFile, Processes, console, save, spread, track
+from tests.proofs.release import damage
 
 KINDS: Final = {"zip": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
 """Shares of the cases."""
@@ -125,15 +123,14 @@ def main(
     json_file: JsonFile = None,
     cases: Annotated[int, typer.Option(help="Damaged inputs, of all kinds together.", min=1)] = 100_000,
     seed: Annotated[int, typer.Option(help="Of all of them.")] = 0,
-    workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 1,
+    processes: Processes = 1,
 ) -> None:
     """Make them, have them read, and print what became of them."""
     tally = Tally()
     pieces = [range(start, min(start + PIECE, cases)) for start in range(0, cases, PIECE)]
-    with process_pool(workers) as pool:
-        parts = pool.map(run_cases, repeat(seed), pieces)
-        for part in track(parts, "cases", "parts", total=len(pieces)):
-            tally.add(part)
+    parts = spread(partial(run_cases, seed), pieces, processes)
+    for part in track(parts, "cases", "parts", total=len(pieces)):
+        tally.add(part)
     figures = tally.figures()
     table = Table("damaged", "cases", "accepted", "refused", "slowest, ms")
     for kind, row in figures["kinds"].items():
