@@ -4,12 +4,10 @@ The working page is writable, the reference page is the release's own. A value i
 come and it is in its limits, and then with the next control period.
 """
 
-import struct
 from enum import IntEnum
 from typing import Final
 
-from contract.config.controller import CostWeights
-from contract.controller.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
+from contract.controller.calibration import NAMES, PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError
 
 ADDRESS: Final = 0x2000_0000
@@ -42,8 +40,6 @@ class Segment:
         limits.check(reference)
         self._reference = reference
         self._limits = limits
-        # A value at its limit may be beyond it once both are float32: 0.075 is.
-        self._kept_limits = CalibrationLimits(least=limits.least.as_kept(), greatest=limits.greatest.as_kept())
         self._working = reference
         self._page = Page.WORKING
         self._taken = reference
@@ -60,7 +56,7 @@ class Segment:
 
     @property
     def working(self) -> Calibration:
-        """Of the working page; the same object as the reference where no byte differs."""
+        """Of the working page."""
         return self._working
 
     @property
@@ -116,7 +112,9 @@ class Segment:
         if whole:
             raw = bytearray(self._working.pack())
             raw[offset : offset + whole] = data[:whole]
-            self._working = self._checked(bytes(raw))
+            calibration = Calibration.unpack(bytes(raw))
+            self._limits.check(calibration)
+            self._working = calibration
         self._begun_at, self._begun = offset + whole, data[whole:]
 
     def set(self, calibration: Calibration) -> None:
@@ -125,7 +123,8 @@ class Segment:
         Raises:
             ConfigError: for a value that is not allowed.
         """
-        self._working = self._checked(_packed(calibration))
+        self._limits.check(calibration)
+        self._working = calibration
         self._begun = b""
         self._page = Page.WORKING
 
@@ -145,37 +144,12 @@ class Segment:
         May be called by another thread than the one that writes: a set is replaced as a whole.
         """
         values = self.in_force
-        if values is self._taken or values == self._taken:
+        if values == self._taken:
             return None
         self._taken = values
         return values
-
-    def _checked(self, raw: bytes) -> Calibration:
-        calibration = Calibration.unpack(raw)
-        self._kept_limits.check(calibration)
-        if raw == self._reference.pack():
-            return self._reference
-        rows = zip(calibration.values, self._limits.least.values, self._limits.greatest.values, strict=True)
-        return _of_values([min(max(value, least), greatest) for value, least, greatest in rows])
 
 
 def _check_range(offset: int, length: int) -> None:
     if offset < 0 or length < 0 or offset + length > PACKED_BYTES:
         raise ConfigError(f"calibration: {length} bytes from {offset}: must lie in 0..{PACKED_BYTES}")
-
-
-def _packed(calibration: Calibration) -> bytes:
-    try:
-        return calibration.pack()
-    except (struct.error, OverflowError) as error:
-        raise ConfigError(f"calibration: a value has no place in its 4 bytes ({error})") from error
-
-
-def _of_values(values: list[float]) -> Calibration:
-    *weights, action_limit, command_step, delay_steps = values
-    return Calibration(
-        weights=CostWeights(**dict(zip(WEIGHTS, weights, strict=True))),
-        action_limit=action_limit,
-        command_step=command_step,
-        delay_steps=int(delay_steps),
-    )

@@ -70,20 +70,9 @@ def changed(found: Calibrated, values: Mapping[str, float]) -> Calibration:
             raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
         if name == "delay_steps" and not value.is_integer():
             raise ConfigError(f"calibration: delay_steps = {value:g}: must be a whole number of control periods")
-    now = {**dict(zip(NAMES, found.in_force.values, strict=True)), **values}
-    wanted = Calibration(
-        weights=replace(found.in_force.weights, **{name: now[name] for name in WEIGHTS}),
-        action_limit=now["action_limit"],
-        command_step=now["command_step"],
-        delay_steps=int(now["delay_steps"]),
-    )
-    try:
-        kept = wanted.as_kept()
-    except (struct.error, OverflowError, ConfigError):
-        found.limits.check(wanted)
-        raise
-    found.limits.check(kept)
-    return kept
+    wanted = Calibration.of([values.get(name, now) for name, now in zip(NAMES, found.in_force.values, strict=True)])
+    found.limits.check(wanted)
+    return wanted
 
 
 def unlock(asking: Asking) -> None:

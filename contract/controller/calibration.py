@@ -6,9 +6,12 @@ limits can be narrowed this way, never widened.
 """
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Final
+
+import numpy as np
 
 from contract.config.controller import CostWeights
 from contract.errors import ConfigError
@@ -21,17 +24,30 @@ _PACKED: Final = struct.Struct(f"<{len(NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
 LARGEST_WEIGHT: Final = 1000.0
 """Far beyond any that makes sense: the greatest of the defaults is 8."""
+_MOST_STEPS: Final = 2**32 - 1
+
+
+def as_float32(value: float) -> float:
+    """The nearest float32, in the fewest decimal digits that name it: 0.1 stays 0.1."""
+    with np.errstate(over="ignore"):
+        return float(str(np.float32(value)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """One set of values. They are kept as float32, as on the wire, so that what is read back is what was written.
+    """One set of values, each of them a float32 from here on, as over the bus, in C and in the controller's input.
+
+    They are rounded here and nowhere else, by `as_float32`: what is read back is what was written, and two sets are
+    equal if their values are.
 
     Attributes:
         weights: of the cost.
         action_limit: largest |a| that the command gate lets pass, in U_inf W.
         command_step: largest change of it in a control period, in U_inf W.
         delay_steps: actuator delay in control periods that is compensated.
+
+    Raises:
+        ConfigError: a value has no place in its 4 bytes.
     """
 
     weights: CostWeights
@@ -39,10 +55,33 @@ class Calibration:
     command_step: float
     delay_steps: int
 
+    def __post_init__(self) -> None:
+        given = dict(zip(NAMES[:-1], self.values, strict=False))
+        rounded = {name: as_float32(value) for name, value in given.items()}
+        for name, value in rounded.items():
+            if not isfinite(value):
+                raise ConfigError(f"calibration: {name} = {given[name]:g}: must be a finite float32")
+        if not 0 <= self.delay_steps <= _MOST_STEPS:
+            raise ConfigError(f"calibration: delay_steps = {self.delay_steps}: must be in 0..{_MOST_STEPS}")
+        object.__setattr__(self, "weights", CostWeights(**{name: rounded[name] for name in WEIGHTS}))
+        object.__setattr__(self, "action_limit", rounded["action_limit"])
+        object.__setattr__(self, "command_step", rounded["command_step"])
+
     @property
     def values(self) -> tuple[float, ...]:
         """In the order of `NAMES`."""
         return (*self.weights.as_tuple(), self.action_limit, self.command_step, float(self.delay_steps))
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Calibration":
+        """Of `values`; raises ConfigError for one that has no place in its 4 bytes."""
+        *weights, action_limit, command_step, delay_steps = values
+        return cls(
+            weights=CostWeights(**dict(zip(WEIGHTS, weights, strict=True))),
+            action_limit=action_limit,
+            command_step=command_step,
+            delay_steps=int(delay_steps),
+        )
 
     def pack(self) -> bytes:
         """`PACKED_BYTES` bytes, little-endian: float32 each, and `delay_steps` as a 32-bit integer."""
@@ -53,21 +92,7 @@ class Calibration:
         """What `pack` made; raises ConfigError for another length or a value that is no calibration's."""
         if len(raw) != PACKED_BYTES:
             raise ConfigError(f"calibration of {len(raw)} bytes: must have {PACKED_BYTES}")
-        *values, delay_steps = _PACKED.unpack(raw)
-        for name, value in zip(NAMES, values, strict=False):
-            if not isfinite(value):
-                raise ConfigError(f"calibration: {name} = {value}: must be finite")
-        *weights, action_limit, command_step = values
-        return cls(
-            weights=CostWeights(**dict(zip(WEIGHTS, weights, strict=True))),
-            action_limit=action_limit,
-            command_step=command_step,
-            delay_steps=delay_steps,
-        )
-
-    def as_kept(self) -> "Calibration":
-        """With every value rounded to float32."""
-        return Calibration.unpack(self.pack())
+        return cls.of(_PACKED.unpack(raw))
 
 
 @dataclass(frozen=True, kw_only=True)

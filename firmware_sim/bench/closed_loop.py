@@ -7,8 +7,8 @@ from pathlib import Path
 
 from can_bridge.logs import frame_log
 from contract.atomic import replacing
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.release.bundle import Bundle
 from firmware_sim.bench.disturbances import Disturbance, Disturbances
@@ -36,7 +36,7 @@ def run_closed_loop(
     controlled: float,
     settle: float,
     averages: bool = True,
-    weights: CostWeights | None = None,
+    calibration: Calibration | None = None,
     origin: RunOrigin | None = None,
     ready: Callable[[int], None] = lambda total: None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
@@ -54,7 +54,7 @@ def run_closed_loop(
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
-        weights: of the cost, in place of the bundle's.
+        calibration: that the ECU gets before its first step; its own values without one.
         origin: what the run says about how it came about; made today without one.
         ready: called with the periods in all, once everything is checked and open, before the first period.
         progress: called with (row, periods done, periods in all) after every period.
@@ -62,7 +62,7 @@ def run_closed_loop(
         controller: what computes the bundle's control step; ONNX Runtime without one.
         faults: what disturbs the run; their times are in s of it.
         fault_seed: of what they draw.
-        ecu: in place of the ECU in Python, which `controller` and `weights` are for.
+        ecu: in place of the ECU in Python, which `controller` is for.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
@@ -73,7 +73,7 @@ def run_closed_loop(
         config,
         spans=Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages),
         controller=controller,
-        weights=weights,
+        calibration=calibration,
         disturbances=Disturbances(items=tuple(faults)),
         seed=fault_seed,
         ecu=ecu,

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Final
 
-from contract.config.controller import CostWeights
 from contract.controller.c_folder import Settings
 from contract.errors import ConfigError
 from firmware_sim.ecu.stepped import LoopEcu
@@ -34,15 +33,12 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
     import_module("firmware_sim.mcu.ecu_machine")
 
 
-def loop_ecu(
-    kind: str, sources: Mapping[str, bytes], *, weights: CostWeights | None = None, clock_mhz: float = 480.0
-) -> LoopEcu:
+def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0) -> LoopEcu:
     """An ECU in C, just powered on.
 
     Args:
         kind: C or CORTEX_M7.
         sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
-        weights: of the cost, in place of the bundle's.
         clock_mhz: of the emulated core.
 
     Raises:
@@ -52,19 +48,17 @@ def loop_ecu(
     """
     precision = Settings.of(sources).text("SW_PRECISION")
     if kind == C:
-        host = CEcu(sources, weights=weights)
-        description = f"C99 {precision}, {host.description}"
-        return LoopEcu(ecu=host, kind=kind, computed_by=description, weigh=host.weigh)
+        host = CEcu(sources)
+        return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
     check_ecu(kind, clock_mhz)
     # The emulator is of an extra.
     from firmware_sim.mcu.ecu_machine import McuEcu
 
-    core = McuEcu(sources, clock_mhz=clock_mhz, weights=weights)
+    core = McuEcu(sources, clock_mhz=clock_mhz)
     return LoopEcu(
         ecu=core,
         kind=kind,
         computed_by=f"C99 {precision}, {core.description}",
         step_ns=lambda: core.step_ns,
         clock_mhz=clock_mhz,
-        weigh=core.weigh,
     )

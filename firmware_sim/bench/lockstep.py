@@ -5,10 +5,11 @@ from typing import Final
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import EcuStatus
+from can_bridge.wire.messages import EcuStatus, Reason
+from contract.controller.calibration import Calibration
 from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.stepped import SteppedEcu
+from firmware_sim.ecu.stepped import CalibratedEcu
 from firmware_sim.in_c.c_structs import differing
 
 KEPT: Final = 10
@@ -29,7 +30,7 @@ class Lockstep:
         told: the first differences, a line each.
     """
 
-    def __init__(self, driver: SteppedEcu, beside: SteppedEcu) -> None:
+    def __init__(self, driver: CalibratedEcu, beside: CalibratedEcu) -> None:
         self._driver, self._beside = driver, beside
         self.steps = self.frames = self.differing_frames = self.differing_states = 0
         self.told: list[str] = []
@@ -53,14 +54,34 @@ class Lockstep:
         """The driver's."""
         return self._driver.status()
 
+    @property
+    def calibration(self) -> Calibration:
+        """The driver's."""
+        return self._driver.calibration
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """Both."""
+        self._driver.calibrate(calibration)
+        self._beside.calibrate(calibration)
+
     def restore(self, state: EcuState) -> None:
         """Both."""
         self._driver.restore(state)
         self._beside.restore(state)
 
-    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
+    def step(
+        self,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = HEALTHY,
+        *,
+        fault: Reason | None = None,
+        updating: bool = False,
+    ) -> list[Frame]:
         """One control period of both; the driver's frames."""
-        sent, expected = self._driver.step(now_ns, frames, health), self._beside.step(now_ns, frames, health)
+        sent, expected = (
+            ecu.step(now_ns, frames, health, fault=fault, updating=updating) for ecu in (self._driver, self._beside)
+        )
         self.steps += 1
         self.frames += max(len(sent), len(expected))
         same = sum(one == other for one, other in zip(sent, expected, strict=False))

@@ -12,8 +12,8 @@ from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.traffic import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.errors import BusError, StillwakeError
 from contract.release.bundle import Bundle
@@ -43,17 +43,17 @@ class Simulation:
         config: the vehicle; its operating point and control period must be the bundle's.
         spans: how long it goes on.
         controller: what computes the bundle's control step; ONNX Runtime without one.
-        weights: of the cost, in place of the bundle's.
+        calibration: that the ECU gets before its first step; its own values without one.
         disturbances: what disturbs it; their times are in s of the run.
         seed: of what they draw.
-        ecu: in place of the ECU in Python, which `controller` and `weights` are for.
+        ecu: in place of the ECU in Python, which `controller` is for.
 
     Attributes:
         periods: control periods without control, and in all.
 
     Raises:
         StillwakeError: if the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
-            move, a span is too short, or a disturbance could not act.
+            move, a span is too short, a disturbance could not act, or the calibration is out of its limits.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Simulation:
         *,
         spans: Spans,
         controller: RunnableController | None = None,
-        weights: CostWeights | None = None,
+        calibration: Calibration | None = None,
         disturbances: Disturbances | None = None,
         seed: int = 0,
         ecu: LoopEcu | None = None,
@@ -76,15 +76,15 @@ class Simulation:
         self._authentication = authentication_in_virtual_time(config.bus)
         # What the wire would refuse is refused before the ECU is made.
         background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
-        self._ecu = self._python_ecu(bundle, controller, config, weights) if ecu is None else ecu
-        self._bundle, self._config, self._spans, self._weights, self._seed = bundle, config, spans, weights, seed
+        self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
+        if calibration is not None:
+            self._ecu.ecu.calibrate(calibration)
+        self._bundle, self._config, self._spans, self._seed = bundle, config, spans, seed
 
-    def _python_ecu(
-        self, bundle: Bundle, controller: RunnableController | None, config: Config, weights: CostWeights | None
-    ) -> LoopEcu:
+    def _python_ecu(self, bundle: Bundle, controller: RunnableController | None, config: Config) -> LoopEcu:
         controller = OnnxController.of(bundle) if controller is None else controller
         controller.warm_up(WARM_UP_PLANS)
-        ecu = Ecu(bundle, controller, config, weights=weights, authentication=self._authentication)
+        ecu = Ecu(bundle, controller, config, authentication=self._authentication)
         return LoopEcu(ecu=ecu, kind="python", computed_by=controller.description)
 
     def run(
@@ -155,7 +155,7 @@ class Simulation:
             computed_by=self._ecu.computed_by,
             ecu=RunEcu.of(self._ecu.kind, self._ecu.clock_mhz, loop.planned_ns),
             origin=RunOrigin.on(date.today()) if origin is None else origin,
-            weights=self._weights,
+            calibration=self._ecu.ecu.calibration,
             faults=disturbing.injected(),
             fault_seed=self._seed,
         )
@@ -169,7 +169,7 @@ def simulate(
     spans: Spans,
     wake: LoopPlant,
     controller: RunnableController | None = None,
-    weights: CostWeights | None = None,
+    calibration: Calibration | None = None,
     disturbances: Disturbances | None = None,
     seed: int = 0,
     observer: Observer | None = None,
@@ -186,7 +186,7 @@ def simulate(
         config,
         spans=spans,
         controller=controller,
-        weights=weights,
+        calibration=calibration,
         disturbances=disturbances,
         seed=seed,
         ecu=ecu,

@@ -7,9 +7,11 @@ any that make sense; the delay any that leaves the controller an action to choos
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
-from contract.controller.calibration import LARGEST_WEIGHT, NAMES, WEIGHTS, Calibration, CalibrationLimits
+from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration, CalibrationLimits, as_float32
 from contract.release.bundle import Bundle
 
 LEAST_SHARE: Final = 0.05
@@ -17,16 +19,10 @@ LEAST_SHARE: Final = 0.05
 to switch the control off, which the enable request is for."""
 
 
-def release_calibration(bundle: Bundle, config: Config, *, weights: CostWeights | None = None) -> Calibration:
-    """The values that an ECU has without a calibration, in full precision.
-
-    Args:
-        bundle: verified release.
-        config: of the vehicle.
-        weights: of the cost, in place of the bundle's.
-    """
+def release_calibration(bundle: Bundle, config: Config) -> Calibration:
+    """The values that an ECU has at power-on: the goal of a verified release, and the settings of the vehicle."""
     return Calibration(
-        weights=bundle.manifest.mpc.weights if weights is None else weights,
+        weights=bundle.manifest.mpc.weights,
         action_limit=config.flow.action_limit,
         command_step=config.ecu.command_step,
         delay_steps=config.ecu.delay_steps,
@@ -34,7 +30,7 @@ def release_calibration(bundle: Bundle, config: Config, *, weights: CostWeights 
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
-    """Least and greatest values for a release in a vehicle, in full precision."""
+    """Least and greatest values for a release in a vehicle."""
     own = release_calibration(bundle, config)
     least = Calibration(
         weights=CostWeights(**dict.fromkeys(WEIGHTS, 0.0)),
@@ -43,9 +39,7 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
         delay_steps=0,
     )
     greatest = Calibration(
-        weights=CostWeights(
-            **{name: max(LARGEST_WEIGHT, value) for name, value in zip(WEIGHTS, own.weights.as_tuple(), strict=True)}
-        ),
+        weights=CostWeights(**{name: max(LARGEST_WEIGHT, value) for name, value in vars(own.weights).items()}),
         action_limit=own.action_limit,
         command_step=own.command_step,
         delay_steps=bundle.manifest.mpc.horizon - 1 - config.ecu.plan_ahead,
@@ -53,35 +47,25 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
     return CalibrationLimits(least=least, greatest=greatest)
 
 
-def checked(calibration: Calibration, own: Calibration, limits: CalibrationLimits) -> Calibration:
-    """A calibration within the limits, with the ECU's own value wherever rounding to float32 is all that differs.
-
-    Args:
-        calibration: as it comes over the bus, or in full precision.
-        own: the ECU's values, in full precision.
-        limits: compared as float32, so that the ECU's own values are within them however they are rounded.
-
-    Raises:
-        ConfigError: a value is out of the limits.
-    """
-    kept, own_kept = calibration.as_kept(), own.as_kept()
-    CalibrationLimits(least=limits.least.as_kept(), greatest=limits.greatest.as_kept()).check(kept)
-    values = {
-        name: here if value == rounded else value
-        for name, value, rounded, here in zip(NAMES, kept.values, own_kept.values, own.values, strict=True)
-    }
-    return Calibration(
-        weights=CostWeights(**{name: values[name] for name in WEIGHTS}),
-        action_limit=values["action_limit"],
-        command_step=values["command_step"],
-        delay_steps=kept.delay_steps,
-    )
-
-
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """The vehicle's settings with a calibration's bounds and delay; the weights are the release's, not a setting."""
+    """The vehicle's settings with a calibration's values.
+
+    A value that is a setting rounded to float32 is that setting, with all of its digits: an ECU that is given its own
+    values goes on to the bit as it would have. Any other bound is the float32 as it stands, as in C.
+    """
+
+    def bound(value: float, own: float) -> float:
+        return own if value == as_float32(own) else float(np.float32(value))
+
+    own = config.mpc.weights
+    kept = {name: value for name, value in vars(own).items() if as_float32(value) == getattr(calibration.weights, name)}
     return replace(
         config,
-        flow=replace(config.flow, action_limit=calibration.action_limit),
-        ecu=replace(config.ecu, command_step=calibration.command_step, delay_steps=calibration.delay_steps),
+        mpc=replace(config.mpc, weights=replace(calibration.weights, **kept)),
+        flow=replace(config.flow, action_limit=bound(calibration.action_limit, config.flow.action_limit)),
+        ecu=replace(
+            config.ecu,
+            command_step=bound(calibration.command_step, config.ecu.command_step),
+            delay_steps=calibration.delay_steps,
+        ),
     )

@@ -8,9 +8,8 @@ Nothing that comes from outside ends in an exception: not the frames, not the ti
 """
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,13 +22,12 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.controller.interface import Controller, ControllerError
 from contract.release.bundle import Bundle
 from contract.runtime.onnx_estimator import OnnxEstimator
-from firmware_sim.ecu.calibrating import checked, limits_of, release_calibration, with_calibration
+from firmware_sim.ecu.calibrating import limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
@@ -94,11 +92,11 @@ class Ecu:
         bundle: verified release.
         controller: what runs its `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
-        weights: of the cost, in place of the bundle's; its program and digest stay as they are.
         authentication: with `bus.key`, what the ECU needs of it.
 
     Attributes:
         trace: of the latest step.
+        calibration: the values in force; those of release and vehicle at power-on.
 
     Raises:
         BundleError: if the bundle was made for another vehicle or another number of sensors than the bus carries.
@@ -111,18 +109,13 @@ class Ecu:
         controller: Controller,
         config: Config,
         *,
-        weights: CostWeights | None = None,
         authentication: Authentication | None = None,
     ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest
         self._bundle_hash = bundle.short_hash
         self._controller = controller
-        # Always said: a renewed bundle's weights are the manifest's, its graph's own those it was exported with.
-        weights = manifest.mpc.weights if weights is None else weights
-        self._weights = np.array(weights.as_tuple())
         self._config = self._own_config = config
-        self._own = release_calibration(bundle, config, weights=weights)
         self._calibration_limits = limits_of(bundle, config)
         self._messages = message_set(config.bus)
         self._key = key_of(authentication, config.bus)
@@ -147,8 +140,10 @@ class Ecu:
         if authentication is not None:
             verifier = authentication.verifier(self._messages.pressure.spec)
             start = replace(start, verifier=verifier, freshness=authentication.freshness)
-        self._sizes = start.memory.sizes
+        self._state = start
         self.restore(start)
+        # A renewed bundle's weights are the manifest's, its graph's own those it was exported with.
+        self.calibrate(release_calibration(bundle, config))
 
     @property
     def state(self) -> EcuState:
@@ -161,10 +156,10 @@ class Ecu:
         Raises:
             ValueError: if the state is of a controller with another window, sensors, horizon or delay.
         """
-        if state.memory.sizes != self._sizes:
+        if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
-                f"{self._sizes}; build it from the same bundle, settings and calibration"
+                f"{own}; build it from the same bundle, settings and calibration"
             )
         self._state = state
         self.trace = Trace(
@@ -174,24 +169,22 @@ class Ecu:
             interventions=Intervention(0),
         )
 
-    def calibrated(self, calibration: Calibration) -> Self:
-        """This ECU with other values, all of them from its next step on; this one stays as it is.
+    def calibrate(self, calibration: Calibration) -> None:
+        """Have other values, all of them from the next step on.
 
         The command gate then bounds the very next command by a narrower range, however large the one before it was.
-        With the release's own values it goes on to the bit as it would have.
 
         Raises:
-            ConfigError: a value is out of the limits of this release and vehicle.
+            ConfigError: a value is out of the limits of this release and vehicle; all of them are then as before.
         """
-        values = checked(calibration, self._own, self._calibration_limits)
-        after = copy(self)
-        after._weights = np.array(values.weights.as_tuple())
-        after._config = with_calibration(self._own_config, values)
+        self._calibration_limits.check(calibration)
+        self.calibration = calibration
+        self._weights = np.array(calibration.weights.as_tuple())
+        self._config = with_calibration(self._own_config, calibration)
         # Whatever the limits above say: nothing is ever wider than the vehicle's settings.
-        after._limits = GateLimits.from_config(after._config).narrowed(self._own_limits)
-        memory = self._state.memory.with_delay(after._config.ecu.frozen_actions)
-        after._state, after._sizes = replace(self._state, memory=memory), memory.sizes
-        return after
+        self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
+        memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
+        self._state = replace(self._state, memory=memory)
 
     def step(
         self,

@@ -6,8 +6,8 @@ from typing import Protocol
 
 from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import EcuStatus
-from contract.config.controller import CostWeights
+from can_bridge.wire.messages import EcuStatus, Reason
+from contract.controller.calibration import Calibration
 from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
 
@@ -43,6 +43,31 @@ class SteppedEcu(Protocol):
         ...
 
 
+class CalibratedEcu(SteppedEcu, Protocol):
+    """One that runs a release, and whose goal and bounds can be changed between two steps."""
+
+    @property
+    def calibration(self) -> Calibration:
+        """The values in force."""
+        ...
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """Have other values from the next step on; raises ConfigError."""
+        ...
+
+    def step(
+        self,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = ...,
+        *,
+        fault: Reason | None = None,
+        updating: bool = False,
+    ) -> list[Frame]:
+        """The same, with what is around the ECU."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class LoopEcu:
     """An ECU for a closed loop, and what a run says of it.
@@ -53,12 +78,10 @@ class LoopEcu:
         computed_by: what computes its control step, for people.
         step_ns: what its latest step takes in virtual time; the loop charges `ecu.compute_time_ms` without it.
         clock_mhz: of the core that `step_ns` is of.
-        weigh: gives it other weights of the cost from its next step on; None where it has to be made anew for that.
     """
 
-    ecu: SteppedEcu
+    ecu: CalibratedEcu
     kind: str
     computed_by: str
     step_ns: Callable[[], int] | None = None
     clock_mhz: float | None = None
-    weigh: Callable[[CostWeights], None] | None = None

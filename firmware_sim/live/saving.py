@@ -13,7 +13,6 @@ from typing import Final
 from can_bridge.logs import frame_log
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.release.bundle import Bundle
 from firmware_sim.bench.spans import CYCLES, SHEDDING_TIME
@@ -38,14 +37,12 @@ class SavedAs:
 
     Attributes:
         bundle, config: of the session.
-        weights: of the cost, as they are in force.
         seed: of what was drawn.
         origin: day and command.
     """
 
     bundle: Bundle
     config: Config
-    weights: CostWeights | None
     seed: int
     origin: RunOrigin
 
@@ -93,7 +90,7 @@ def run_log_of(run: LiveRun, facts: SavedAs) -> RunLog:
         computed_by=_computed_by(run, first.k),
         ecu=RunEcu.of(run.ecu.kind, run.ecu.clock_mhz, [p.planned_ns for p in periods if p.planned_ns is not None]),
         origin=facts.origin,
-        weights=facts.weights,
+        calibration=run.ecu.ecu.calibration,
         faults=_faults(run, first),
         fault_seed=facts.seed,
     )

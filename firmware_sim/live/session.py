@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Bundle
 from firmware_sim.bench.virtual_loop import check_bit_rates
+from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.live import present
 from firmware_sim.live.ecu_shelf import EcuShelf, MakeEcu
@@ -47,7 +49,7 @@ class LiveSession:
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         wake: a plant at its start, by its name.
-        ecu: an ECU just powered on, by the controller's name and the cost's weights.
+        ecu: makes an ECU, just powered on, by the controller's name.
         controllers, plants: what there is to choose, and what is missing.
         saves: folder in which runs are saved.
         settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
@@ -84,7 +86,7 @@ class LiveSession:
         if config.bus.key:
             raise ConfigError("bus.key: the live loop has no authentication; leave it empty")
         self._bundle, self._config, self._wake = bundle, config, wake
-        self._ecus = EcuShelf(ecu, bundle.manifest.mpc.weights)
+        self._ecus, self._own = EcuShelf(ecu), release_calibration(bundle, config)
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
         self._saves, self._command, self._clock, self._today = saves, command, clock, today
         self._lead_in = round(enable_after / config.flow.control_period)
@@ -228,7 +230,7 @@ class LiveSession:
             return
         own = self._bundle.manifest.mpc.weights
         same = after.controller == before.controller
-        ecu = self._ecus.ecu(after.controller, after.weights)
+        ecu = self._ecus.ecu(after.controller, self._calibration(after))
         run.exchange(ecu, weights_text(before, after, own) if same else ecu.computed_by)
         if before.controller == OFF:
             run.power_on()
@@ -267,7 +269,6 @@ class LiveSession:
         facts = SavedAs(
             bundle=self._bundle,
             config=self._config,
-            weights=self._settings.weights,
             seed=self._seed,
             origin=origin,
         )
@@ -288,7 +289,9 @@ class LiveSession:
             bundle=self._bundle,
             config=self._config,
             wake=wake,
-            ecu=self._ecus.powered_on(CONTROLLERS[0] if is_off else settings.controller, settings.weights),
+            ecu=self._ecus.powered_on(
+                CONTROLLERS[0] if is_off else settings.controller, self._calibration(settings)
+            ),
             seed=self._seed,
             lead_in=self._lead_in,
             kept=self._kept,
@@ -305,6 +308,9 @@ class LiveSession:
         self._events.new_run()
         self._hello_due = self._settings_due = True
         self._now_due = False
+
+    def _calibration(self, settings: LiveSettings) -> Calibration:
+        return self._own if settings.weights is None else replace(self._own, weights=settings.weights)
 
     def _check_choices(self, settings: LiveSettings) -> None:
         """Raises ConfigError for one that is not to be had here."""

@@ -2,7 +2,7 @@
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import date
 from importlib.metadata import version
 from statistics import median
@@ -12,7 +12,9 @@ from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract.config import loading
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.release.bundle import Bundle
+from firmware_sim.ecu.calibrating import with_calibration
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
 """Their versions decide what a run computes."""
@@ -135,13 +137,18 @@ class RunMetadata:
         plant: str,
         computed_by: str,
         origin: RunOrigin,
-        weights: CostWeights | None = None,
+        calibration: Calibration,
         faults: tuple[InjectedFault, ...] = (),
         fault_seed: int = 0,
         ecu: RunEcu | None = None,
     ) -> "RunMetadata":
-        """Of a run in this process; arguments as the attributes, the bundle's weights if none are given."""
+        """Of a run in this process; arguments as the attributes.
+
+        Args:
+            calibration: of the ECU that ran: weights and bounds are recorded as it had them.
+        """
         manifest = bundle.manifest
+        ran = with_calibration(replace(config, mpc=manifest.mpc), calibration)
         return cls(
             controller=f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
             digest=bundle.digest,
@@ -150,12 +157,12 @@ class RunMetadata:
             plant=plant,
             sensors=manifest.sensors,
             mpc=manifest.mpc,
-            weights=manifest.mpc.weights if weights is None else weights,
+            weights=ran.mpc.weights,
             budget_ms=manifest.budget_ms,
             averages=averages,
             settle=settle,
             status=status,
-            config=config,
+            config=ran,
             origin=origin,
             versions={
                 "python": platform.python_version(),

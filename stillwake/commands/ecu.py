@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
-from stillwake.commands.run import cost_weights
+from stillwake.commands.run import asked_calibration
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.settings import REAL_BUS, WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
@@ -153,19 +153,18 @@ def run(
         return
     _refuse("goes with --slots", access=access, root=root, hardware=hardware)
     release = open_release(bundle, trust)
-    weights = cost_weights(loaded, release)
-    config = replace(loaded.config, mpc=replace(release.manifest.mpc, weights=weights))
+    calibration = asked_calibration(loaded, release)
     controller: RunnableController = OnnxController.of(release) if library is None else open_library(library, release)
     with until_stopped() as is_stopped:
         counters = service.serve(
             release,
             controller,
-            config,
+            loaded.config,
             options,
+            calibration=calibration,
             is_stopped=is_stopped,
             write=_to_stderr,
             signature=signature(release),
-            weights=weights,
         )
     if periods is not None and counters.steps < periods:
         raise KeyboardInterrupt

@@ -16,6 +16,7 @@ from rich.table import Table
 from contract.config.controller import CostWeights
 from contract.config.loading import Loaded
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError, StillwakeError
 from contract.release.bundle import Bundle
 from contract.results import write_result
@@ -133,14 +134,13 @@ def run(
     uses = (*_USES, "mpc", *(["openfoam"] if plant == "openfoam" else []))
     loaded = settings("run", config_file, overrides, uses=uses)
     release = open_release(bundle, trust)
-    weights = cost_weights(loaded, release)
-    config = replace(loaded.config, mpc=replace(release.manifest.mpc, weights=weights))
+    config, calibration = loaded.config, asked_calibration(loaded, release)
     console.print(*describe(release), sep="\n", soft_wrap=True)
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
         console.print("sensor check: off, this bundle has no sensor estimator", soft_wrap=True)
     controller, in_c = None, None
     if ecu != PYTHON:
-        in_c = _ecu_in_c(ecu, library, release, config, weights=weights, clock_mhz=clock_mhz)
+        in_c = _ecu_in_c(ecu, library, release, config, clock_mhz=clock_mhz)
         console.print(f"ECU {ecu}: {in_c.computed_by}", soft_wrap=True, markup=False)
     elif library is not None:
         controller = open_library(library, release)
@@ -184,7 +184,7 @@ def run(
             controlled=controlled,
             settle=settle,
             averages=not no_averages,
-            weights=weights,
+            calibration=calibration,
             origin=RunOrigin.on(
                 date.today(),
                 command=("stillwake", *map(shlex.quote, sys.argv[1:])),
@@ -206,9 +206,7 @@ def run(
     _exit(log, require_reduction)
 
 
-def _ecu_in_c(
-    kind: str, library: Path | None, release: Bundle, config: Config, *, weights: CostWeights, clock_mhz: float
-) -> "LoopEcu":
+def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, *, clock_mhz: float) -> "LoopEcu":
     """The bundle's ECU in C, for the vehicle of this run.
 
     Raises:
@@ -229,7 +227,7 @@ def _ecu_in_c(
         console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
-    return loop_ecu(kind, sources, weights=weights, clock_mhz=clock_mhz)
+    return loop_ecu(kind, sources, clock_mhz=clock_mhz)
 
 
 def report(
@@ -270,6 +268,17 @@ def report(
     if csv is not None:
         write_csv(csv, load(runs[0].series))
         console.print(f"wrote {csv}", soft_wrap=True)
+
+
+def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
+    """What the ECU runs with: the bundle's weights with those of the user, the vehicle's bounds and delay.
+
+    Raises:
+        ConfigError: for a weight that is no float32, or another setting of the optimiser: it is fixed in the bundle.
+    """
+    from firmware_sim.ecu.calibrating import release_calibration
+
+    return replace(release_calibration(release, loaded.config), weights=cost_weights(loaded, release))
 
 
 def cost_weights(loaded: Loaded, release: Bundle) -> CostWeights:

@@ -7,7 +7,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.bundle import Bundle
@@ -138,7 +137,7 @@ class Ecus:
         self._release, self._config, self._library, self._tell = release, config, library, tell
         self._in_c: dict[str, LoopEcu] = {}
 
-    def __call__(self, name: str, weights: CostWeights | None) -> "LoopEcu":
+    def __call__(self, name: str) -> "LoopEcu":
         """Just powered on; of an ECU in C there is one, which the session keeps (`firmware_sim.live.ecu_shelf`).
 
         Raises:
@@ -149,11 +148,8 @@ class Ecus:
 
         if name in COMPILING:
             self.prepare(name)
-            found = self._in_c[name]
-            if weights is not None and found.weigh is not None:
-                found.weigh(weights)
-            return found
-        ecu = Ecu(self._release, self._graph, self._config, weights=weights)
+            return self._in_c[name]
+        ecu = Ecu(self._release, self._graph, self._config)
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def has(self, name: str) -> bool:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Final
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.daemon.counters import Counters
@@ -31,7 +31,7 @@ def serve(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
     signature: str,
-    weights: CostWeights | None = None,
+    calibration: Calibration | None = None,
     open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
     """Run until stopped; the jets are shut on the bus at the end, whatever ended it.
@@ -44,7 +44,7 @@ def serve(
         is_stopped: looked at once a period.
         write: one line of the log.
         signature: what the release's is worth, in words.
-        weights: of the cost, in place of the release's.
+        calibration: that the ECU gets before its first step; its own values without one.
         open_bus: opens it; by the settings without.
 
     Raises:
@@ -55,7 +55,9 @@ def serve(
     freshness, authentication = authentication_of(config, options)
     controller.warm_up(WARM_UP_STEPS)
     timed = TimedController(controller, clock.now_ns)
-    ecu = Ecu(release, timed, config, weights=weights, authentication=authentication)
+    ecu = Ecu(release, timed, config, authentication=authentication)
+    if calibration is not None:
+        ecu.calibrate(calibration)
     now_ns = clock.now_ns()
     for _ in range(WARM_UP_STEPS):
         ecu.next(ecu.state, now_ns, [])
